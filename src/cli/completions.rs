@@ -1,0 +1,21 @@
+//! `gelsim completions`
+
+use clap::{Args, CommandFactory};
+use clap_complete::Shell;
+
+use super::{Arguments, Failure};
+
+/// Print a completion script for a shell.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  gelsim completions bash > ~/.local/share/bash-completion/completions/gelsim")]
+pub struct Completions {
+    /// The shell
+    shell: Shell,
+}
+
+impl Completions {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        clap_complete::generate(self.shell, &mut Arguments::command(), "gelsim", &mut std::io::stdout());
+        Ok(())
+    }
+}

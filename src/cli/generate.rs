@@ -1,0 +1,176 @@
+//! `gelsim generate`
+
+use std::io::IsTerminal;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use clap::Args;
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use super::{Failure, JobOverrides, print_notes};
+use crate::generate::{Done, Request, Stopped, Watch, generate};
+use crate::plan::{Plan, usage};
+
+/// Generate the dataset that a job describes. The same command goes on where a stopped run left off.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim generate configs/quickstart.toml --samples 50 --out /tmp/quick
+  gelsim generate job.toml --set 'indentation.depth_mm=[0.3, 0.9]' --set 'sensor.preset=\"digit\"'")]
+pub struct Generate {
+    /// The job
+    #[arg(value_name = "JOB.toml")]
+    job: PathBuf,
+    /// Folder of the dataset [default: out/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    overrides: JobOverrides,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
+    /// Write only the shards A to B - 1, counted over train, then val, then test
+    #[arg(long, value_name = "A..B", value_parser = parse_range, conflicts_with = "partition")]
+    shards: Option<Range<u64>>,
+    /// Write only part I of N parts, counted from 0
+    #[arg(long, value_name = "I/N", value_parser = parse_partition)]
+    partition: Option<(u64, u64)>,
+    /// Replace a dataset that is in the folder
+    #[arg(long)]
+    overwrite: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl Generate {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        if self.threads == Some(0) {
+            return Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into());
+        }
+        let plan = Plan::load(&self.job, &self.overrides.overrides())?;
+        print_notes(&plan.notes, self.quiet);
+        let shards = self.chosen_shards(plan.layout.shard_count())?;
+        let root = self.out.clone().unwrap_or_else(|| plan.default_output());
+        let request = Request { root: root.clone(), shards, threads: self.threads, overwrite: self.overwrite };
+
+        let watch = Arc::new(Watch::default());
+        let signal = raise_on_signals(&watch)
+            .map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
+        let result = std::thread::scope(|scope| {
+            let worker = scope.spawn(|| generate(&plan, &request, &watch));
+            let bar = progress_bar(self.quiet);
+            while !worker.is_finished() {
+                bar.set_length(watch.expected.load(Ordering::Relaxed));
+                bar.set_position(watch.rendered.load(Ordering::Relaxed));
+                std::thread::sleep(Duration::from_millis(if bar.is_hidden() { 5 } else { 100 }));
+            }
+            bar.finish_and_clear();
+            worker.join()
+        });
+        let result = result.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        match result {
+            Ok(done) => {
+                if !self.quiet {
+                    eprintln!("{}", summary(&done, &root.display().to_string()));
+                }
+                Ok(())
+            }
+            Err(stopped) => Err(failure(stopped, signal.load(Ordering::Relaxed))),
+        }
+    }
+
+    fn chosen_shards(&self, count: u64) -> Result<Option<Range<u64>>, Failure> {
+        if let Some(range) = &self.shards
+            && range.end > count
+        {
+            let message = format!("--shards {}..{} reaches beyond the job's {count} shards", range.start, range.end);
+            return Err(usage(message, format!("shards are numbered 0..{count}")).into());
+        }
+        let part = |(i, n): (u64, u64)| {
+            let cut = |i: u64| (u128::from(count) * u128::from(i) / u128::from(n)) as u64;
+            cut(i)..cut(i + 1)
+        };
+        Ok(self.shards.clone().or(self.partition.map(part)))
+    }
+}
+
+fn parse_range(text: &str) -> Result<Range<u64>, String> {
+    let bounds = text.split_once("..").and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+    match bounds {
+        Some((start, end)) if start < end => Ok(start..end),
+        _ => Err(String::from("write A..B with A < B, for example 0..10 for the first ten shards")),
+    }
+}
+
+fn parse_partition(text: &str) -> Result<(u64, u64), String> {
+    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match parts {
+        Some((i, n)) if i < n => Ok((i, n)),
+        _ => Err(String::from("write I/N with I from 0 to N - 1, for example 0/8 for the first of eight parts")),
+    }
+}
+
+/// Raises the watch's stop flag on SIGINT and SIGTERM and notes which it was; a second one ends the process at once.
+fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
+    let seen = Arc::new(AtomicUsize::new(0));
+    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
+    let (watch, noted) = (Arc::clone(watch), Arc::clone(&seen));
+    std::thread::spawn(move || {
+        for signal in signals.forever() {
+            if noted.swap(signal as usize, Ordering::Relaxed) != 0 {
+                std::process::exit(128 + signal);
+            }
+            watch.stop.store(true, Ordering::Relaxed);
+        }
+    });
+    Ok(seen)
+}
+
+fn progress_bar(quiet: bool) -> ProgressBar {
+    let visible = !quiet && std::io::stderr().is_terminal();
+    let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let style = ProgressStyle::with_template("{bar:32} {human_pos}/{human_len} samples  {per_sec}  {eta} left");
+    ProgressBar::with_draw_target(None, target).with_style(style.unwrap_or(ProgressStyle::default_bar()))
+}
+
+fn summary(done: &Done, root: &str) -> String {
+    let mut text = format!(
+        "{} samples in {} shard{}, {}, {:.1} s ({:.1} samples/s) -> {root}",
+        HumanCount(done.samples),
+        done.shards,
+        if done.shards == 1 { "" } else { "s" },
+        HumanBytes(done.bytes),
+        done.seconds,
+        done.samples as f64 / done.seconds.max(1e-9),
+    );
+    if done.skipped > 0 {
+        text += &format!("; {} shards were there already", done.skipped);
+    }
+    if !done.complete {
+        text += "; the dataset is not complete yet: other shards are missing";
+    }
+    text
+}
+
+fn failure(stopped: Stopped, signal: usize) -> Failure {
+    match stopped {
+        Stopped::Usage(report) => report.into(),
+        Stopped::Io(path, error) => Failure::running(format!(
+            "{}: {error}\n  what is finished stays; the same command goes on from there",
+            path.display()
+        )),
+        Stopped::Held(holders) => Failure::running(format!(
+            "{}\n  all other shards are done; the same command checks again",
+            holders.join("\n  ")
+        )),
+        Stopped::Interrupted => Failure {
+            message: String::from("stopped; finished shards stay, the same command goes on from there"),
+            status: (128 + signal) as u8,
+        },
+    }
+}

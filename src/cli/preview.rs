@@ -1,0 +1,96 @@
+//! `gelsim preview`
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use image::RgbImage;
+use rayon::prelude::*;
+
+use super::{Failure, JobOverrides, print_notes};
+use crate::config;
+use crate::config::diagnostic::{Problems, Report};
+use crate::dataset::layout::Layout;
+use crate::dataset::shard::write_whole;
+use crate::plan::{Plan, usage};
+use crate::preview::{Tile, sheet};
+
+/// Draw a contact sheet: tactile image, depth and (where there is one) contact, with class and depth under each.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim preview configs/quickstart.toml --out sheet.png
+  gelsim preview out/quickstart --out sample.png --key 42")]
+pub struct Preview {
+    /// A dataset's folder, or a job whose samples are rendered on the spot
+    #[arg(value_name = "DIR|JOB.toml")]
+    source: PathBuf,
+    /// The picture to write
+    #[arg(long, value_name = "FILE.png")]
+    out: PathBuf,
+    /// Only this sample, at full size
+    #[arg(long, value_name = "K")]
+    key: Option<u64>,
+    /// How many samples the sheet shows
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    count: u64,
+    /// Width of one panel of the sheet, px
+    #[arg(long, value_name = "PX", default_value_t = 240)]
+    panel: u32,
+    /// Columns of the sheet
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    columns: usize,
+    #[command(flatten)]
+    overrides: JobOverrides,
+}
+
+impl Preview {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let tiles = if self.source.is_dir() { self.from_dataset()? } else { self.from_job()? };
+        let picture = match self.key {
+            Some(_) => sheet(&tiles, 1, u32::MAX),
+            None => sheet(&tiles, self.columns, self.panel.max(1)),
+        };
+        write(&self.out, &picture)
+    }
+
+    fn from_job(&self) -> Result<Vec<Tile>, Failure> {
+        let plan = Plan::load(&self.source, &self.overrides.overrides())?;
+        print_notes(&plan.notes, false);
+        let indices = self.indices(plan.layout.samples(), false)?;
+        Ok(indices.par_iter().map(|&index| Tile::rendered(&plan, index)).collect())
+    }
+
+    fn from_dataset(&self) -> Result<Vec<Tile>, Failure> {
+        let mut problems = Problems::default();
+        let written = config::read(&self.source.join("job.toml"), &Default::default(), &mut problems)?;
+        if !problems.is_empty() {
+            return Err(Report::new(&problems, &written.document.sources).into());
+        }
+        let dataset = &written.job.dataset;
+        let layout =
+            Layout::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard.max(1), dataset.splits);
+        let indices = self.indices(layout.samples(), true)?;
+        let tiles = indices.par_iter().map(|&index| Tile::read(&self.source, &layout, index));
+        tiles.collect::<Result<_, _>>().map_err(|error| Failure::running(error.to_string()))
+    }
+
+    /// The samples to show: the one asked for, the first of a job, or some spread over a dataset.
+    fn indices(&self, samples: u64, spread: bool) -> Result<Vec<u64>, Failure> {
+        if let Some(key) = self.key {
+            if key >= samples {
+                let help = format!("samples are numbered 0 to {}", samples.saturating_sub(1));
+                return Err(usage(format!("there is no sample {key}"), help).into());
+            }
+            return Ok(vec![key]);
+        }
+        let count = self.count.clamp(1, samples);
+        Ok((0..count).map(|i| if spread { i * samples / count } else { i }).collect())
+    }
+}
+
+/// Encodes a picture as small as PNG allows and writes it whole.
+fn write(path: &Path, picture: &RgbImage) -> Result<(), Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::running(format!("{}: {error}", path.display()));
+    let bytes = crate::dataset::png::encode_small(picture);
+    write_whole(path, &bytes).map_err(|error| failed(&error))
+}

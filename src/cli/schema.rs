@@ -1,0 +1,44 @@
+//! `gelsim schema`
+
+use clap::{Args, ValueEnum};
+
+use super::Failure;
+use crate::config::Job;
+use crate::config::sensor::Sensor;
+use crate::label::Label;
+
+/// Print the JSON Schema of a file format.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  gelsim schema job > job.schema.json")]
+pub struct Schema {
+    /// Which format
+    what: Format,
+}
+
+/// The formats that have a schema.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Format {
+    /// The job file
+    Job,
+    /// The label of a sample
+    Label,
+    /// A sensor file
+    Sensor,
+}
+
+/// The JSON Schema of a format, as text with a final newline.
+pub fn text(format: Format) -> String {
+    let schema = match format {
+        Format::Job => schemars::schema_for!(Job),
+        Format::Label => schemars::schema_for!(Label),
+        Format::Sensor => schemars::schema_for!(Sensor),
+    };
+    format!("{:#}\n", schema.to_value())
+}
+
+impl Schema {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        print!("{}", text(self.what));
+        Ok(())
+    }
+}

@@ -1,0 +1,190 @@
+//! The job file exactly as written: one file per table, serde types, and where each key stands.
+//!
+//! Reading collects every mistake ([`diagnostic`]); what values mean together is the plan's business.
+
+use std::path::Path;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub mod dataset;
+pub mod diagnostic;
+pub mod document;
+pub mod object;
+pub mod output;
+pub mod quantity;
+mod reader;
+pub mod scene;
+pub mod sensor;
+
+use diagnostic::{Problem, Problems, Report, nearest};
+use document::{Document, Node, Place, Value};
+
+use crate::fidelity::Rung;
+use crate::{gelpad, optics};
+
+/// A job. Keys that are left out have the defaults named with each.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Job {
+    /// Rung of the accuracy ladder; fills the gelpad and optics choices that the job leaves open.
+    pub fidelity: Option<Rung>,
+    /// Model of the gelpad's shape under the object.
+    pub gelpad: Option<gelpad::Model>,
+    /// Model of the light that the camera sees.
+    pub optics: Option<optics::Model>,
+    /// How many samples, from which seed, in which shards and splits.
+    pub dataset: dataset::Dataset,
+    /// The sensor.
+    pub sensor: sensor::Sensor,
+    /// The objects.
+    #[schemars(required)]
+    pub object: Vec<object::Object>,
+    /// How the object is turned and placed.
+    pub pose: scene::Pose,
+    /// How deep it is pressed.
+    pub indentation: scene::Indentation,
+    /// What is written.
+    pub output: output::Output,
+}
+
+/// What the command line changes in a job.
+#[derive(Clone, Debug, Default)]
+pub struct Overrides {
+    /// Dotted path and TOML value, as `--set` takes them, together with the flag that messages name.
+    pub set: Vec<(String, String)>,
+    /// Replaces the job's fidelity, gelpad and optics.
+    pub fidelity: Option<Rung>,
+}
+
+/// A job together with where its keys stand.
+#[derive(Clone, Debug)]
+pub struct Written {
+    /// The job, with defaults for what is not written or not readable.
+    pub job: Job,
+    /// Every text it came from.
+    pub document: Document,
+}
+
+/// Reads the job file at `path` with `overrides` laid over it.
+///
+/// Mistakes of form (syntax, unknown keys, wrong types) are added to `problems`; what could be read is returned all
+/// the same, so that the plan finds the mistakes of meaning in one go. Fails only if there is no text at all.
+pub fn read(path: &Path, overrides: &Overrides, problems: &mut Problems) -> Result<Written, Report> {
+    let name = path.display().to_string();
+    let text = std::fs::read(path).map_err(|error| Report::message(format!("{name}: cannot read the job: {error}")))?;
+    let text = String::from_utf8(text)
+        .map_err(|error| Report::message(format!("{name}: not UTF-8 at byte {}", error.utf8_error().valid_up_to())))?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    Ok(read_text(&name, text, folder, overrides, problems))
+}
+
+/// Reads a job from text; see [`read`].
+pub fn read_text(
+    name: &str,
+    text: String,
+    folder: &Path,
+    overrides: &Overrides,
+    problems: &mut Problems,
+) -> Written {
+    let mut document = Document::parse(name, text, folder, problems);
+    for (flag, assignment) in &overrides.set {
+        apply_override(&mut document, flag, assignment, problems);
+    }
+    lay_under_sensor(&mut document, problems);
+    let mut job: Job = reader::read(&document.root, problems).unwrap_or_default();
+    if let Some(rung) = overrides.fidelity {
+        job.fidelity = Some(rung);
+        job.gelpad = None;
+        job.optics = None;
+    }
+    Written { job, document }
+}
+
+fn apply_override(document: &mut Document, flag: &str, assignment: &str, problems: &mut Problems) {
+    let source = document.sources.len();
+    let mut found = Problems::default();
+    let tree = document.add_source(flag, assignment.to_owned(), Path::new(""), &mut found);
+    let key = assignment.split('=').next().unwrap_or_default();
+    let key_place = Place { source, start: 0, end: key.trim_end().len() };
+    let mut path: Vec<String> = Vec::new();
+    let mut node: &Node = &tree;
+    // A dotted key parses to tables of one key each: the way down to the value is the path. It has as many steps as
+    // the key has dots outside quotes, so that an inline table as the value is not taken for more path.
+    let steps = dotted_steps(key);
+    while path.len() < steps
+        && let Value::Table(entries) = &node.value
+        && let [entry] = entries.as_slice()
+    {
+        path.push(entry.key.clone());
+        node = &entry.node;
+    }
+    if !found.is_empty() || path.len() != steps {
+        let problem = Problem::new(format!("not an assignment: `{assignment}`"))
+            .at(Place { source, start: 0, end: assignment.len() })
+            .help("write dotted.path=VALUE with a TOML value, for example --set 'sensor.resolution_px=[320, 240]' or --set 'dataset.name=\"mine\"'");
+        problems.push(problem);
+        return;
+    }
+    let node = node.clone();
+    if let Err(reason) = document.set(&path, key_place, node) {
+        problems.push(Problem::new(reason).at(key_place));
+    }
+}
+
+fn dotted_steps(key: &str) -> usize {
+    let mut quote = None;
+    1 + key
+        .chars()
+        .filter(|&c| {
+            match (quote, c) {
+                (None, '"' | '\'') => quote = Some(c),
+                (Some(open), c) if open == c => quote = None,
+                _ => {}
+            }
+            c == '.' && quote.is_none()
+        })
+        .count()
+}
+
+/// Lays the sensor file and the preset that the job names under its `[sensor]` table.
+fn lay_under_sensor(document: &mut Document, problems: &mut Problems) {
+    let preset_key = document.get("sensor.preset").cloned();
+    if let Some(file) = document.get("sensor.file").cloned()
+        && let Some(written) = file.as_str()
+    {
+        if preset_key.is_some() {
+            let problem = Problem::new("both `preset` and `file` name a sensor")
+                .at(file.place)
+                .help("keep one; a sensor file may itself start with `preset = \"...\"`");
+            problems.push(problem);
+        }
+        let path = document.folder("sensor.file").join(written);
+        match std::fs::read_to_string(&path) {
+            Ok(text) => {
+                let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+                let tree = document.add_source(&path.display().to_string(), text, &folder, problems);
+                document.underlay("sensor", tree);
+            }
+            Err(error) => {
+                let message = format!("cannot read the sensor file {}: {error}", path.display());
+                problems.push(Problem::new(message).at(file.place));
+            }
+        }
+    }
+    let Some(preset) = document.get("sensor.preset").cloned() else { return };
+    let Some(name) = preset.as_str() else { return };
+    let names = sensor::PRESETS.map(|(name, _)| name);
+    match sensor::PRESETS.iter().find(|(known, _)| *known == name) {
+        Some((_, text)) => {
+            let label = format!("preset {name}");
+            let tree = document.add_source(&label, (*text).to_owned(), Path::new(""), problems);
+            document.underlay("sensor", tree);
+        }
+        None => {
+            let near = nearest(name, names).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+            let help = format!("{near}one of {}", diagnostic::one_of(&names));
+            problems.push(Problem::new(format!("no sensor preset is called `{name}`")).at(preset.place).help(help));
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! `[[object]]`: what is pressed into the pad.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// One `[[object]]` table.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Object {
+    /// A mesh file (.obj, .stl, .ply), relative to the file this stands in; `*`, `?` and `[..]` name several.
+    #[schemars(required)]
+    pub path: Option<String>,
+    /// Unit of the mesh's coordinates.
+    pub unit: Unit,
+    /// Class written to the labels; the file's name without its ending where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub class: Option<String>,
+    /// How often the object is drawn, relative to the others.
+    pub weight: f64,
+    /// SHA-256 of the mesh file in lower-case hex; if given, another content is refused.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+}
+
+impl Default for Object {
+    fn default() -> Self {
+        Self { path: None, unit: Unit::default(), class: None, weight: 1.0, sha256: None }
+    }
+}
+
+/// Unit of length of a mesh file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Unit {
+    /// Millimetres.
+    #[default]
+    Mm,
+    /// Centimetres.
+    Cm,
+    /// Metres.
+    M,
+    /// Inches.
+    In,
+}
+
+impl Unit {
+    /// Millimetres per unit.
+    pub fn mm(self) -> f64 {
+        match self {
+            Self::Mm => 1.0,
+            Self::Cm => 10.0,
+            Self::M => 1000.0,
+            Self::In => 25.4,
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! `[pose]` and `[indentation]`: how the object meets the pad.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::quantity::Quantity;
+
+/// The `[pose]` table. The frame is the camera's: x right, y down, z out of the pad towards the object.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Pose {
+    /// Side of the object that faces the pad, in the object's own axes.
+    pub face: Face,
+    /// Turn about z, degrees, from x towards y.
+    pub yaw_deg: Quantity,
+    /// Then a turn about an axis in the pad's plane, degrees, -90 to 90.
+    pub tilt_deg: Quantity,
+    /// Direction of that axis, degrees from x towards y.
+    pub tilt_azimuth_deg: Quantity,
+    /// Position along x, mm from the middle of the image.
+    pub x_mm: Quantity,
+    /// Position along y, mm from the middle of the image.
+    pub y_mm: Quantity,
+    /// The point of the turned object that x_mm and y_mm place.
+    pub anchor: Anchor,
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self {
+            face: Face::default(),
+            yaw_deg: Quantity::default(),
+            tilt_deg: Quantity::default(),
+            tilt_azimuth_deg: Quantity::uniform(0.0, 360.0),
+            x_mm: Quantity::default(),
+            y_mm: Quantity::default(),
+            anchor: Anchor::default(),
+        }
+    }
+}
+
+/// Side of an object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Face {
+    /// One of the six, each as likely as the others.
+    #[serde(rename = "any")]
+    Any,
+    /// The side towards +x.
+    #[serde(rename = "+x")]
+    PlusX,
+    /// The side towards -x.
+    #[serde(rename = "-x")]
+    MinusX,
+    /// The side towards +y.
+    #[serde(rename = "+y")]
+    PlusY,
+    /// The side towards -y.
+    #[serde(rename = "-y")]
+    MinusY,
+    /// The side towards +z.
+    #[serde(rename = "+z")]
+    PlusZ,
+    /// The side towards -z: the object's axes stay parallel to the sensor's.
+    #[default]
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+/// Point of an object that a position refers to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Anchor {
+    /// Centre of the turned object's bounding box.
+    #[default]
+    Bounds,
+    /// Origin of the mesh file.
+    Origin,
+    /// The turned object's lowest point, the first to touch.
+    Contact,
+}
+
+/// The `[indentation]` table.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Indentation {
+    /// How deep the object's lowest point reaches below the undeformed pad, mm; above 0, at most the pad's thickness.
+    #[schemars(required)]
+    pub depth_mm: Option<Quantity>,
+    /// Share of samples in which the object stays just above the pad, 0 to 1.
+    pub no_contact: f64,
+}

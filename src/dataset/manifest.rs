@@ -1,0 +1,142 @@
+//! `dataset.json` and `wids.json`: what the dataset is and which shards it has.
+//!
+//! Neither holds a time, a host or an absolute path: they are the same for one run and for any division of it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::layout::Split;
+use super::shard::Stats;
+use crate::label::SCHEMA_VERSION;
+use crate::plan::Plan;
+
+/// `dataset.json`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Name of the dataset.
+    pub name: String,
+    /// What made it.
+    pub generator: Generator,
+    /// SHA-256 over everything that decides its bytes.
+    pub fingerprint: String,
+    /// Version of the labels' schema.
+    pub label_schema_version: u32,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Number of samples.
+    pub samples: u64,
+    /// Rung of the accuracy ladder.
+    pub fidelity: String,
+    /// Layers beside the tactile image.
+    pub layers: Vec<String>,
+    /// Samples per split.
+    pub splits: BTreeMap<String, u64>,
+    /// Classes in the order of their `class_index`, with their samples.
+    pub classes: Vec<Class>,
+    /// The objects.
+    pub objects: Vec<ObjectEntry>,
+    /// The shards, in order.
+    pub shards: Vec<ShardEntry>,
+}
+
+/// What made the dataset.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Generator {
+    /// Program.
+    pub name: String,
+    /// Version.
+    pub version: String,
+}
+
+/// A class.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Class {
+    /// Its name.
+    pub name: String,
+    /// Its samples.
+    pub samples: u64,
+}
+
+/// An object.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ObjectEntry {
+    /// Its name in labels.
+    pub id: String,
+    /// Its class.
+    pub class: String,
+    /// SHA-256 of the mesh file.
+    pub mesh_sha256: String,
+}
+
+/// A shard.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ShardEntry {
+    /// The tar, relative to the dataset's folder.
+    pub file: String,
+    /// Its split.
+    pub split: String,
+    /// Its samples.
+    pub samples: u64,
+    /// Its bytes.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: String,
+}
+
+impl Manifest {
+    /// Describes the dataset of `plan` from the stats of all its shards, in order.
+    pub fn new(plan: &Plan, stats: &[Stats]) -> Self {
+        let samples_of = |class: &str| stats.iter().filter_map(|stats| stats.classes.get(class)).sum();
+        let shards = stats.iter().enumerate().map(|(number, stats)| ShardEntry {
+            file: stats.file.clone(),
+            split: plan.layout.shard(number as u64).split.name().to_owned(),
+            samples: stats.samples,
+            bytes: stats.bytes,
+            sha256: stats.sha256.clone(),
+        });
+        let objects = plan.objects.iter().map(|object| ObjectEntry {
+            id: object.id.clone(),
+            class: object.class.clone(),
+            mesh_sha256: object.sha256.clone(),
+        });
+        Self {
+            name: plan.name.clone(),
+            generator: Generator { name: "gelsim".to_owned(), version: env!("CARGO_PKG_VERSION").to_owned() },
+            fingerprint: plan.fingerprint.clone(),
+            label_schema_version: SCHEMA_VERSION,
+            seed: plan.seed,
+            samples: plan.layout.samples(),
+            fidelity: plan.job.fidelity.unwrap_or_default().name().to_owned(),
+            layers: plan.layers.iter().map(|layer| layer.suffix().to_owned()).collect(),
+            splits: Split::ALL
+                .into_iter()
+                .map(|split| (split.name().to_owned(), plan.samples_in(split)))
+                .filter(|(_, samples)| *samples > 0)
+                .collect(),
+            classes: plan
+                .classes
+                .iter()
+                .map(|name| Class { name: name.clone(), samples: samples_of(name) })
+                .collect(),
+            objects: objects.collect(),
+            shards: shards.collect(),
+        }
+    }
+
+    /// The WebDataset index (wids-shard-index-v1).
+    pub fn wids(&self) -> serde_json::Value {
+        let shards: Vec<_> = self
+            .shards
+            .iter()
+            .map(|shard| json!({ "url": shard.file, "nsamples": shard.samples, "filesize": shard.bytes }))
+            .collect();
+        json!({
+            "__kind__": "wids-shard-index-v1",
+            "wids_version": 1,
+            "name": self.name,
+            "shardlist": shards,
+        })
+    }
+}

@@ -1,0 +1,15 @@
+//! A dataset on disk: shards, their stats, and the files that describe the whole.
+//!
+//! ```text
+//! OUT/README.md  dataset.json  job.toml  wids.json
+//! OUT/data/train-000000.tar    OUT/stats/train-000000.json
+//! ```
+
+pub mod card;
+pub mod encode;
+pub mod exr;
+pub mod folder;
+pub mod layout;
+pub mod manifest;
+pub mod png;
+pub mod shard;

@@ -1,0 +1,304 @@
+//! One shard on disk: a tar under a temporary name, whole or not there at all.
+//!
+//! The order of events makes every state after a crash recoverable: the tar is written beside its final place, synced,
+//! renamed; then the stats file, likewise. A shard is complete if its stats file is there. The lock file is held by
+//! the operating system (it frees it when a process dies) and says who writes.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, BufWriter, Read, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::encode::Member;
+use super::layout::Shard;
+use crate::label::{Effects, Label};
+use crate::plan::hex;
+use crate::render::Seconds;
+
+/// What is known of a finished shard: its `stats/NAME.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stats {
+    /// Version of the generator that wrote it.
+    pub generator: String,
+    /// Fingerprint of the job.
+    pub fingerprint: String,
+    /// The tar, relative to the dataset's folder.
+    pub file: String,
+    /// Samples in it.
+    pub samples: u64,
+    /// Samples that were rejected and drawn again.
+    pub rejected: u64,
+    /// Bytes of the tar.
+    pub bytes: u64,
+    /// SHA-256 of the tar.
+    pub sha256: String,
+    /// Samples per class.
+    pub classes: std::collections::BTreeMap<String, u64>,
+    /// Seconds per stage, summed over the samples.
+    pub seconds: Seconds,
+    /// How many samples each effect ran in.
+    pub effects: EffectCounts,
+}
+
+/// How many samples each effect ran in; in the others it was skipped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EffectCounts {
+    /// See [`Effects::deformation`].
+    pub deformation: Count,
+    /// See [`Effects::shading`].
+    pub shading: Count,
+    /// See [`Effects::darkening`].
+    pub darkening: Count,
+}
+
+/// Samples with and without an effect.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Count {
+    /// Samples in which it ran.
+    pub ran: u64,
+    /// Samples in which it was skipped.
+    pub skipped: u64,
+}
+
+impl EffectCounts {
+    fn add(&mut self, effects: &Effects) {
+        let pairs = [
+            (&mut self.deformation, &effects.deformation),
+            (&mut self.shading, &effects.shading),
+            (&mut self.darkening, &effects.darkening),
+        ];
+        for (count, effect) in pairs {
+            count.ran += u64::from(effect.ran);
+            count.skipped += u64::from(!effect.ran);
+        }
+    }
+}
+
+/// The names that a shard has on disk.
+#[derive(Clone, Debug)]
+pub struct Paths {
+    /// The tar.
+    pub tar: PathBuf,
+    /// The tar while it is written.
+    pub partial: PathBuf,
+    /// The stats file.
+    pub stats: PathBuf,
+    /// The lock file.
+    pub lock: PathBuf,
+}
+
+impl Paths {
+    /// The names of `shard` in the dataset at `root`.
+    pub fn new(root: &Path, shard: &Shard) -> Self {
+        let name = shard.name();
+        let data = root.join("data");
+        Self {
+            tar: data.join(format!("{name}.tar")),
+            partial: data.join(format!(".{name}.tar.partial")),
+            stats: root.join("stats").join(format!("{name}.json")),
+            lock: data.join(format!(".{name}.lock")),
+        }
+    }
+
+    /// The stats of the shard, if it is complete: its stats file is there and the tar has the size it says.
+    pub fn complete(&self) -> io::Result<Option<Stats>> {
+        let text = match fs::read(&self.stats) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let Ok(stats) = serde_json::from_slice::<Stats>(&text) else { return Ok(None) };
+        let size = fs::metadata(&self.tar).map(|meta| meta.len()).unwrap_or(0);
+        Ok((size == stats.bytes).then_some(stats))
+    }
+}
+
+/// The right to write a shard, held until dropped.
+pub struct Lock {
+    path: PathBuf,
+    _file: File,
+}
+
+impl Lock {
+    /// Takes the lock, or says who has it.
+    pub fn take(paths: &Paths) -> io::Result<Result<Self, String>> {
+        loop {
+            let mut file =
+                OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&paths.lock)?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let mut holder = String::new();
+                    file.read_to_string(&mut holder)?;
+                    let holder = holder.trim();
+                    return Ok(Err(if holder.is_empty() { String::from("another process") } else { holder.to_owned() }));
+                }
+                Err(TryLockError::Error(error)) => return Err(error),
+            }
+            // Whoever finishes removes the file: a lock on a removed file protects nothing.
+            if !same_file(&file, &paths.lock) {
+                continue;
+            }
+            file.set_len(0)?;
+            file.rewind()?;
+            writeln!(file, "process {} on {}", std::process::id(), host())?;
+            return Ok(Ok(Self { path: paths.lock.clone(), _file: file }));
+        }
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // Nothing depends on it: a lock file that stays is locked anew by the next run.
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+#[cfg(unix)]
+fn same_file(file: &File, path: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    match (file.metadata(), fs::metadata(path)) {
+        (Ok(open), Ok(named)) => open.dev() == named.dev() && open.ino() == named.ino(),
+        _ => false,
+    }
+}
+
+#[cfg(not(unix))]
+fn same_file(_: &File, path: &Path) -> bool {
+    path.exists()
+}
+
+fn host() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim();
+    if name.is_empty() { String::from("this host") } else { name.to_owned() }
+}
+
+/// A shard being written.
+pub struct Writer {
+    paths: Paths,
+    tar: tar::Builder<BufWriter<Hashed>>,
+    stats: Stats,
+    finished: bool,
+    _lock: Lock,
+}
+
+impl Writer {
+    /// Starts a shard of which the lock is held.
+    pub fn create(paths: Paths, lock: Lock, shard: &Shard, fingerprint: &str) -> io::Result<Self> {
+        let file = File::create(&paths.partial)?;
+        let hashed = Hashed { file, hash: Sha256::new(), bytes: 0 };
+        let stats = Stats {
+            generator: env!("CARGO_PKG_VERSION").to_owned(),
+            fingerprint: fingerprint.to_owned(),
+            file: format!("data/{}.tar", shard.name()),
+            samples: 0,
+            rejected: 0,
+            bytes: 0,
+            sha256: String::new(),
+            classes: std::collections::BTreeMap::new(),
+            seconds: Seconds::default(),
+            effects: EffectCounts::default(),
+        };
+        let tar = tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed));
+        Ok(Self { paths, tar, stats, finished: false, _lock: lock })
+    }
+
+    /// Appends a sample. Samples must come in the order of the shard.
+    pub fn append(&mut self, label: &Label, members: &[Member], seconds: &Seconds) -> io::Result<()> {
+        for member in members {
+            let mut header = tar::Header::new_ustar();
+            header.set_path(format!("{}.{}", label.key, member.suffix))?;
+            header.set_size(member.bytes.len() as u64);
+            header.set_mode(0o644);
+            header.set_mtime(0);
+            header.set_uid(0);
+            header.set_gid(0);
+            header.set_cksum();
+            self.tar.append(&header, member.bytes.as_slice())?;
+        }
+        self.stats.samples += 1;
+        *self.stats.classes.entry(label.object.class.clone()).or_default() += 1;
+        self.stats.effects.add(&label.effects);
+        self.stats.seconds.add(seconds);
+        Ok(())
+    }
+
+    /// Brings the shard to disk under its final name, then its stats.
+    pub fn finish(mut self) -> io::Result<Stats> {
+        self.tar.finish()?;
+        let buffer = self.tar.get_mut();
+        buffer.flush()?;
+        let hashed = buffer.get_mut();
+        hashed.file.sync_all()?;
+        self.stats.bytes = hashed.bytes;
+        self.stats.sha256 = hex(&hashed.hash.clone().finalize());
+        // A stats file of an earlier, damaged tar must not vouch for the new one while both are exchanged.
+        match fs::remove_file(&self.paths.stats) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        fs::rename(&self.paths.partial, &self.paths.tar)?;
+        self.finished = true;
+        sync_folder(&self.paths.tar)?;
+        let mut text = serde_json::to_vec_pretty(&self.stats).map_err(io::Error::other)?;
+        text.push(b'\n');
+        write_whole(&self.paths.stats, &text)?;
+        Ok(self.stats.clone())
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        if !self.finished {
+            // After an error or a stop: what is left behind would only be overwritten.
+            let _ = fs::remove_file(&self.paths.partial);
+        }
+    }
+}
+
+/// Writes a file so that it is there whole or not at all.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let name = path.file_name().map_or(String::from("file"), |name| name.to_string_lossy().into_owned());
+    let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+    let written = File::create(&partial).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()
+    });
+    if let Err(error) = written.and_then(|()| fs::rename(&partial, path)) {
+        let _ = fs::remove_file(&partial);
+        return Err(error);
+    }
+    sync_folder(path)
+}
+
+/// Makes a rename in the folder of `path` survive a power cut.
+fn sync_folder(path: &Path) -> io::Result<()> {
+    match path.parent() {
+        Some(folder) if cfg!(unix) => File::open(folder)?.sync_all(),
+        _ => Ok(()),
+    }
+}
+
+/// A file that knows the SHA-256 of what was written to it.
+struct Hashed {
+    file: File,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl Write for Hashed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.hash.update(&bytes[..written]);
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}

@@ -1,0 +1,174 @@
+//! Rasteriser of clusters into a height map that keeps the lowest value per pixel.
+//!
+//! A triangle covers a pixel if the pixel's centre lies in it or on its edge. The edge functions are taken relative to
+//! the pixel's centre (Woop, Benthin and Wald 2013): for two triangles that share an edge they are exact negatives of
+//! each other, so that, with edges counted in on both sides, no centre falls between them. No fused multiply-add: the
+//! result is the same on every x86-64.
+
+use super::{Camera, Placement};
+use crate::grid::Grid;
+use crate::object::clusters::{Clusters, MAX_VERTICES, Part};
+
+/// Size of the image to fill, px.
+#[derive(Clone, Copy, Debug)]
+pub struct Window {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// Affine map from an object's vertices (mm, relative to its centre) to column px, row px and height over the pad mm.
+/// The centre of the pixel in column i, row j is at (i + 0.5, j + 0.5).
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    linear: [[f32; 3]; 3],
+    offset: [f32; 3],
+}
+
+impl View {
+    /// The map for an object at `placement`, seen by `camera` in an image that is `margin_px` wider on every side.
+    pub fn new(placement: &Placement, camera: &Camera, margin_px: usize, centre_mm: [f64; 3]) -> Self {
+        let per_mm = [1.0 / camera.mm_per_px[0], 1.0 / camera.mm_per_px[1], 1.0];
+        let middle = [
+            camera.resolution_px[0] as f64 / 2.0 + margin_px as f64,
+            camera.resolution_px[1] as f64 / 2.0 + margin_px as f64,
+            0.0,
+        ];
+        let mut view = Self { linear: [[0.0; 3]; 3], offset: [0.0; 3] };
+        for k in 0..3 {
+            let row = placement.rotation[k];
+            // In f64: the object's centre may be far from its origin.
+            let centre: f64 = row.iter().zip(centre_mm).map(|(r, c)| r * c).sum();
+            view.linear[k] = row.map(|r| (r * per_mm[k]) as f32);
+            view.offset[k] = ((centre + placement.translation_mm[k]) * per_mm[k] + middle[k]) as f32;
+        }
+        view
+    }
+
+    #[inline(always)]
+    fn map(&self, k: usize, x: f32, y: f32, z: f32) -> f32 {
+        let [a, b, c] = self.linear[k];
+        a * x + b * y + c * z + self.offset[k]
+    }
+
+    /// False if a box cannot put a point below the pad inside the window.
+    #[inline(always)]
+    fn may_touch(&self, window: Window, min: [f32; 3], max: [f32; 3]) -> bool {
+        let low = |k: usize| {
+            let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).min(self.linear[k][j] * max[j])).sum();
+            reach + self.offset[k]
+        };
+        let high = |k: usize| {
+            let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).max(self.linear[k][j] * max[j])).sum();
+            reach + self.offset[k]
+        };
+        // Rounding of the box's corners and of the vertices differs: a hair more than either can be off.
+        let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5;
+        high(0) + slack(0) >= 0.5
+            && low(0) - slack(0) <= window.width as f32 - 0.5
+            && high(1) + slack(1) >= 0.5
+            && low(1) - slack(1) <= window.height as f32 - 0.5
+            && low(2) - slack(2) < 0.0
+    }
+}
+
+/// Lowers `heights` (mm over the pad, 0 to begin with) to the object wherever that lies below.
+#[inline(always)]
+pub fn raster(object: &Clusters, view: &View, window: Window, heights: &mut Grid<f32>) {
+    let mut u = [0.0; MAX_VERTICES];
+    let mut v = [0.0; MAX_VERTICES];
+    let mut w = [0.0; MAX_VERTICES];
+    object.query(
+        |min, max| view.may_touch(window, min, max),
+        |part: Part<'_>| {
+            let count = part.x.len();
+            for (k, image) in [&mut u, &mut v, &mut w].into_iter().enumerate() {
+                let vertices = part.x.iter().zip(part.y).zip(part.z);
+                for (out, ((x, y), z)) in image[..count].iter_mut().zip(vertices) {
+                    *out = view.map(k, *x, *y, *z);
+                }
+            }
+            for corners in part.corners {
+                let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
+                triangle([u[a], v[a], w[a]], [u[b], v[b], w[b]], [u[c], v[c], w[c]], window, heights);
+            }
+        },
+    );
+}
+
+/// First and one past the last pixel whose centre lies within `min..=max`, cut to `0..size`.
+#[inline(always)]
+fn centres(min: f32, max: f32, size: usize) -> (usize, usize) {
+    let last = size as f32;
+    // Shifted by one to stay positive, so that the truncating cast rounds down.
+    let low = (min + 0.5).clamp(0.0, last + 1.0);
+    let high = (max + 0.5).clamp(0.0, last + 1.0);
+    let below = low as i32;
+    let first = below + i32::from((below as f32) < low) - 1;
+    let end = high as i32;
+    (first.max(0) as usize, end.clamp(0, size as i32) as usize)
+}
+
+/// Rasterises one triangle: corners in px, px, mm.
+#[inline(always)]
+fn triangle(a: [f32; 3], b: [f32; 3], c: [f32; 3], window: Window, heights: &mut Grid<f32>) {
+    let lowest = a[2].min(b[2]).min(c[2]);
+    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), window.width);
+    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), window.height);
+    if x0 >= x1 || y0 >= y1 || lowest >= 0.0 {
+        return;
+    }
+    for y in y0..y1 {
+        let py = y as f32 + 0.5;
+        let (x0, x1) = if x1 - x0 <= 8 { (x0, x1) } else { span(a, b, c, py, x0, x1) };
+        let (ay, by, cy) = (a[1] - py, b[1] - py, c[1] - py);
+        let row = &mut heights.data[y * window.width..][..window.width][x0..x1];
+        let pixel = |x: f32| {
+            let (ax, bx, cx) = (a[0] - x, b[0] - x, c[0] - x);
+            let (ea, eb, ec) = (bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx);
+            let inside = ((ea >= 0.0) & (eb >= 0.0) & (ec >= 0.0)) | ((ea <= 0.0) & (eb <= 0.0) & (ec <= 0.0));
+            let height = (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec);
+            (inside, height)
+        };
+        let mut x = x0 as f32 + 0.5;
+        let mut eights = row.chunks_exact_mut(8);
+        for eight in &mut eights {
+            for (k, value) in eight.iter_mut().enumerate() {
+                let (inside, height) = pixel(x + k as f32);
+                // A triangle seen edge-on gives 0 / 0: not below anything.
+                *value = if inside & (height < *value) { height } else { *value };
+            }
+            x += 8.0;
+        }
+        for value in eights.into_remainder() {
+            let (inside, height) = pixel(x);
+            if inside && height < *value {
+                *value = height;
+            }
+            x += 1.0;
+        }
+    }
+}
+
+/// Columns of a row at height `py` that a triangle can cover, a little too many rather than one too few.
+#[inline(always)]
+fn span(a: [f32; 3], b: [f32; 3], c: [f32; 3], py: f32, x0: usize, x1: usize) -> (usize, usize) {
+    let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
+    for (p, q) in [(a, b), (b, c), (c, a)] {
+        let (low, high) = (p[1].min(q[1]), p[1].max(q[1]));
+        if py < low || py > high {
+            continue;
+        }
+        let along = ((py - p[1]) / (q[1] - p[1])).clamp(0.0, 1.0);
+        // NaN for a level edge: both of its ends count.
+        let at = p[0] + along * (q[0] - p[0]);
+        let (from, to) = if along.is_nan() { (p[0], q[0]) } else { (at, at) };
+        min = min.min(from).min(to);
+        max = max.max(from).max(to);
+    }
+    let slack = 1.0 + 1e-5 * (min.abs() + max.abs());
+    let (first, end) = centres(min - slack, max + slack, x1);
+    let first = first.max(x0);
+    (first, end.max(first))
+}

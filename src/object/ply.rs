@@ -1,0 +1,674 @@
+//! Reads PLY: ASCII, binary little-endian and binary big-endian (Turk, The PLY Polygon File Format, 1994).
+//!
+//! Our own reader: `ply-rs-bw` 4 is safe against lying headers, but refuses `nan`, `.5`, `1.` and names that are
+//! not UTF-8, and allocates for every element and face.
+
+use super::polygon::{Cutter, MAX_CORNERS};
+use super::{MeshError, Problem, Raw, Words, number, quoted};
+
+/// Vertices and triangles in the order of the file. Elements may come in any order, properties too, and those that
+/// say nothing about the shape are passed over.
+pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshError> {
+    let mut words = Words::new(bytes);
+    let header = Header::read(&mut words)?;
+    let (vertices, faces) = match header.encoding {
+        Encoding::Ascii => read_body(&header, Ascii { words }),
+        Encoding::LittleEndian => read_body(&header, Binary::<false>(&words.bytes[words.at..])),
+        Encoding::BigEndian => read_body(&header, Binary::<true>(&words.bytes[words.at..])),
+    }?;
+
+    let mut triangles = Vec::with_capacity(faces.lengths.len());
+    let mut cutter = Cutter::new();
+    let mut rest = &faces.corners[..];
+    for &length in &faces.lengths {
+        let (corners, after) = rest.split_at(length as usize);
+        cutter.cut(&vertices, corners, &mut triangles)?;
+        rest = after;
+    }
+    Ok(Raw { vertices, triangles })
+}
+
+/// Polygons as they come: the vertices they index may follow later in the file.
+#[derive(Default)]
+struct Faces {
+    corners: Vec<u32>,
+    /// Corners of each face.
+    lengths: Vec<u32>,
+}
+
+struct Header {
+    encoding: Encoding,
+    elements: Vec<Element>,
+}
+
+#[derive(Clone, Copy)]
+enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+struct Element {
+    kind: Kind,
+    name: String,
+    count: u64,
+    line: usize,
+    properties: Vec<Property>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Vertex,
+    Face,
+    Other,
+}
+
+#[derive(Clone, Copy)]
+struct Property {
+    role: Role,
+    /// Type of the length, if this is a list.
+    list: Option<Scalar>,
+    scalar: Scalar,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Role {
+    Coordinate(usize),
+    Corners,
+    Other,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn named(name: &[u8]) -> Option<Scalar> {
+        match name {
+            b"char" | b"int8" => Some(Scalar::I8),
+            b"uchar" | b"uint8" => Some(Scalar::U8),
+            b"short" | b"int16" => Some(Scalar::I16),
+            b"ushort" | b"uint16" => Some(Scalar::U16),
+            b"int" | b"int32" => Some(Scalar::I32),
+            b"uint" | b"uint32" => Some(Scalar::U32),
+            b"float" | b"float32" => Some(Scalar::F32),
+            b"double" | b"float64" => Some(Scalar::F64),
+            _ => None,
+        }
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Scalar::I8 | Scalar::U8 => 1,
+            Scalar::I16 | Scalar::U16 => 2,
+            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
+            Scalar::F64 => 8,
+        }
+    }
+}
+
+impl Header {
+    /// Leaves `words` at the first byte of the body.
+    fn read(words: &mut Words) -> Result<Header, MeshError> {
+        if words.word() != Some(b"ply") || words.break_len(words.at) == 0 {
+            return Err(MeshError::at(1, Problem::Malformed("a PLY file starts with `ply`".into())));
+        }
+        // Where lines end with a CR alone, an LF after the last one belongs to the body.
+        let is_lone_cr = words.bytes[words.at] == b'\r' && words.break_len(words.at) == 1;
+        let mut encoding = None;
+        let mut elements = Vec::new();
+        while words.next_line() {
+            let line = words.line;
+            let Some(keyword) = words.word() else {
+                continue;
+            };
+            let done = match keyword {
+                b"comment" | b"obj_info" => Ok(()),
+                b"format" => format(words).map(|found| encoding = Some(found)),
+                b"element" => Element::read(words, line, &elements).map(|element| elements.push(element)),
+                b"property" => match elements.last_mut() {
+                    Some(element) => Property::read(words, element),
+                    None => malformed("a property stands before the first element".into()),
+                },
+                b"end_header" => {
+                    let encoding =
+                        encoding.ok_or_else(|| MeshError::at(line, Problem::Malformed("no `format` above".into())))?;
+                    elements.iter().try_for_each(Element::check)?;
+                    while let Some(b' ' | b'\t') = words.bytes.get(words.at) {
+                        words.at += 1;
+                    }
+                    words.at += if is_lone_cr { 1 } else { words.break_len(words.at) };
+                    words.at = words.at.min(words.bytes.len());
+                    words.line += 1;
+                    return Ok(Header { encoding, elements });
+                }
+                word => malformed(format!("{} is not a word of a PLY header", quoted(word))),
+            };
+            done.map_err(|problem| MeshError::at(line, problem))?;
+        }
+        Err(Problem::EndsEarly("the header".into()).into())
+    }
+}
+
+fn malformed<T>(message: String) -> Result<T, Problem> {
+    Err(Problem::Malformed(message))
+}
+
+fn format(words: &mut Words) -> Result<Encoding, Problem> {
+    match words.word() {
+        Some(b"ascii") => Ok(Encoding::Ascii),
+        Some(b"binary_little_endian") => Ok(Encoding::LittleEndian),
+        Some(b"binary_big_endian") => Ok(Encoding::BigEndian),
+        word => malformed(format!("{} is not a format of PLY", quoted(word.unwrap_or_default()))),
+    }
+}
+
+impl Element {
+    fn read(words: &mut Words, line: usize, before: &[Element]) -> Result<Element, Problem> {
+        let (Some(name), Some(count)) = (words.word(), words.word()) else {
+            return malformed("an element needs a name and a count".into());
+        };
+        let count = str::from_utf8(count)
+            .ok()
+            .and_then(|count| count.parse().ok())
+            .ok_or_else(|| Problem::Malformed(format!("{} is not a count", quoted(count))))?;
+        let kind = match name {
+            b"vertex" => Kind::Vertex,
+            b"face" => Kind::Face,
+            _ => Kind::Other,
+        };
+        let name = quoted(name);
+        if kind != Kind::Other && before.iter().any(|element| element.kind == kind) {
+            return malformed(format!("a second element {name}"));
+        }
+        Ok(Element { kind, name, count, line, properties: Vec::new() })
+    }
+
+    fn has(&self, role: Role) -> bool {
+        self.properties.iter().any(|property| property.role == role)
+    }
+
+    /// Whether the element has the properties that we need.
+    fn check(&self) -> Result<(), MeshError> {
+        let missing = match self.kind {
+            Kind::Vertex if !(0..3).all(|axis| self.has(Role::Coordinate(axis))) => "numbers x, y and z",
+            Kind::Face if self.count > 0 && !self.has(Role::Corners) => "list vertex_indices",
+            _ => return Ok(()),
+        };
+        let message = format!("element {} lacks the {missing}", self.name);
+        Err(MeshError::at(self.line, Problem::Malformed(message)))
+    }
+}
+
+impl Property {
+    /// Appends the property that is declared next to those of `element`.
+    fn read(words: &mut Words, element: &mut Element) -> Result<(), Problem> {
+        let scalar = |name: Option<&[u8]>| {
+            let name = name.unwrap_or_default();
+            Scalar::named(name).ok_or_else(|| Problem::Malformed(format!("{} is not a type of PLY", quoted(name))))
+        };
+        let (list, scalar) = match words.word() {
+            Some(b"list") => (Some(scalar(words.word())?), scalar(words.word())?),
+            name => (None, scalar(name)?),
+        };
+        if matches!(list, Some(Scalar::F32 | Scalar::F64)) {
+            return malformed("the length of a list must be an integer".into());
+        }
+        let Some(name) = words.word() else {
+            return malformed("a property needs a name".into());
+        };
+        let role = match (element.kind, name, list) {
+            (Kind::Vertex, b"x", None) => Role::Coordinate(0),
+            (Kind::Vertex, b"y", None) => Role::Coordinate(1),
+            (Kind::Vertex, b"z", None) => Role::Coordinate(2),
+            (Kind::Face, b"vertex_indices" | b"vertex_index", Some(_)) => Role::Corners,
+            _ => Role::Other,
+        };
+        if role != Role::Other && element.has(role) {
+            return malformed(format!("a second property {}", quoted(name)));
+        }
+        element.properties.push(Property { role, list, scalar });
+        Ok(())
+    }
+}
+
+/// What follows the header, value by value. Integers of PLY have at most 32 bits: f64 holds them exactly.
+trait Body {
+    /// How many elements with these properties the rest has room for, at most.
+    fn room(&self, properties: &[Property]) -> u64;
+
+    /// Goes to the next element; its line, in text; `None` at the end.
+    fn begin(&mut self) -> Option<Option<usize>>;
+
+    /// `Ok(None)` where the element ends too early.
+    fn value(&mut self, scalar: Scalar) -> Result<Option<f64>, Problem>;
+
+    /// Passes over `count` values; false where the element ends too early.
+    fn skip(&mut self, count: usize, scalar: Scalar) -> bool;
+
+    /// Leaves the element; false if there is more in it.
+    fn end(&mut self) -> bool;
+}
+
+struct Ascii<'a> {
+    words: Words<'a>,
+}
+
+impl Body for Ascii<'_> {
+    fn room(&self, properties: &[Property]) -> u64 {
+        // Every value has a digit at least, and a blank or a line break between it and the next.
+        let rest = self.words.bytes.len() - self.words.at;
+        (rest as u64).div_ceil(2) / properties.len() as u64
+    }
+
+    fn begin(&mut self) -> Option<Option<usize>> {
+        while !self.words.has_word() {
+            if !self.words.next_line() {
+                return None;
+            }
+        }
+        Some(Some(self.words.line))
+    }
+
+    fn value(&mut self, _: Scalar) -> Result<Option<f64>, Problem> {
+        self.words.word().map(number).transpose()
+    }
+
+    fn skip(&mut self, count: usize, _: Scalar) -> bool {
+        (0..count).all(|_| self.words.word().is_some())
+    }
+
+    fn end(&mut self) -> bool {
+        let is_end = self.words.word().is_none();
+        self.words.next_line();
+        is_end
+    }
+}
+
+struct Binary<'a, const IS_BIG: bool>(&'a [u8]);
+
+impl<const IS_BIG: bool> Binary<'_, IS_BIG> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (&value, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        let mut value: [u8; N] = value;
+        if IS_BIG {
+            value.reverse();
+        }
+        Some(value)
+    }
+}
+
+impl<const IS_BIG: bool> Body for Binary<'_, IS_BIG> {
+    fn room(&self, properties: &[Property]) -> u64 {
+        let size = |property: &Property| property.list.unwrap_or(property.scalar).size();
+        (self.0.len() / properties.iter().map(size).sum::<usize>()) as u64
+    }
+
+    fn begin(&mut self) -> Option<Option<usize>> {
+        Some(None)
+    }
+
+    fn value(&mut self, scalar: Scalar) -> Result<Option<f64>, Problem> {
+        Ok(match scalar {
+            Scalar::I8 => self.take().map(|bytes| i8::from_le_bytes(bytes).into()),
+            Scalar::U8 => self.take().map(|bytes| u8::from_le_bytes(bytes).into()),
+            Scalar::I16 => self.take().map(|bytes| i16::from_le_bytes(bytes).into()),
+            Scalar::U16 => self.take().map(|bytes| u16::from_le_bytes(bytes).into()),
+            Scalar::I32 => self.take().map(|bytes| i32::from_le_bytes(bytes).into()),
+            Scalar::U32 => self.take().map(|bytes| u32::from_le_bytes(bytes).into()),
+            Scalar::F32 => self.take().map(|bytes| f32::from_le_bytes(bytes).into()),
+            Scalar::F64 => self.take().map(f64::from_le_bytes),
+        })
+    }
+
+    fn skip(&mut self, count: usize, scalar: Scalar) -> bool {
+        let rest = count.checked_mul(scalar.size()).and_then(|len| self.0.get(len..));
+        self.0 = rest.unwrap_or_default();
+        rest.is_some()
+    }
+
+    fn end(&mut self) -> bool {
+        true
+    }
+}
+
+fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Faces), MeshError> {
+    let is_vertex = |element: &&Element| element.kind == Kind::Vertex;
+    let vertex_count = header.elements.iter().find(is_vertex).map_or(0, |element| element.count);
+    let mut vertices = Vec::new();
+    let mut faces = Faces::default();
+    for element in header.elements.iter().filter(|element| !element.properties.is_empty()) {
+        let room = body.room(&element.properties);
+        if element.count > room {
+            let what = format!("elements {}", element.name);
+            return Err(Problem::Room { claimed: element.count, what, room }.into());
+        }
+        match element.kind {
+            Kind::Vertex => vertices.reserve_exact(element.count as usize),
+            Kind::Face => faces.lengths.reserve_exact(element.count as usize),
+            Kind::Other => {}
+        }
+        for number in 0..element.count {
+            let early = || Problem::EndsEarly(format!("element {} {number} of {}", element.name, element.count));
+            let line = body.begin().ok_or_else(early)?;
+            let mut vertex = [0.0; 3];
+            let complete = read_element(&mut body, element, vertex_count, &mut vertex, &mut faces)
+                .map_err(|problem| MeshError { path: None, line, problem })?;
+            if !complete {
+                return Err(match line {
+                    None => early().into(),
+                    Some(line) => {
+                        let message = format!("fewer values than an element {} has", element.name);
+                        MeshError::at(line, Problem::Malformed(message))
+                    }
+                });
+            }
+            if !body.end() {
+                let message = format!("more values than an element {} has", element.name);
+                return Err(MeshError { path: None, line, problem: Problem::Malformed(message) });
+            }
+            if element.kind == Kind::Vertex {
+                vertices.push(vertex);
+            }
+        }
+    }
+    Ok((vertices, faces))
+}
+
+/// Reads one element, into `vertex` or onto `faces` if it is one; false if it ends too early.
+fn read_element(
+    body: &mut impl Body,
+    element: &Element,
+    vertex_count: u64,
+    vertex: &mut [f64; 3],
+    faces: &mut Faces,
+) -> Result<bool, Problem> {
+    for property in &element.properties {
+        let Some(list) = property.list else {
+            let Some(value) = body.value(property.scalar)? else {
+                return Ok(false);
+            };
+            if let Role::Coordinate(axis) = property.role {
+                vertex[axis] = value;
+            }
+            continue;
+        };
+        let Some(given) = body.value(list)? else {
+            return Ok(false);
+        };
+        let length = given as u32;
+        if f64::from(length) != given {
+            return malformed(format!("{given} is not the length of a list"));
+        }
+        if property.role != Role::Corners {
+            if !body.skip(length as usize, property.scalar) {
+                return Ok(false);
+            }
+            continue;
+        }
+        if length as usize > MAX_CORNERS {
+            return malformed(format!("a face has {length} corners, more than the {MAX_CORNERS} allowed"));
+        }
+        for _ in 0..length {
+            let Some(index) = body.value(property.scalar)? else {
+                return Ok(false);
+            };
+            // The cast saturates: what is not a number from 0 to u32::MAX comes out different.
+            let corner = index as u32;
+            if f64::from(corner) != index && index.fract() != 0.0 {
+                return malformed(format!("{index} is not the number of a vertex"));
+            }
+            if f64::from(corner) != index || u64::from(corner) >= vertex_count {
+                let (index, count) = (index as i64, vertex_count as usize);
+                return Err(Problem::NoSuchVertex { index, count, note: ", counted from 0" });
+            }
+            faces.corners.push(corner);
+        }
+        faces.lengths.push(length);
+    }
+    Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Format, parse};
+    use super::*;
+
+    const VERTEX: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
+    const FACE: &str = "element face 2\nproperty list uchar int vertex_indices\n";
+    const SQUARE: &str = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n";
+    const TWO: &str = "3 0 1 2\n3 0 2 3\n";
+
+    fn ascii(header: &str, body: &str) -> Vec<u8> {
+        format!("ply\nformat ascii 1.0\n{header}end_header\n{body}").into_bytes()
+    }
+
+    fn binary(header: &str, body: &[u8]) -> Vec<u8> {
+        let mut bytes = format!("ply\nformat binary_little_endian 1.0\n{header}end_header\n").into_bytes();
+        bytes.extend(body);
+        bytes
+    }
+
+    fn failure(bytes: &[u8]) -> String {
+        read(bytes).err().unwrap().to_string()
+    }
+
+    #[test]
+    fn vertices_and_faces_may_be_named_and_ordered_in_any_way() {
+        for (header, body) in [
+            (format!("{VERTEX}{FACE}"), format!("{SQUARE}{TWO}")),
+            (format!("{FACE}{VERTEX}"), format!("{TWO}{SQUARE}")),
+            (format!("{VERTEX}{}", FACE.replace("indices", "index")), format!("{SQUARE}{TWO}")),
+            (format!("{VERTEX}{}", FACE.replace("uchar int", "int32 float64")), format!("{SQUARE}{TWO}")),
+            (
+                format!("{}{FACE}", VERTEX.replace("float x", "double nx\nproperty list char int q\nproperty int16 x")),
+                format!("9.5 2 7 7 0 0 0\n0 0 1 0 0\n0 1 4 1 1 0\n0 0 0 1 0\n{TWO}"),
+            ),
+        ] {
+            let raw = read(&ascii(&header, &body)).unwrap();
+            assert_eq!(raw.vertices, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]);
+            assert_eq!(raw.triangles, [[0, 1, 2], [0, 2, 3]]);
+        }
+    }
+
+    #[test]
+    fn other_elements_are_passed_over() {
+        let edge = "element edge 2\nproperty int vertex1\nproperty list uchar float weights\n";
+        let nothing = "element nothing 4294967295\n";
+        let text = ascii(
+            &format!("{edge}{nothing}{VERTEX}{edge}{FACE}"),
+            &format!("5 0\n6 2 .5 1.\n{SQUARE}5 1 nan\n6 0\n{TWO}"),
+        );
+        assert_eq!(read(&text).unwrap().triangles, [[0, 1, 2], [0, 2, 3]]);
+
+        let mut body = Vec::new();
+        for weights in [0u8, 3] {
+            body.extend(5i32.to_le_bytes());
+            body.push(weights);
+            body.extend(vec![0xee; 4 * usize::from(weights)]);
+        }
+        for vertex in [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]] {
+            body.extend(vertex.map(f32::to_le_bytes).as_flattened());
+        }
+        for face in [[0i32, 1, 2], [0, 2, 3]] {
+            body.push(3);
+            body.extend(face.map(i32::to_le_bytes).as_flattened());
+        }
+        let raw = read(&binary(&format!("{edge}{nothing}{VERTEX}{FACE}"), &body)).unwrap();
+        assert_eq!(raw.vertices[2], [1.0, 1.0, 0.0]);
+        assert_eq!(raw.triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn lines_may_end_in_any_way_and_comments_hold_anything() {
+        let text = ascii(
+            &format!("comment made by \\\nobj_info 7 # 8\ncomment\n{VERTEX}comment x\n{FACE}"),
+            &format!("\n{SQUARE}  \n\t{TWO}\n"),
+        );
+        for end in ["\n", "\r\n", "\r"] {
+            let mut text = String::from_utf8(text.clone()).unwrap().replace('\n', end).into_bytes();
+            let at = text.windows(7).position(|part| part == b"made by").unwrap();
+            text[at] = 0xff;
+            assert_eq!(read(&text).unwrap().triangles.len(), 2, "{end:?}");
+        }
+    }
+
+    #[test]
+    fn a_binary_body_starts_after_one_line_end_whatever_its_first_byte_is() {
+        let header = "element vertex 1\nproperty uchar x\nproperty uchar y\nproperty uchar z\n";
+        for first in [b'\n', b'\r', b' ', b'#'] {
+            for end in ["\n", "\r\n", "\r"] {
+                let bytes = binary(header, &[]);
+                let mut bytes = String::from_utf8(bytes).unwrap().replace('\n', end).into_bytes();
+                bytes.extend([first, 2, 3]);
+                assert_eq!(read(&bytes).unwrap().vertices, [[f64::from(first), 2.0, 3.0]], "{end:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_type_of_number_is_read_in_both_byte_orders() {
+        for (name, size, bytes, expected) in [
+            ("char", 1, vec![0x85], -123.0),
+            ("uint8", 1, vec![0x85], 133.0),
+            ("short", 2, vec![0x85, 0x01], -31487.0),
+            ("ushort", 2, vec![0x85, 0x01], 34049.0),
+            ("int", 4, vec![0xff, 0xff, 0xff, 0xfe], -2.0),
+            ("uint32", 4, vec![0xff, 0xff, 0xff, 0xfe], 4_294_967_294.0),
+            ("float32", 4, 1.5f32.to_be_bytes().to_vec(), 1.5),
+            ("double", 8, 0.1f64.to_be_bytes().to_vec(), 0.1),
+        ] {
+            assert_eq!(bytes.len(), size);
+            let header = format!("element vertex 1\nproperty {name} x\nproperty {name} y\nproperty {name} z\n");
+            let little: Vec<u8> = bytes.iter().rev().copied().collect();
+            let little = binary(&header, &little.repeat(3));
+            let big = String::from_utf8(binary(&header, &[])).unwrap().replace("little", "big");
+            let big = [big.into_bytes(), bytes.repeat(3)].concat();
+            assert_eq!(read(&little).unwrap().vertices, [[expected; 3]], "{name}");
+            assert_eq!(read(&big).unwrap().vertices, [[expected; 3]], "{name}");
+        }
+    }
+
+    #[test]
+    fn concave_faces_are_cut_properly() {
+        let header = VERTEX.replace('4', "6") + &FACE.replace('2', "1");
+        let text = ascii(&header, "0 0 0\n4 0 0\n4 1 0\n1 1 0\n1 3 0\n0 3 0\n6 1 2 3 4 5 0\n");
+        let raw = read(&text).unwrap();
+        let twice_area: f64 = raw
+            .triangles
+            .iter()
+            .map(|triangle| {
+                let [a, b, c] = triangle.map(|i| raw.vertices[i as usize]);
+                (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            })
+            .inspect(|&area| assert!(area > 0.0))
+            .sum();
+        assert_eq!(twice_area, 12.0);
+    }
+
+    #[test]
+    fn a_lying_header_is_refused_before_memory_is_reserved() {
+        let most = u64::MAX.to_string();
+        for (bytes, expected) in [
+            (
+                ascii(&format!("{}{FACE}", VERTEX.replace('4', &most)), SQUARE),
+                "says 18446744073709551615 elements `vertex` but has room for 4",
+            ),
+            (
+                ascii(&format!("{VERTEX}{}", FACE.replace('2', "4000000000")), &format!("{SQUARE}{TWO}")),
+                "says 4000000000 elements `face` but has room for 8",
+            ),
+            (
+                binary(&VERTEX.replace('4', "4294967295"), &[0; 50]),
+                "says 4294967295 elements `vertex` but has room for 4",
+            ),
+            (
+                binary(&FACE.replace('2', &most), &[0; 5]),
+                "says 18446744073709551615 elements `face` but has room for 5",
+            ),
+            (
+                binary("element a 1\nproperty list uint double b\n", &[0xff; 100]),
+                "ends too early: in element `a` 0 of 1",
+            ),
+            (
+                binary("element face 1\nproperty list uint uchar vertex_index\n", &[0xff; 100]),
+                "a face has 4294967295 corners, more than the 16384 allowed",
+            ),
+        ] {
+            assert_eq!(failure(&bytes), expected);
+        }
+    }
+
+    #[test]
+    fn errors_in_the_body_name_the_line() {
+        for (from, to, expected) in [
+            ("1 1 0", "1 1", "line 12: fewer values than an element `vertex` has"),
+            ("1 1 0", "1 1 0 0", "line 12: more values than an element `vertex` has"),
+            ("1 1 0", "1 1 0,5", "line 12: `0,5` is not a number"),
+            ("3 0 2 3", "3 0 2", "line 16: fewer values than an element `face` has"),
+            ("3 0 2 3", "3 0 2 4", "line 16: face refers to vertex 4, but the file has 4, counted from 0"),
+            ("3 0 2 3", "3 0 2 -1", "line 16: face refers to vertex -1, but the file has 4, counted from 0"),
+            ("3 0 2 3", "3 0 2 1.5", "line 16: 1.5 is not the number of a vertex"),
+            ("3 0 2 3", "-3 0 2 3", "line 16: -3 is not the length of a list"),
+            ("3 0 2 3", "nan 0 2 3", "line 16: NaN is not the length of a list"),
+            ("3 0 2 3\n", "", "ends too early: in element `face` 1 of 2"),
+        ] {
+            let body = format!("{SQUARE}\n{TWO}").replace(from, to);
+            assert_eq!(failure(&ascii(&format!("{VERTEX}{FACE}"), &body)), expected, "{to}");
+        }
+    }
+
+    #[test]
+    fn errors_in_the_header_name_the_line() {
+        let header = format!("ply\nformat ascii 1.0\n{VERTEX}{FACE}end_header\n");
+        for (from, to, expected) in [
+            ("ply\n", "plywood\n", "line 1: a PLY file starts with `ply`"),
+            ("ascii", "utf8", "line 2: `utf8` is not a format of PLY"),
+            ("format", "comment", "line 9: no `format` above"),
+            ("vertex 4", "vertex four", "line 3: `four` is not a count"),
+            ("vertex 4", "vertex", "line 3: an element needs a name and a count"),
+            ("element vertex 4\n", "", "line 3: a property stands before the first element"),
+            ("face", "vertex", "line 7: a second element `vertex`"),
+            ("float y", "half y", "line 5: `half` is not a type of PLY"),
+            ("float y", "float x", "line 5: a second property `x`"),
+            ("float y", "float v", "line 3: element `vertex` lacks the numbers x, y and z"),
+            ("float y", "float", "line 5: a property needs a name"),
+            ("property float y", "attribute float y", "line 5: `attribute` is not a word of a PLY header"),
+            ("uchar int", "float int", "line 8: the length of a list must be an integer"),
+            ("vertex_indices", "corners", "line 7: element `face` lacks the list vertex_indices"),
+            ("list uchar int", "int", "line 7: element `face` lacks the list vertex_indices"),
+            ("end_header\n", "", "ends too early: in the header"),
+        ] {
+            assert_eq!(failure(header.replacen(from, to, 1).as_bytes()), expected, "{to}");
+        }
+        assert_eq!(failure(b""), "line 1: a PLY file starts with `ply`");
+    }
+
+    #[test]
+    fn files_without_vertices_or_faces_are_refused() {
+        for (bytes, expected) in [
+            (ascii(VERTEX, SQUARE), "no triangle"),
+            (ascii(&VERTEX.replace('4', "0"), ""), "no vertex"),
+            (ascii("", ""), "no vertex"),
+            (ascii(&format!("{VERTEX}{FACE}"), &format!("{SQUARE}0\n0\n")), "no triangle"),
+        ] {
+            assert_eq!(parse(&bytes, Format::Ply, 1.0).unwrap_err().to_string(), expected);
+        }
+    }
+
+    #[test]
+    fn vertices_that_are_not_numbers_are_dropped_and_counted() {
+        let text = ascii(&format!("{VERTEX}{FACE}"), &format!("{SQUARE}{TWO}").replacen("0 1 0", "0 NaN 0", 1));
+        let (mesh, cleaned) = parse(&text, Format::Ply, 1.0).unwrap();
+        assert_eq!((mesh.triangles.len(), cleaned.non_finite_vertices), (1, 1));
+    }
+}

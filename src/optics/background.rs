@@ -1,0 +1,100 @@
+//! The picture of the untouched pad: a photograph, or one that the sensor renders for itself.
+//!
+//! The rendered one is a plausible look, not a measurement: diffuse light, a glow that falls off from each LED's edge
+//! of the image, a vignette, and the fine grain of the coating, which is the same in every sample. The model is ours.
+
+use crate::config::sensor::Sensor;
+use crate::depth::Camera;
+use crate::grid::Grid;
+use crate::rng::{Stage, stream};
+use crate::scene::pose::sin_cos_deg;
+
+/// What the camera sees without contact, as 8-bit display values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reference {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row-major RGB.
+    pub rgb: Vec<u8>,
+    /// The same as one plane per channel.
+    pub planes: [Vec<u8>; 3],
+}
+
+impl Reference {
+    /// From row-major RGB.
+    pub fn new(width: usize, height: usize, rgb: Vec<u8>) -> Self {
+        let planes = std::array::from_fn(|k| rgb.iter().skip(k).step_by(3).copied().collect());
+        Self { width, height, rgb, planes }
+    }
+
+    /// Renders the untouched pad of a sensor without a photograph.
+    pub fn rendered(sensor: &Sensor, camera: &Camera) -> Self {
+        let [width, height] = camera.resolution_px;
+        let look = &sensor.rendered_background;
+        let half = sensor.field_of_view_mm.map(|mm| mm / 2.0);
+        let corner = half[0] * half[0] + half[1] * half[1];
+        let grain = grain(width, height, look.grain_size_mm, camera);
+        let mut rgb = Vec::with_capacity(width * height * 3);
+        for j in 0..height {
+            for i in 0..width {
+                let x = (i as f64 + 0.5) * camera.mm_per_px[0] - half[0];
+                let y = (j as f64 + 0.5) * camera.mm_per_px[1] - half[1];
+                let mut color = look.color;
+                for led in &sensor.led {
+                    let (sin, cos) = sin_cos_deg(led.azimuth_deg);
+                    let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
+                    let distance = edge - (x * cos + y * sin);
+                    let glow = look.glow * led.intensity * libm::exp(-distance / look.glow_reach_mm);
+                    for (value, share) in color.iter_mut().zip(led.color) {
+                        // Light that is added to a bright pad saturates softly.
+                        *value += glow * share * (1.0 - *value);
+                    }
+                }
+                let kept = 1.0 - look.vignette * (x * x + y * y) / corner;
+                let grain = look.grain * f64::from(grain.at(i, j));
+                rgb.extend(color.map(|value| quantise((value * kept + grain) as f32)));
+            }
+        }
+        Self::new(width, height, rgb)
+    }
+}
+
+/// 8-bit display value of a brightness, 1 = full scale, rounded to the nearest and cut to 0 .. 255.
+#[inline(always)]
+pub fn quantise(brightness: f32) -> u8 {
+    // A float cast saturates: what is below 0 or above 255.5 is cut.
+    (brightness * 255.0 + 0.5) as u8
+}
+
+/// Noise of mean 0 and standard deviation 1 with a given grain size: bilinear between random knots, at two scales.
+fn grain(width: usize, height: usize, size_mm: f64, camera: &Camera) -> Grid<f32> {
+    let mut grid = Grid::new(width, height);
+    for octave in 0..2_u64 {
+        let spacing = camera.mm_per_px.map(|pitch| f64::max(size_mm / pitch / f64::from(1 << octave), 1.0));
+        let columns = (width as f64 / spacing[0]) as usize + 2;
+        let rows = (height as f64 / spacing[1]) as usize + 2;
+        let mut random = stream(0, Stage::Grain, octave);
+        let knots: Vec<f64> = (0..columns * rows).map(|_| random.normal()).collect();
+        for j in 0..height {
+            let (row, v) = knot((j as f64 + 0.5) / spacing[1]);
+            for i in 0..width {
+                let (column, u) = knot((i as f64 + 0.5) / spacing[0]);
+                let at = |dx: usize, dy: usize| knots[(row + dy) * columns + column + dx];
+                let above = at(0, 0) * (1.0 - u) + at(1, 0) * u;
+                let below = at(0, 1) * (1.0 - u) + at(1, 1) * u;
+                // Bilinear weights shrink the spread between knots: divided out, so that no lattice shows.
+                let spread = libm::sqrt((u * u + (1.0 - u) * (1.0 - u)) * (v * v + (1.0 - v) * (1.0 - v)));
+                let value = (above * (1.0 - v) + below * v) / spread;
+                grid.row_mut(j)[i] += (value * std::f64::consts::FRAC_1_SQRT_2) as f32;
+            }
+        }
+    }
+    grid
+}
+
+fn knot(position: f64) -> (usize, f64) {
+    let whole = libm::floor(position);
+    (whole as usize, position - whole)
+}

@@ -1,0 +1,245 @@
+//! The objects of a plan: files found, read, named, and divided between the splits.
+
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+
+use super::check::Check;
+use crate::config::Job;
+use crate::config::dataset::{ObjectOrder, SplitBy};
+use crate::config::object::Object as Entry;
+use crate::object::{self, clusters::Clusters};
+use crate::rng::{Stage, stream};
+
+/// An object ready to be pressed.
+pub struct Object {
+    /// Unique name: the file's stem, with a number where two files share it.
+    pub id: String,
+    /// Class in the labels.
+    pub class: String,
+    /// SHA-256 of the file's bytes, lower-case hex.
+    pub sha256: String,
+    /// Relative frequency.
+    pub weight: f64,
+    /// Its geometry.
+    pub clusters: Clusters,
+}
+
+/// How the objects of one split are drawn.
+#[derive(Clone, Debug)]
+pub enum Draw {
+    /// At random: object numbers with the running sum of their weights.
+    Weighted(Vec<(usize, f64)>),
+    /// One after the other.
+    InTurn(Vec<usize>),
+}
+
+impl Draw {
+    /// The object of the sample at `position` of the split; `unit` gives a random number in [0, 1).
+    pub fn pick(&self, position: u64, unit: impl FnOnce() -> f64) -> usize {
+        match self {
+            Self::InTurn(objects) => objects[(position % objects.len() as u64) as usize],
+            Self::Weighted(objects) => {
+                let total = objects.last().map_or(0.0, |(_, sum)| *sum);
+                let at = unit() * total;
+                let found = objects.partition_point(|(_, sum)| *sum <= at);
+                objects[found.min(objects.len() - 1)].0
+            }
+        }
+    }
+}
+
+/// Finds and reads the meshes. `job.object` becomes one entry per file, with absolute path, class and SHA-256.
+pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Vec<Object> {
+    if job.object.is_empty() && !check.written("object") {
+        check.wrong("object", "the job has no object", "add an [[object]] table with path = \"...\"");
+    } else if job.object.is_empty() {
+        check.wrong("object", "the list of objects is empty", "add an [[object]] table with path = \"...\"");
+    }
+    let mut files: Vec<(usize, PathBuf)> = Vec::new();
+    for (i, entry) in job.object.iter().enumerate() {
+        let path = |key: &str| format!("object.{i}.{key}");
+        if !(entry.weight.is_finite() && entry.weight >= 0.0) {
+            check.wrong(&path("weight"), format!("weight = {} is out of range", entry.weight), "0 or more");
+        }
+        if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
+            check.wrong(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
+        }
+        match &entry.path {
+            None if check.written(&path("path")) => {}
+            None => {
+                let place = format!("object.{i}");
+                check.wrong(&place, "missing key `path` in [[object]]", "a mesh file: .obj, .stl or .ply");
+            }
+            Some(written) => find(check, &path("path"), written, &mut files, i),
+        }
+    }
+    if !job.object.is_empty() && job.object.iter().all(|entry| entry.weight == 0.0) {
+        check.wrong("object.0.weight", "the weights sum to zero: no object can be drawn", "give one object a weight above 0");
+    }
+
+    let read: Vec<_> =
+        files.par_iter().map(|(i, path)| object::load(path, job.object[*i].unit.mm()).map(|l| (Clusters::new(&l.mesh), l))).collect();
+    let mut entries: Vec<Entry> = Vec::new();
+    let mut objects: Vec<Object> = Vec::new();
+    for ((i, path), read) in files.iter().zip(read) {
+        let entry = &job.object[*i];
+        let (clusters, loaded) = match read {
+            Ok(read) => read,
+            Err(error) => {
+                check.wrong(&format!("object.{i}.path"), error.to_string(), "repair the mesh, or leave it out");
+                continue;
+            }
+        };
+        if let Some(warning) = loaded.cleaned.warning() {
+            notes.push(format!("{}: {warning}", path.display()));
+        }
+        if let Some(expected) = &entry.sha256
+            && *expected != loaded.sha256
+        {
+            let message = format!("{} has changed: its SHA-256 is {}", path.display(), loaded.sha256);
+            check.wrong(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
+        }
+        let stem = path.file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned());
+        let class = entry.class.clone().unwrap_or_else(|| stem.clone());
+        let mut id = stem.clone();
+        let mut number = 1;
+        while objects.iter().any(|object| object.id == id) {
+            number += 1;
+            id = format!("{stem}-{number}");
+        }
+        entries.push(Entry {
+            path: Some(path.to_string_lossy().into_owned()),
+            class: Some(class.clone()),
+            sha256: Some(loaded.sha256.clone()),
+            ..entry.clone()
+        });
+        objects.push(Object { id, class, sha256: loaded.sha256, weight: entry.weight, clusters });
+    }
+    job.object = entries;
+    objects
+}
+
+/// Adds the files that `written` names: itself if it exists, else as a pattern.
+fn find(check: &mut Check<'_>, place: &str, written: &str, files: &mut Vec<(usize, PathBuf)>, entry: usize) {
+    let path = check.document.folder(place).join(written);
+    let is_pattern = written.contains(['*', '?', '[']);
+    if path.exists() || !is_pattern {
+        if path.is_file() {
+            files.push((entry, path));
+        } else {
+            let what = if path.is_dir() { "is a folder" } else { "does not exist" };
+            let help = "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
+            check.wrong(place, format!("{} {what}", path.display()), help);
+        }
+        return;
+    }
+    let found = glob::glob(&path.to_string_lossy()).map(|paths| paths.filter_map(Result::ok));
+    let mut found: Vec<PathBuf> = match found {
+        Ok(found) => found.filter(|path| path.is_file()).collect(),
+        Err(error) => {
+            check.wrong(place, format!("not a pattern: {}", error.msg), "`*`, `?` and `[abc]` stand for characters");
+            return;
+        }
+    };
+    found.sort();
+    if found.is_empty() {
+        check.wrong(place, format!("no file matches {}", path.display()), "paths are relative to the file they stand in");
+    }
+    files.extend(found.into_iter().map(|path| (entry, path)));
+}
+
+/// Divides the objects between the splits. `None` after a mistake.
+pub fn divide(check: &mut Check<'_>, job: &Job, objects: &[Object]) -> Option<[Draw; 3]> {
+    if objects.iter().all(|object| object.weight <= 0.0) {
+        return None;
+    }
+    let splits = job.dataset.splits;
+    let shares = [splits.train, splits.val, splits.test];
+    let drawn: Vec<usize> = (0..objects.len()).filter(|&i| objects[i].weight > 0.0).collect();
+    let groups = match job.dataset.split_by {
+        SplitBy::Sample => [drawn.clone(), drawn.clone(), drawn],
+        SplitBy::Object => {
+            // Files of the same content are one object: a twin in another split would not be unseen.
+            let mut contents: Vec<&str> = Vec::new();
+            for &i in &drawn {
+                if !contents.contains(&objects[i].sha256.as_str()) {
+                    contents.push(&objects[i].sha256);
+                }
+            }
+            let used = shares.iter().filter(|share| **share > 0.0).count();
+            if used > contents.len() {
+                let message = format!("{used} splits but {} different object(s)", contents.len());
+                let help = "with split_by = \"object\" each split needs an object of its own: add objects, or use split_by = \"sample\"";
+                check.wrong("dataset.split_by", message, help);
+                return None;
+            }
+            let order = shuffled(contents.len(), job.dataset.seed);
+            let counts = apportion(contents.len(), shares);
+            let mut groups: [Vec<usize>; 3] = Default::default();
+            let mut next = order.into_iter();
+            for (group, count) in groups.iter_mut().zip(counts) {
+                let mine: Vec<&str> = next.by_ref().take(count).map(|at| contents[at]).collect();
+                *group = drawn.iter().copied().filter(|&i| mine.contains(&objects[i].sha256.as_str())).collect();
+            }
+            groups
+        }
+    };
+    Some(groups.map(|group| match job.dataset.object_order {
+        ObjectOrder::InTurn => Draw::InTurn(group),
+        ObjectOrder::Weighted => {
+            let mut sum = 0.0;
+            let with_sums = group.into_iter().map(|i| {
+                sum += objects[i].weight;
+                (i, sum)
+            });
+            Draw::Weighted(with_sums.collect())
+        }
+    }))
+}
+
+/// Numbers 0 .. `count` in an order drawn from the seed (Fisher and Yates).
+fn shuffled(count: usize, seed: u64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    let mut random = stream(seed, Stage::Splits, 0);
+    for last in (1..count).rev() {
+        order.swap(last, random.below(last + 1));
+    }
+    order
+}
+
+/// `count` objects in proportion to `shares`, at least one where a share is above 0 (there are enough).
+fn apportion(count: usize, shares: [f64; 3]) -> [usize; 3] {
+    let mut given = shares.map(|share| usize::from(share > 0.0));
+    while given.iter().sum::<usize>() < count {
+        // To whoever is furthest behind its share.
+        let behind = |k: usize| shares[k] * count as f64 - given[k] as f64;
+        let next = (0..3).filter(|&k| shares[k] > 0.0).max_by(|&a, &b| behind(a).total_cmp(&behind(b)));
+        match next {
+            Some(k) => given[k] += 1,
+            None => break,
+        }
+    }
+    given
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_apportioned_by_share_and_no_split_goes_empty() {
+        assert_eq!(apportion(10, [0.8, 0.1, 0.1]), [8, 1, 1]);
+        assert_eq!(apportion(3, [0.98, 0.01, 0.01]), [1, 1, 1]);
+        assert_eq!(apportion(5, [1.0, 0.0, 0.0]), [5, 0, 0]);
+        assert_eq!(apportion(20, [0.5, 0.25, 0.25]), [10, 5, 5]);
+    }
+
+    #[test]
+    fn weights_are_frequencies() {
+        let draw = Draw::Weighted(vec![(4, 1.0), (7, 4.0)]);
+        let picks = (0..100).filter(|i| draw.pick(0, || f64::from(*i) / 100.0) == 4).count();
+        assert_eq!(picks, 25);
+        assert_eq!(Draw::InTurn(vec![3, 5]).pick(7, || 0.0), 5);
+    }
+}

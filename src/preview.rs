@@ -1,0 +1,179 @@
+//! Contact sheets: tactile image, depth and contact of some samples, with class and depth written under each.
+
+use std::convert::Infallible;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+use embedded_graphics::mono_font::{MonoTextStyle, ascii};
+use embedded_graphics::pixelcolor::Rgb888;
+use embedded_graphics::prelude::{DrawTarget, Drawable, OriginDimensions, Pixel, Point, RgbColor, Size};
+use embedded_graphics::text::{Baseline, Text};
+use image::imageops::{self, FilterType};
+use image::{Rgb, RgbImage};
+
+use crate::dataset::layout::Layout;
+use crate::dataset::shard::Paths;
+use crate::dataset::{exr, png};
+use crate::grid::{Grid, Rect};
+use crate::label::{Label, key};
+use crate::plan::Plan;
+use crate::render::{Sample, render};
+
+/// One sample as a sheet shows it.
+pub struct Tile {
+    tactile: RgbImage,
+    /// mm; a dataset may have been written without it.
+    depth: Option<Grid<f32>>,
+    /// 255 where the pad touches; likewise.
+    contact: Option<Grid<u8>>,
+    caption: String,
+}
+
+impl Tile {
+    /// Renders sample `index` of a plan.
+    pub fn rendered(plan: &Plan, index: u64) -> Self {
+        let Sample { image, depth, contact, label, .. } = render(plan, index);
+        let margin = depth.margin_px;
+        let view = Rect { x0: margin, y0: margin, x1: margin + image.width, y1: margin + image.height };
+        let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
+        tactile.copy_from_slice(&image.rgb);
+        Self {
+            tactile,
+            depth: Some(depth.overlap.crop(view)),
+            contact: Some(contact.mask),
+            caption: caption(&label),
+        }
+    }
+
+    /// Reads sample `index` from the shards of the dataset at `root`.
+    pub fn read(root: &Path, layout: &Layout, index: u64) -> io::Result<Self> {
+        let shard = layout.shard_of(index);
+        let path = Paths::new(root, &shard).tar;
+        let open = File::open(&path);
+        let mut tar = tar::Archive::new(BufReader::new(
+            open.map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))?,
+        ));
+        let bad = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{}: {what}", path.display()));
+        let (mut tactile, mut depth, mut contact, mut label) = (None, None, None, None);
+        let key = key(index);
+        for entry in tar.entries()? {
+            let mut entry = entry?;
+            let name = entry.path()?.to_string_lossy().into_owned();
+            let Some(suffix) = name.strip_prefix(&key).and_then(|rest| rest.strip_prefix('.')) else { continue };
+            let mut bytes = Vec::new();
+            entry.read_to_end(&mut bytes)?;
+            match suffix {
+                "tactile.png" => tactile = Some(png::decode_rgb(&bytes).map_err(bad)?),
+                "depth.exr" => depth = Some(exr::decode(&bytes).map_err(bad)?),
+                "contact.png" => {
+                    let grey = png::decode_rgb(&bytes).map_err(bad)?;
+                    let (width, height) = (grey.width() as usize, grey.height() as usize);
+                    contact = Some(Grid { width, height, data: grey.pixels().map(|pixel| pixel.0[0]).collect() });
+                }
+                "json" => {
+                    let read: Label = serde_json::from_slice(&bytes).map_err(|error| bad(error.to_string()))?;
+                    label = Some(read);
+                }
+                _ => {}
+            }
+        }
+        let (Some(tactile), Some(label)) = (tactile, label) else {
+            return Err(bad(format!("sample {key} is not in it")));
+        };
+        Ok(Self { tactile, depth, contact, caption: caption(&label) })
+    }
+
+    /// The panels that there are: tactile, depth, contact.
+    fn panels(&self) -> Vec<RgbImage> {
+        let mut panels = vec![self.tactile.clone()];
+        if let Some(depth) = &self.depth {
+            let deepest = depth.data.iter().fold(f32::MIN_POSITIVE, |max, mm| max.max(*mm));
+            panels.push(grey(depth, |mm| (mm / deepest * 255.0) as u8));
+        }
+        if let Some(contact) = &self.contact {
+            panels.push(grey(contact, |value| value));
+        }
+        panels
+    }
+}
+
+fn caption(label: &Label) -> String {
+    let depth = match label.contact.in_contact {
+        true => format!("{:.2} mm", label.contact.max_depth_mm),
+        false => String::from("no contact"),
+    };
+    // The font has ASCII only.
+    let class: String = label.object.class.chars().map(|c| if c.is_ascii_graphic() { c } else { '?' }).collect();
+    format!("{class}  {depth}  #{}", label.index)
+}
+
+fn grey<T: Copy + Default>(grid: &Grid<T>, value: impl Fn(T) -> u8) -> RgbImage {
+    RgbImage::from_fn(grid.width as u32, grid.height as u32, |x, y| Rgb([value(grid.at(x as usize, y as usize)); 3]))
+}
+
+const GAP: u32 = 6;
+const CAPTION: u32 = 18;
+const PAPER: Rgb<u8> = Rgb([24, 24, 26]);
+
+/// Lays tiles out in rows of `columns`; panels are made `panel_width` px wide at the most.
+pub fn sheet(tiles: &[Tile], columns: usize, panel_width: u32) -> RgbImage {
+    let panels: Vec<Vec<RgbImage>> = tiles.iter().map(|tile| scaled(tile.panels(), panel_width)).collect();
+    let tile_width = panels.iter().map(|row| row.iter().map(|p| p.width() + 2).sum::<u32>()).max().unwrap_or(1);
+    let tile_height = panels.iter().flatten().map(RgbImage::height).max().unwrap_or(1) + CAPTION;
+    let columns = columns.clamp(1, tiles.len().max(1)) as u32;
+    let rows = (tiles.len() as u32).div_ceil(columns);
+    let (width, height) = (GAP + columns * (tile_width + GAP), GAP + rows * (tile_height + GAP));
+    let mut canvas = Canvas(RgbImage::from_pixel(width, height, PAPER));
+    for (i, (tile, panels)) in tiles.iter().zip(panels).enumerate() {
+        let left = GAP + (i as u32 % columns) * (tile_width + GAP);
+        let top = GAP + (i as u32 / columns) * (tile_height + GAP);
+        let (mut x, mut below) = (left, top);
+        for panel in panels {
+            imageops::replace(&mut canvas.0, &panel, i64::from(x), i64::from(top));
+            x += panel.width() + 2;
+            below = below.max(top + panel.height());
+        }
+        let style = MonoTextStyle::new(&ascii::FONT_7X13, Rgb888::new(225, 225, 225));
+        let room = (tile_width / 7) as usize;
+        let text: String = tile.caption.chars().take(room).collect();
+        let at = Point::new(left as i32, below as i32 + 3);
+        let Ok(_) = Text::with_baseline(&text, at, style, Baseline::Top).draw(&mut canvas);
+    }
+    canvas.0
+}
+
+fn scaled(panels: Vec<RgbImage>, width: u32) -> Vec<RgbImage> {
+    let scale = |panel: RgbImage| match panel.width() > width {
+        true => {
+            let height = (u64::from(panel.height()) * u64::from(width)).div_ceil(u64::from(panel.width()));
+            imageops::resize(&panel, width, height as u32, FilterType::Triangle)
+        }
+        false => panel,
+    };
+    panels.into_iter().map(scale).collect()
+}
+
+struct Canvas(RgbImage);
+
+impl OriginDimensions for Canvas {
+    fn size(&self) -> Size {
+        Size::new(self.0.width(), self.0.height())
+    }
+}
+
+impl DrawTarget for Canvas {
+    type Color = Rgb888;
+    type Error = Infallible;
+
+    fn draw_iter<I: IntoIterator<Item = Pixel<Rgb888>>>(&mut self, pixels: I) -> Result<(), Infallible> {
+        for Pixel(at, color) in pixels {
+            if let (Ok(x), Ok(y)) = (u32::try_from(at.x), u32::try_from(at.y))
+                && let Some(pixel) = self.0.get_pixel_mut_checked(x, y)
+            {
+                *pixel = Rgb([color.r(), color.g(), color.b()]);
+            }
+        }
+        Ok(())
+    }
+}
