@@ -52,7 +52,10 @@ pub fn capture(
     let window = Window { width: width + 2 * margin_px, height: height + 2 * margin_px };
     let view = View::new(placement, camera, margin_px, object.centre_mm());
     let mut overlap = Grid::new(window.width, window.height);
-    pulp::Arch::new().dispatch(|| raster::raster(object, &view, window, &mut overlap));
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || raster::raster(object, &view, window, &mut overlap),
+    );
 
     // The raster holds heights over the pad, cut at 0: the overlap is what is below.
     let thickness = thickness_mm as f32;

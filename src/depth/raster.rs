@@ -80,7 +80,9 @@ pub fn raster(object: &Clusters, view: &View, window: Window, heights: &mut Grid
     let mut v = [0.0; MAX_VERTICES];
     let mut w = [0.0; MAX_VERTICES];
     object.query(
+        #[inline(always)]
         |min, max| view.may_touch(window, min, max),
+        #[inline(always)]
         |part: Part<'_>| {
             let count = part.x.len();
             for (k, image) in [&mut u, &mut v, &mut w].into_iter().enumerate() {
@@ -122,33 +124,36 @@ fn triangle(a: [f32; 3], b: [f32; 3], c: [f32; 3], window: Window, heights: &mut
     for y in y0..y1 {
         let py = y as f32 + 0.5;
         let (x0, x1) = if x1 - x0 <= 8 { (x0, x1) } else { span(a, b, c, py, x0, x1) };
-        let (ay, by, cy) = (a[1] - py, b[1] - py, c[1] - py);
+        let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
         let row = &mut heights.data[y * window.width..][..window.width][x0..x1];
-        let pixel = |x: f32| {
-            let (ax, bx, cx) = (a[0] - x, b[0] - x, c[0] - x);
-            let (ea, eb, ec) = (bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx);
-            let inside = ((ea >= 0.0) & (eb >= 0.0) & (ec >= 0.0)) | ((ea <= 0.0) & (eb <= 0.0) & (ec <= 0.0));
-            let height = (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec);
-            (inside, height)
-        };
         let mut x = x0 as f32 + 0.5;
         let mut eights = row.chunks_exact_mut(8);
         for eight in &mut eights {
             for (k, value) in eight.iter_mut().enumerate() {
-                let (inside, height) = pixel(x + k as f32);
+                let (inside, height) = at_pixel(&rows, x + k as f32);
                 // A triangle seen edge-on gives 0 / 0: not below anything.
                 *value = if inside & (height < *value) { height } else { *value };
             }
             x += 8.0;
         }
         for value in eights.into_remainder() {
-            let (inside, height) = pixel(x);
+            let (inside, height) = at_pixel(&rows, x);
             if inside && height < *value {
                 *value = height;
             }
             x += 1.0;
         }
     }
+}
+
+/// Whether a triangle covers the point at column `x` of a row, and its height there. The corners' second coordinates
+/// are relative to the row.
+#[inline(always)]
+fn at_pixel([a, b, c]: &[[f32; 3]; 3], x: f32) -> (bool, f32) {
+    let (ax, bx, cx) = (a[0] - x, b[0] - x, c[0] - x);
+    let (ea, eb, ec) = (bx * c[1] - b[1] * cx, cx * a[1] - c[1] * ax, ax * b[1] - a[1] * bx);
+    let inside = ((ea >= 0.0) & (eb >= 0.0) & (ec >= 0.0)) | ((ea <= 0.0) & (eb <= 0.0) & (ec <= 0.0));
+    (inside, (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec))
 }
 
 /// Columns of a row at height `py` that a triangle can cover, a little too many rather than one too few.

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Contact, Numerics, SURFACE_BORDER, untouched};
 use crate::depth::Depth;
-use crate::grid::{Grid, Rect, bounding_box};
+use crate::grid::{Grid, bounding_box};
 
 /// Parameters of the mean blur.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -52,7 +52,10 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
         return contact;
     }
     let mut blurred = overlap.crop(area);
-    pulp::Arch::new().dispatch(|| mean_blur(&mut blurred, blur.kernel_px as usize, blur.passes as usize));
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || mean_blur(&mut blurred, blur.kernel_px as usize, blur.passes as usize),
+    );
 
     let region = contact.region;
     for y in region.y0..region.y1 {
@@ -79,95 +82,125 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
 
 /// Applies a `kernel` x `kernel` mean `passes` times, in place; beyond the image the depth is 0.
 ///
-/// Means along rows and along columns commute, so all passes of one direction are done while a strip is in cache.
+/// Means along rows and along columns commute, so all passes of one direction are done while a line is in cache.
 #[inline(always)]
 pub fn mean_blur(image: &mut Grid<f32>, kernel: usize, passes: usize) {
     let (width, height) = (image.width, image.height);
-    let mut sums = RunningSums::default();
-    for row in image.data.chunks_exact_mut(width.max(1)) {
-        sums.load(row.iter().copied(), width, 1, kernel);
-        sums.repeat(kernel, passes);
-        row.copy_from_slice(&sums.line[sums.start..][..width]);
+    if image.data.is_empty() {
+        return;
     }
+    let mut row_means = Means::new(kernel, width, 1);
+    for row in image.data.chunks_exact_mut(width) {
+        row_means.cells().copy_from_slice(row);
+        row_means.repeat(passes);
+        row.copy_from_slice(row_means.cells());
+    }
+    let mut column_means = Means::new(kernel, height, STRIP.min(width));
     for x in (0..width).step_by(STRIP) {
         let strip = STRIP.min(width - x);
-        let columns = Rect { x0: x, y0: 0, x1: x + strip, y1: height };
-        let rows = image.data.chunks_exact(width).flat_map(|row| &row[columns.x0..columns.x1]);
-        sums.load(rows.copied(), height, strip, kernel);
-        sums.repeat(kernel, passes);
-        let lines = sums.line[sums.start..].chunks_exact(strip);
-        for (row, line) in image.data.chunks_exact_mut(width).zip(lines) {
-            row[columns.x0..columns.x1].copy_from_slice(line);
+        if strip < column_means.stride {
+            column_means = Means::new(kernel, height, strip);
+        }
+        for (cells, row) in column_means.cells().chunks_exact_mut(strip).zip(image.data.chunks_exact(width)) {
+            cells.copy_from_slice(&row[x..x + strip]);
+        }
+        column_means.repeat(passes);
+        for (cells, row) in column_means.cells().chunks_exact(strip).zip(image.data.chunks_exact_mut(width)) {
+            row[x..x + strip].copy_from_slice(cells);
         }
     }
 }
 
-/// Columns that are summed at a time: a strip of 800 rows stays within the L2 cache.
-const STRIP: usize = 32;
+/// Columns that are averaged at a time: a strip of 600 rows and its sums stay within the L2 cache.
+const STRIP: usize = 16;
 
-/// Means of `kernel` neighbours along a line of `count` cells of `stride` numbers each.
+/// Means of `kernel` neighbours along a line of `count` cells of `stride` numbers each, 0 beyond its ends.
 ///
-/// The sum of 15 is put together from sums of 8, 4, 2 and 1 neighbours (7 additions instead of 14). Unlike a sum that
-/// runs along and subtracts what it leaves behind, this never drifts: what is 0 within reach stays exactly 0, and
-/// nothing becomes negative.
-#[derive(Default)]
-struct RunningSums {
-    line: Vec<f32>,
-    power: Vec<f32>,
-    next: Vec<f32>,
-    total: Vec<f32>,
-    start: usize,
-    count: usize,
+/// The sum of 15 is put together from the sums of 8, 4, 2 and 1 neighbours. Unlike a sum that runs along and
+/// subtracts what it leaves behind, this never drifts: what is 0 within reach stays exactly 0, nothing becomes
+/// negative, and every step is the same for many cells at once.
+struct Means {
+    kernel: usize,
     stride: usize,
+    start: usize,
+    /// Numbers in the line, without the zeros around it.
+    size: usize,
+    /// sums[k][i] is the sum of 2^k cells from i on; sums[0] is the line itself between zeros.
+    sums: Vec<Vec<f32>>,
+    /// The line that comes next, likewise between zeros.
+    next: Vec<f32>,
 }
 
-impl RunningSums {
-    #[inline(always)]
-    fn load(&mut self, values: impl Iterator<Item = f32>, count: usize, stride: usize, kernel: usize) {
-        let halo = kernel / 2 * stride;
-        (self.start, self.count, self.stride) = (halo, count, stride);
-        self.line.clear();
-        self.line.resize(halo, 0.0);
-        self.line.extend(values);
-        self.line.resize(count * stride + 2 * halo, 0.0);
-        self.power.resize(self.line.len(), 0.0);
-        self.next.resize(self.line.len(), 0.0);
-        self.total.resize(count * stride, 0.0);
+impl Means {
+    fn new(kernel: usize, count: usize, stride: usize) -> Self {
+        let start = kernel / 2 * stride;
+        let size = count * stride;
+        let levels = kernel.ilog2() as usize + 1;
+        let line = vec![0.0; size + 2 * start];
+        Self { kernel, stride, start, size, next: line.clone(), sums: vec![line; levels] }
     }
 
     #[inline(always)]
-    fn repeat(&mut self, kernel: usize, passes: usize) {
-        let inner = self.count * self.stride;
-        let share = 1.0 / kernel as f32;
+    fn cells(&mut self) -> &mut [f32] {
+        &mut self.sums[0][self.start..][..self.size]
+    }
+
+    #[inline(always)]
+    fn repeat(&mut self, passes: usize) {
         for _ in 0..passes {
-            // power[i] = line[i] + its neighbours up to `size` cells on; total gathers the sizes that add up to kernel.
-            let (mut size, mut gathered, mut valid) = (1, 0, self.line.len());
-            self.power.copy_from_slice(&self.line);
-            self.total.fill(0.0);
-            loop {
-                if kernel & size != 0 {
-                    let from = gathered * self.stride;
-                    for (total, power) in self.total.iter_mut().zip(&self.power[from..from + inner]) {
-                        *total += power;
-                    }
-                    gathered += size;
+            for level in 1..self.sums.len() {
+                let shift = self.stride << (level - 1);
+                let (lower, upper) = self.sums.split_at_mut(level);
+                // Sums of 2^level cells are whole up to so far from the end.
+                let whole = upper[0].len() - (self.stride << level) + self.stride;
+                let pairs = lower[level - 1][..whole].iter().zip(&lower[level - 1][shift..][..whole]);
+                for (sum, (here, ahead)) in upper[0][..whole].iter_mut().zip(pairs) {
+                    *sum = here + ahead;
                 }
-                if 2 * size > kernel {
-                    break;
-                }
-                let shift = size * self.stride;
-                valid -= shift;
-                let pairs = self.power[..valid].iter().zip(&self.power[shift..shift + valid]);
-                for (next, (here, ahead)) in self.next[..valid].iter_mut().zip(pairs) {
-                    *next = here + ahead;
-                }
-                std::mem::swap(&mut self.power, &mut self.next);
-                size *= 2;
             }
-            for (line, total) in self.line[self.start..][..inner].iter_mut().zip(&self.total) {
-                *line = total * share;
-            }
+            self.gather();
         }
+    }
+
+    /// Adds up the sums whose sizes are the kernel's binary digits and makes the means the new line.
+    #[inline(always)]
+    fn gather(&mut self) {
+        let mut terms: [&[f32]; MAX_LEVELS] = [&[]; MAX_LEVELS];
+        let (mut count, mut offset) = (0, 0);
+        for level in (0..self.sums.len()).rev().filter(|level| self.kernel >> level & 1 == 1) {
+            terms[count] = &self.sums[level][offset * self.stride..][..self.size];
+            offset += 1 << level;
+            count += 1;
+        }
+        let out = &mut self.next[self.start..][..self.size];
+        let share = 1.0 / self.kernel as f32;
+        match count {
+            1 => add::<1>(&terms, share, out),
+            2 => add::<2>(&terms, share, out),
+            3 => add::<3>(&terms, share, out),
+            4 => add::<4>(&terms, share, out),
+            5 => add::<5>(&terms, share, out),
+            6 => add::<6>(&terms, share, out),
+            7 => add::<7>(&terms, share, out),
+            _ => add::<MAX_LEVELS>(&terms, share, out),
+        }
+        std::mem::swap(&mut self.sums[0], &mut self.next);
+    }
+}
+
+/// Binary digits of the largest kernel, 255.
+const MAX_LEVELS: usize = 8;
+
+/// `out` = `share` times the sum of the first `N` terms.
+#[inline(always)]
+fn add<const N: usize>(terms: &[&[f32]; MAX_LEVELS], share: f32, out: &mut [f32]) {
+    let terms: [&[f32]; N] = std::array::from_fn(|k| &terms[k][..out.len()]);
+    for (i, out) in out.iter_mut().enumerate() {
+        let mut sum = terms[0][i];
+        for term in &terms[1..] {
+            sum += term[i];
+        }
+        *out = sum * share;
     }
 }
 

@@ -127,7 +127,12 @@ impl Clusters {
     /// Calls `visit` with every part whose box, and all boxes around it, pass `keep(min, max)`.
     #[inline(always)]
     pub fn query<'a>(&'a self, keep: impl Fn([f32; 3], [f32; 3]) -> bool, mut visit: impl FnMut(Part<'a>)) {
-        self.descend(|min, max| keep(min, max), |part| visit(part));
+        self.descend(
+            #[inline(always)]
+            |min, max| keep(min, max),
+            #[inline(always)]
+            |part| visit(part),
+        );
     }
 
     #[inline(always)]

@@ -1,0 +1,118 @@
+//! Time of each stage at 640x480, one thread: `cargo bench --bench stages`.
+
+use std::hint::black_box;
+use std::path::Path;
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use gelsim::config::diagnostic::Problems;
+use gelsim::config::output::{Compression, Exr, Pixel};
+use gelsim::config::{self, Overrides};
+use gelsim::dataset::{encode, exr, png};
+use gelsim::depth::{self, Camera, Placement};
+use gelsim::gelpad::Model;
+use gelsim::gelpad::mean_blur::MeanBlur;
+use gelsim::object::clusters::Clusters;
+use gelsim::object::mesh::Mesh;
+use gelsim::plan::Plan;
+use gelsim::render::render;
+use gelsim::{camera, scene::Scene};
+
+const CAMERA: Camera = Camera { resolution_px: [640, 480], mm_per_px: [0.03125, 0.03125] };
+
+fn plan(object: &str) -> Plan {
+    let text = format!(
+        "[dataset]\nname = \"bench\"\nsamples = 1000\n[[object]]\npath = \"objects/{object}.obj\"\n\
+         [pose]\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 3.0]\n[indentation]\ndepth_mm = 0.7\n"
+    );
+    let mut problems = Problems::default();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let written = config::read_text("bench", text, folder, &Overrides::default(), &mut problems);
+    match Plan::resolve(written, problems) {
+        Ok(plan) => plan,
+        Err(report) => panic!("{report}"),
+    }
+}
+
+/// A wavy plate of about `triangles` triangles that fills the window.
+fn plate(triangles: usize) -> Clusters {
+    let side = ((triangles / 2) as f64).sqrt() as usize;
+    let vertex = |i: usize| {
+        let (x, y) = ((i % (side + 1)) as f64 / side as f64, (i / (side + 1)) as f64 / side as f64);
+        [24.0 * x, 18.0 * y, 0.3 * ((9.0 * x).sin() + (7.0 * y).cos())]
+    };
+    let vertices = (0..(side + 1) * (side + 1)).map(vertex).collect();
+    let quad = |i: usize| {
+        let a = (i / side * (side + 1) + i % side) as u32;
+        let b = a + side as u32 + 1;
+        [[a, a + 1, b], [a + 1, b + 1, b]]
+    };
+    let triangles = (0..side * side).flat_map(quad).collect();
+    match Mesh::new(vertices, triangles) {
+        Ok((mesh, _)) => Clusters::new(&mesh),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn capture(c: &mut Criterion) {
+    let mut group = c.benchmark_group("capture");
+    let turned = [[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]];
+    for (name, triangles) in [("2k", 2_000), ("100k", 100_000), ("1M", 1_000_000), ("4M", 4_000_000)] {
+        let object = plate(triangles);
+        let placement = Placement { rotation: turned, translation_mm: [-5.0, -14.0, -0.2] };
+        group.bench_function(BenchmarkId::new("plate", name), |b| {
+            b.iter(|| depth::capture(black_box(&object), &placement, &CAMERA, 36, 3.0));
+        });
+    }
+    for name in ["dots", "sphere"] {
+        let plan = plan(name);
+        let pose = Scene::draw(&plan, 0).pose.placement();
+        let object = &plan.objects[0].clusters;
+        group.bench_function(BenchmarkId::new("bundled", name), |b| {
+            b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, 36, 3.0));
+        });
+    }
+    group.finish();
+}
+
+fn stages(c: &mut Criterion) {
+    let mut group = c.benchmark_group("stage");
+    let blur = Model::MeanBlur(MeanBlur::default());
+    for name in ["dots", "sphere", "flat_face"] {
+        let plan = plan(name);
+        let sample = render(&plan, 0);
+        group.bench_function(BenchmarkId::new("mean_blur", name), |b| b.iter(|| blur.press(black_box(&sample.depth))));
+        group.bench_function(BenchmarkId::new("phong", name), |b| {
+            b.iter(|| plan.shader.shade(black_box(&sample.contact), &plan.reference));
+        });
+        let light = plan.shader.shade(&sample.contact, &plan.reference);
+        group.bench_function(BenchmarkId::new("expose", name), |b| {
+            b.iter(|| camera::expose(black_box(&light), &plan.reference));
+        });
+        group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| render(black_box(&plan), 0)));
+        group.bench_function(BenchmarkId::new("png", name), |b| {
+            b.iter(|| png::encode_rgb(640, 480, black_box(&sample.image.rgb)));
+        });
+        for (pixel, compression) in [
+            (Pixel::Half, Compression::Zip),
+            (Pixel::Half, Compression::Rle),
+            (Pixel::Float, Compression::Zip),
+        ] {
+            let storage = Exr { pixel, compression };
+            let margin = sample.depth.margin_px;
+            let view = gelsim::grid::Rect { x0: margin, y0: margin, x1: margin + 640, y1: margin + 480 };
+            let depth = sample.depth.overlap.crop(view);
+            let id = BenchmarkId::new(format!("exr_{pixel:?}_{compression:?}").to_lowercase(), name);
+            group.bench_function(id, |b| b.iter(|| exr::encode(640, 480, &[("Z", black_box(&depth.data))], storage)));
+        }
+        group.bench_function(BenchmarkId::new("sample_with_files", name), |b| {
+            b.iter(|| {
+                let sample = render(black_box(&plan), 0);
+                encode::members(&sample, &plan.layers, plan.exr, &plan.camera, &plan.reference)
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, capture, stages);
+criterion_main!(benches);
