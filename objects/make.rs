@@ -32,60 +32,28 @@ type Object = (&'static str, &'static str, fn() -> Solid);
 
 const OBJECTS: [Object; 27] = [
     ("sphere", "ball, radius 4", basic::sphere),
-    (
-        "flat_face",
-        "block with a large flat face, edges rounded",
-        basic::flat_face,
-    ),
-    (
-        "thin_ridge",
-        "blade 1 thick with a round crest",
-        basic::thin_ridge,
-    ),
-    (
-        "prism_corner",
-        "square prism on its corner",
-        basic::prism_corner,
-    ),
+    ("flat_face", "block with a large flat face, edges rounded", basic::flat_face),
+    ("thin_ridge", "blade 1 thick with a round crest", basic::thin_ridge),
+    ("prism_corner", "square prism on its corner", basic::prism_corner),
     ("prism_edge", "square bar on its edge", basic::prism_edge),
     ("cube", "cube, edge 5", basic::cube),
     ("cone", "cone of 90 degrees, tip radius 0.25", basic::cone),
     ("torus", "torus, tube 3.2 on a circle of 10", basic::torus),
     ("cylinder", "flat punch, diameter 8", basic::cylinder),
-    (
-        "cylinder_shell",
-        "tube, diameter 8, wall 0.8",
-        basic::cylinder_shell,
-    ),
+    ("cylinder_shell", "tube, diameter 8, wall 0.8", basic::cylinder_shell),
     ("washer", "washer M5", basic::washer),
     ("hexagon_nut", "nut M6", hardware::hexagon_nut),
     ("bolt", "hexagon bolt M5 on its side", hardware::bolt),
-    (
-        "phillips_screw",
-        "pan head M4 with a cross recess",
-        hardware::phillips_screw,
-    ),
+    ("phillips_screw", "pan head M4 with a cross recess", hardware::phillips_screw),
     ("socket_screw", "socket head M5", hardware::socket_screw),
     ("gear", "spur gear, 18 teeth, module 0.7", hardware::gear),
     ("brick", "toy brick, two by two studs", hardware::brick),
-    (
-        "crossed_ridges",
-        "two ridges 1.6 wide that cross",
-        pattern::crossed_ridges,
-    ),
-    (
-        "parallel_ridges",
-        "six ridges 2.5 apart",
-        pattern::parallel_ridges,
-    ),
+    ("crossed_ridges", "two ridges 1.6 wide that cross", pattern::crossed_ridges),
+    ("parallel_ridges", "six ridges 2.5 apart", pattern::parallel_ridges),
     ("grating", "ridges from 0.3 to 2 wide", pattern::grating),
     ("wave", "sine, wave length 4, height 1", pattern::wave),
     ("knurl", "truncated pyramids 1.5 apart", pattern::knurl),
-    (
-        "dots",
-        "twelve hemispheres of radius 1, 4 apart",
-        pattern::dots,
-    ),
+    ("dots", "twelve hemispheres of radius 1, 4 apart", pattern::dots),
     ("rope", "three-strand rope, thickness 4.7", pattern::rope),
     ("coin", "coin, diameter 14, relief 0.5", relief::coin),
     ("letter", "letter R, relief 1.5", relief::letter),
@@ -104,11 +72,7 @@ fn main() -> ExitCode {
             eprintln!("{}: {error}", path.display());
             return ExitCode::FAILURE;
         }
-        println!(
-            "{name:16} {:6} triangles {:7} bytes",
-            solid.triangle_count(),
-            text.len()
-        );
+        println!("{name:16} {:6} triangles {:7} bytes", solid.triangle_count(), text.len());
         total += text.len();
     }
     println!("{} files, {total} bytes", OBJECTS.len());

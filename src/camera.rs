@@ -3,6 +3,7 @@
 use crate::grid::Rect;
 use crate::optics::Light;
 use crate::optics::background::{Reference, quantise};
+use crate::simd::wide;
 
 /// An 8-bit RGB image and what quantising cut.
 #[derive(Clone, Debug)]
@@ -23,14 +24,21 @@ pub struct Image {
 
 /// Quantises `light` over the picture of the untouched pad.
 pub fn expose(light: &Light, rest: &Reference) -> Image {
-    let (width, height) = (rest.width, rest.height);
-    let mut image =
-        Image { width, height, rgb: rest.rgb.clone(), clipped_px: 0, saturated_px: 0, finite: true };
-    pulp::Arch::new().dispatch(
+    let mut image = Image {
+        width: rest.width,
+        height: rest.height,
+        rgb: rest.rgb.clone(),
+        clipped_px: 0,
+        saturated_px: rest.saturated_px,
+        finite: true,
+    };
+    wide(
         #[inline(always)]
-        || quantise_region(light, &mut image),
+        || {
+            image.saturated_px -= rest.saturated_in(light.region);
+            quantise_region(light, &mut image);
+        },
     );
-    image.saturated_px = image.rgb.chunks_exact(3).filter(|pixel| pixel.contains(&255)).count() as u64;
     image
 }
 
@@ -38,24 +46,35 @@ pub fn expose(light: &Light, rest: &Reference) -> Image {
 fn quantise_region(light: &Light, image: &mut Image) {
     let Rect { x0, y0, .. } = light.region;
     let width = light.region.width();
-    let [red, green, blue] = &light.planes;
+    let mut bytes = [vec![0_u8; width], vec![0; width], vec![0; width]];
     for row in 0..light.region.height() {
-        let rgb = &mut image.rgb[((y0 + row) * image.width + x0) * 3..][..width * 3];
-        let range = row * width..(row + 1) * width;
-        let (red, green, blue) = (&red[range.clone()], &green[range.clone()], &blue[range]);
-        let mut clipped = 0_u32;
-        let mut not_finite = 0_u32;
+        let [red, green, blue] = light.planes.each_ref().map(|plane| &plane[row * width..][..width]);
+        let (mut clipped, mut not_finite) = (0_u32, 0_u32);
         for x in 0..width {
             let (low, high) = (red[x].min(green[x]).min(blue[x]), red[x].max(green[x]).max(blue[x]));
             clipped += u32::from((low < 0.0) | (high > 1.0));
-            // NaN if any is NaN or infinite.
-            let sum = (red[x] + green[x] + blue[x]) * 0.0;
-            not_finite += u32::from(sum != 0.0);
+            // Finite numbers times 0 are 0; NaN and infinities are NaN.
+            not_finite += u32::from((red[x] + green[x] + blue[x]) * 0.0 != 0.0);
         }
         image.clipped_px += u64::from(clipped);
         image.finite &= not_finite == 0;
-        for (x, pixel) in rgb.chunks_exact_mut(3).enumerate() {
-            pixel.copy_from_slice(&[quantise(red[x]), quantise(green[x]), quantise(blue[x])]);
+
+        for (bytes, plane) in bytes.iter_mut().zip([red, green, blue]) {
+            for (byte, brightness) in bytes.iter_mut().zip(plane) {
+                *byte = quantise(*brightness);
+            }
         }
+        let [red, green, blue] = bytes.each_ref().map(|bytes| &bytes[..width]);
+        let rgb = &mut image.rgb[((y0 + row) * image.width + x0) * 3..][..width * 3];
+        let mut saturated = 0_u32;
+        for (x, pixel) in rgb.chunks_exact_mut(3).enumerate() {
+            pixel[0] = red[x];
+            pixel[1] = green[x];
+            pixel[2] = blue[x];
+        }
+        for x in 0..width {
+            saturated += u32::from(red[x].max(green[x]).max(blue[x]) == 255);
+        }
+        image.saturated_px += u64::from(saturated);
     }
 }

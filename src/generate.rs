@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::config::diagnostic::Report;
 use crate::dataset::card;
 use crate::dataset::encode::{Member, members};
-use crate::dataset::folder::{Refused, prepare};
+use crate::dataset::folder::{Refused, prepare, sweep};
 use crate::dataset::layout::Shard;
 use crate::dataset::manifest::Manifest;
 use crate::dataset::shard::{Lock, Paths, Stats, Writer, write_whole};
@@ -140,11 +140,12 @@ pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, S
     if let Some(stopped) = error {
         return Err(stopped);
     }
-    if !held.is_empty() {
+    // Also after a shard was held: who finishes last describes the dataset, whoever that is.
+    done.complete = finalize(plan, &request.root)?;
+    if !done.complete && !held.is_empty() {
         held.sort();
         return Err(Stopped::Held(held));
     }
-    done.complete = finalize(plan, &request.root)?;
     done.seconds = start.elapsed().as_secs_f64();
     Ok(done)
 }
@@ -156,13 +157,7 @@ fn complete(plan: &Plan, root: &Path, shard: &Shard) -> Result<Option<Stats>, St
     Ok(stats.filter(|stats| stats.fingerprint == plan.fingerprint))
 }
 
-fn write_shard(
-    plan: &Plan,
-    root: &Path,
-    shard: &Shard,
-    watch: &Watch,
-    failed: &AtomicBool,
-) -> Result<Stats, Stopped> {
+fn write_shard(plan: &Plan, root: &Path, shard: &Shard, watch: &Watch, failed: &AtomicBool) -> Result<Stats, Stopped> {
     let paths = Paths::new(root, shard);
     let partial = paths.partial.clone();
     let io = |error| Stopped::Io(partial.clone(), error);
@@ -219,6 +214,7 @@ pub fn finalize(plan: &Plan, root: &Path) -> Result<bool, Stopped> {
             None => return Ok(false),
         }
     }
+    sweep(root).map_err(|error| Stopped::Io(root.to_owned(), error))?;
     let manifest = Manifest::new(plan, &stats);
     let pretty = |value: &serde_json::Value| format!("{value:#}\n");
     let json = |value: Result<serde_json::Value, serde_json::Error>, path: &Path| {
@@ -226,8 +222,11 @@ pub fn finalize(plan: &Plan, root: &Path) -> Result<bool, Stopped> {
     };
     let path = root.join("dataset.json");
     let dataset = pretty(&json(serde_json::to_value(&manifest), &path)?);
-    let files =
-        [("dataset.json", dataset), ("wids.json", pretty(&manifest.wids())), ("README.md", card::card(plan, &manifest))];
+    let files = [
+        ("dataset.json", dataset),
+        ("wids.json", pretty(&manifest.wids())),
+        ("README.md", card::card(plan, &manifest)),
+    ];
     for (name, text) in files {
         let path = root.join(name);
         write_whole(&path, text.as_bytes()).map_err(|error| Stopped::Io(path.clone(), error))?;

@@ -13,6 +13,7 @@ use crate::gelpad::Contact;
 use crate::grid::{Rect, bounding_box};
 use crate::plan::Plan;
 use crate::scene::Scene;
+use crate::simd::wide;
 
 /// Version of the label's keys and their meaning.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -194,11 +195,8 @@ impl Label {
         let extent = extent(contact, &plan.camera.mm_per_px);
         let in_contact = extent.pixels > 0;
         let view = Rect::whole(width, height);
-        let deepest = (0..height)
-            .flat_map(|y| &depth.overlap.row(y + depth.margin_px)[depth.margin_px..][..width])
-            .fold(0.0_f32, |max, mm| max.max(*mm));
         let changes = !contact.region.is_empty();
-        let finite = image.finite && contact.surface.data.iter().all(|mm| mm.is_finite());
+        let finite = image.finite && contact.finite;
         Self {
             schema_version: SCHEMA_VERSION,
             key: key(scene.index),
@@ -235,7 +233,7 @@ impl Label {
                 fraction: extent.pixels as f64 / view.area() as f64,
                 centroid_mm: extent.centroid_mm,
                 bbox_px: [extent.bbox.x0, extent.bbox.y0, extent.bbox.x1, extent.bbox.y1].map(|px| px as u32),
-                max_depth_mm: if in_contact { f64::from(deepest) } else { 0.0 },
+                max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
                 force_n: contact.force_n,
                 peak_pressure_kpa: contact.peak_pressure_kpa,
             },
@@ -284,16 +282,23 @@ fn extent(contact: &Contact, mm_per_px: &[f64; 2]) -> Extent {
     let mask = &contact.mask;
     let bbox = bounding_box(mask, |value| value > 0);
     let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
-    for y in bbox.y0..bbox.y1 {
-        let row = &mask.row(y)[bbox.x0..bbox.x1];
-        let before = pixels;
-        for (x, value) in row.iter().enumerate() {
-            let touches = u64::from(*value > 0);
-            pixels += touches;
-            sum_x += touches * (bbox.x0 + x) as u64;
-        }
-        sum_y += (pixels - before) * y as u64;
-    }
+    wide(
+        #[inline(always)]
+        || {
+            for y in bbox.y0..bbox.y1 {
+                // A row's sums fit 32 bits, of which a vector holds eight.
+                let (mut in_row, mut columns) = (0_u32, 0_u32);
+                for (x, value) in mask.row(y)[bbox.x0..bbox.x1].iter().enumerate() {
+                    let touches = u32::from(*value > 0);
+                    in_row += touches;
+                    columns += touches * x as u32;
+                }
+                pixels += u64::from(in_row);
+                sum_x += u64::from(columns) + u64::from(in_row) * bbox.x0 as u64;
+                sum_y += u64::from(in_row) * y as u64;
+            }
+        },
+    );
     let centre = |sum: u64, size: usize, pitch: f64| match pixels {
         0 => 0.0,
         _ => (sum as f64 / pixels as f64 + 0.5 - size as f64 / 2.0) * pitch,

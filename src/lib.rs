@@ -40,3 +40,4 @@ pub mod preview;
 
 pub mod cli;
 pub mod grid;
+mod simd;

@@ -38,12 +38,7 @@ impl Tile {
         let view = Rect { x0: margin, y0: margin, x1: margin + image.width, y1: margin + image.height };
         let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
         tactile.copy_from_slice(&image.rgb);
-        Self {
-            tactile,
-            depth: Some(depth.overlap.crop(view)),
-            contact: Some(contact.mask),
-            caption: caption(&label),
-        }
+        Self { tactile, depth: Some(depth.overlap.crop(view)), contact: Some(contact.mask), caption: caption(&label) }
     }
 
     /// Reads sample `index` from the shards of the dataset at `root`.

@@ -133,14 +133,7 @@ pub fn cylinder_shell() -> Solid {
 
 /// A plain washer for 5 mm screws, its outer edge bevelled on the side of the pad.
 pub fn washer() -> Solid {
-    let profile = [
-        [2.65, 0.0],
-        [5.0, 0.0],
-        [5.0, 0.75],
-        [4.75, 1.0],
-        [2.65, 1.0],
-        [2.65, 0.0],
-    ];
+    let profile = [[2.65, 0.0], [5.0, 0.0], [5.0, 0.75], [4.75, 1.0], [2.65, 1.0], [2.65, 0.0]];
     let mut solid = Solid::new();
     revolve(&mut solid, &profile, &round(ROUND));
     solid

@@ -24,14 +24,7 @@ pub fn hexagon_nut() -> Solid {
     solid.cap_down(&flat(&foot), &[flat(&mouth(0.0))], 0.0);
     let (from_z, to_z, end_radius) = (0.25, HEIGHT_MM - 0.25, 3.1);
     let profile = METRIC.map(|[at, depth]| [at, end_radius - depth]);
-    let thread = Thread {
-        profile: &profile,
-        pitch: 1.0,
-        end_radius,
-        from_z,
-        to_z,
-        degrees: &bore,
-    };
+    let thread = Thread { profile: &profile, pitch: 1.0, end_radius, from_z, to_z, degrees: &bore };
     solid.band(&mouth(HEIGHT_MM), &ring(end_radius, to_z, &bore));
     thread.inner(&mut solid);
     solid.band(&ring(end_radius, from_z, &bore), &mouth(0.0));
@@ -75,10 +68,7 @@ pub fn bolt() -> Solid {
         degrees: &degrees,
     };
     thread.outer(&mut solid);
-    solid.band(
-        &ring(ROOT_MM, LENGTH_MM, &degrees),
-        &ring(1.7, LENGTH_MM + 0.3, &degrees),
-    );
+    solid.band(&ring(ROOT_MM, LENGTH_MM, &degrees), &ring(1.7, LENGTH_MM + 0.3, &degrees));
     disc(&mut solid, 1.7, LENGTH_MM + 0.3, &degrees);
     solid
 }
@@ -95,9 +85,7 @@ pub fn phillips_screw() -> Solid {
         .map(|i| corner * (f64::from(i) / 4.0 - 1.0))
         .chain((0..12).map(|i| corner + (90.0 - 2.0 * corner) * f64::from(i) / 12.0));
     let quarter: Vec<f64> = quarter.collect();
-    let degrees: Vec<f64> = (0..4)
-        .flat_map(|k| quarter.iter().map(move |d| d + 90.0 * f64::from(k)))
-        .collect();
+    let degrees: Vec<f64> = (0..4).flat_map(|k| quarter.iter().map(move |d| d + 90.0 * f64::from(k))).collect();
     // Radius of the cross, whose arms lie along x and y.
     let cross = |deg: f64| {
         let [x, y] = polar(1.0, deg).map(f64::abs);
@@ -145,14 +133,7 @@ pub fn phillips_screw() -> Solid {
 pub fn socket_screw() -> Solid {
     let around = round(180);
     let mut solid = Solid::new();
-    let profile = [
-        [0.0, -4.0],
-        [2.5, -4.0],
-        [2.5, 0.0],
-        [4.25, 0.0],
-        [4.25, 4.65],
-        [3.9, 5.0],
-    ];
+    let profile = [[0.0, -4.0], [2.5, -4.0], [2.5, 0.0], [4.25, 0.0], [4.25, 4.65], [3.9, 5.0]];
     revolve(&mut solid, &profile, &around);
     let socket = circle([0.0, 0.0], 2.0 / 0.75f64.sqrt(), 0.0, 6);
     let mouth = inset(&socket, -0.15);
@@ -171,21 +152,10 @@ pub fn gear() -> Solid {
     let bore = keyed_bore(1.5, 0.35, 2.0);
     let hub = circle([0.0, 0.0], 2.5, 0.7, 80);
     let web = circle([0.0, 0.0], 4.7, 0.3, 120);
-    let holes: Vec<Vec<P2>> = (0..5)
-        .map(|i| {
-            moved(
-                &circle([0.0, 0.0], 0.75, 1.3, 30),
-                polar(3.6, 72.0 * f64::from(i) + 18.0),
-            )
-        })
-        .collect();
+    let holes: Vec<Vec<P2>> =
+        (0..5).map(|i| moved(&circle([0.0, 0.0], 0.75, 1.3, 30), polar(3.6, 72.0 * f64::from(i) + 18.0))).collect();
     let mut solid = Solid::new();
-    let crown = rise(
-        &mut solid,
-        &teeth,
-        0.0,
-        &[[0.0, FACE_MM - 0.12], [0.12, FACE_MM]],
-    );
+    let crown = rise(&mut solid, &teeth, 0.0, &[[0.0, FACE_MM - 0.12], [0.12, FACE_MM]]);
     solid.cap_up(&crown, std::slice::from_ref(&web), FACE_MM);
     let web_foot = sink(&mut solid, &web, FACE_MM, &[[-0.15, FACE_MM - WEB_MM]]);
     let hub_foot = inset(&hub, -0.15);
@@ -212,12 +182,7 @@ pub fn brick() -> Solid {
     let square = |half: f64| rectangle([-half, -half], [half, half]);
     let body = square(HALF_MM);
     let mut solid = Solid::new();
-    let top = rise(
-        &mut solid,
-        &body,
-        0.0,
-        &[[0.0, BODY_MM - 0.15], [0.15, BODY_MM]],
-    );
+    let top = rise(&mut solid, &body, 0.0, &[[0.0, BODY_MM - 0.15], [0.15, BODY_MM]]);
     let studs: Vec<Vec<P2>> = [[-4.0, -4.0], [4.0, -4.0], [4.0, 4.0], [-4.0, 4.0]]
         .iter()
         .map(|&centre| circle(centre, 2.4, 0.6, 96))
@@ -284,9 +249,7 @@ fn gear_outline(teeth: usize, module: f64) -> Vec<P2> {
     };
     // Half the angle a tooth takes at radius r; below the base circle its flanks are radial.
     let half = |r: f64| 90.0 / teeth as f64 + involute(pitch_radius) - involute(r.max(base));
-    let flank: Vec<f64> = (0..=4)
-        .map(|i| base + (tip - base) * f64::from(i) / 4.0)
-        .collect();
+    let flank: Vec<f64> = (0..=4).map(|i| base + (tip - base) * f64::from(i) / 4.0).collect();
     let mut outline = Vec::new();
     for tooth in 0..teeth {
         let middle = 360.0 * tooth as f64 / teeth as f64;

@@ -33,9 +33,8 @@ pub fn circle(centre: P2, r: f64, from_deg: f64, steps: usize) -> Vec<P2> {
 pub fn rounded_rectangle(width: f64, height: f64, r: f64, steps: usize) -> Vec<P2> {
     let (x, y) = (width / 2.0 - r, height / 2.0 - r);
     let corners = [[x, y], [-x, y], [-x, -y], [x, -y]];
-    let mut outline: Vec<P2> = (0..4)
-        .flat_map(|k| arc(corners[k], r, 90.0 * k as f64, 90.0 * (k + 1) as f64, steps))
-        .collect();
+    let mut outline: Vec<P2> =
+        (0..4).flat_map(|k| arc(corners[k], r, 90.0 * k as f64, 90.0 * (k + 1) as f64, steps)).collect();
     outline.dedup_by(|a, b| close(*a, *b));
     if close(outline[0], outline[outline.len() - 1]) {
         outline.pop();
@@ -78,10 +77,7 @@ pub fn stroke(line: &[P2], width: f64) -> Vec<P2> {
 
 /// The outline with every point moved by `by`.
 pub fn moved(outline: &[P2], by: P2) -> Vec<P2> {
-    outline
-        .iter()
-        .map(|p| [p[0] + by[0], p[1] + by[1]])
-        .collect()
+    outline.iter().map(|p| [p[0] + by[0], p[1] + by[1]]).collect()
 }
 
 /// The outline enlarged `k` times about the origin.

@@ -104,9 +104,7 @@ pub fn rope() -> Solid {
         let loops: Vec<Vec<P3>> = rows
             .iter()
             .map(|&[x, twist]| {
-                strand_lines(chords)
-                    .map(|line| strand_point(x, twist, (line + twist).clamp(from, to)))
-                    .collect()
+                strand_lines(chords).map(|line| strand_point(x, twist, (line + twist).clamp(from, to))).collect()
             })
             .collect();
         for pair in loops.windows(2) {
@@ -143,10 +141,7 @@ fn strand_lines(chords: usize) -> impl Iterator<Item = f64> {
 
 fn strand_point(x: f64, twist: f64, deg: f64) -> P3 {
     let turned = deg - twist;
-    let [along, across] = polar(
-        STRAND_OFFSET_MM,
-        turned - 120.0 * libm::round(turned / 120.0),
-    );
+    let [along, across] = polar(STRAND_OFFSET_MM, turned - 120.0 * libm::round(turned / 120.0));
     let r = along + (STRAND_MM * STRAND_MM - across * across).sqrt();
     let [up, side] = polar(r, deg);
     [x, -side, up]
@@ -160,9 +155,7 @@ fn ridges_along_y(ridges: &[[f64; 3]], x: f64, y: f64) -> Solid {
     }
     xs.push(x);
     let profile = |x: f64, _| {
-        let over = ridges
-            .iter()
-            .map(|&[c, half, height]| crest(x - c, half, height));
+        let over = ridges.iter().map(|&[c, half, height]| crest(x - c, half, height));
         PLATE_MM + over.fold(0.0, f64::max)
     };
     let mut solid = Solid::fine();

@@ -1,9 +1,7 @@
 //! Things to read by touch: a coin, a letter, a key. Drawn as they are to be read.
 
 use crate::basic::fillet;
-use crate::outline::{
-    arc, circle, inset, moved, polar, rectangle, rounded_rectangle, scaled, stroke,
-};
+use crate::outline::{arc, circle, inset, moved, polar, rectangle, rounded_rectangle, scaled, stroke};
 use crate::solid::{P2, P3, Solid, at};
 use crate::sweep::{revolve, rise, round, sink};
 
@@ -12,14 +10,7 @@ pub fn letter() -> Solid {
     const PLATE_MM: f64 = 2.0;
     const HEIGHT_MM: f64 = 1.5;
     let centre = [-3.7, -5.0];
-    let mut outline = vec![
-        [0.0, 0.0],
-        [1.9, 0.0],
-        [1.9, 3.8],
-        [2.9, 3.8],
-        [5.1, 0.0],
-        [7.4, 0.0],
-    ];
+    let mut outline = vec![[0.0, 0.0], [1.9, 0.0], [1.9, 3.8], [2.9, 3.8], [5.1, 0.0], [7.4, 0.0]];
     outline.extend(arc([4.0, 6.95], 3.05, -67.0, 90.0, 60));
     outline.push([0.0, 10.0]);
     let mut counter = arc([4.0, 6.95], 1.4, -90.0, 90.0, 48);
@@ -34,20 +25,10 @@ pub fn letter() -> Solid {
     let edge: Vec<P2> = fillet(0.2, 4).collect();
     let wall = [0.0, HEIGHT_MM - 0.2];
     let up = edge.iter().map(|&[d, dz]| [d, wall[1] + dz]);
-    let face = rise(
-        &mut solid,
-        &outline,
-        PLATE_MM,
-        &[wall].into_iter().chain(up).collect::<Vec<_>>(),
-    );
+    let face = rise(&mut solid, &outline, PLATE_MM, &[wall].into_iter().chain(up).collect::<Vec<_>>());
     // The wall of the counter, from its rounded mouth down to the plate.
     let mouth = inset(&counter, -0.2);
-    let mut down: Vec<P2> = edge
-        .iter()
-        .rev()
-        .skip(1)
-        .map(|&[d, dz]| [d - 0.2, 0.2 - dz])
-        .collect();
+    let mut down: Vec<P2> = edge.iter().rev().skip(1).map(|&[d, dz]| [d - 0.2, 0.2 - dz]).collect();
     down.extend([[-0.2, 0.2], [-0.2, HEIGHT_MM]]);
     sink(&mut solid, &mouth, PLATE_MM + HEIGHT_MM, &down);
     solid.cap_up(&face, &[mouth], PLATE_MM + HEIGHT_MM);
@@ -63,46 +44,21 @@ pub fn key() -> Solid {
     let bow = [-7.6, 0.0];
     let mut outline = arc(bow, 5.0, 24.0, 336.0, 132);
     outline.extend([[-2.6, -2.4], [10.6, -2.4], [12.4, -0.9], [12.4, -0.3]]);
-    outline.extend([
-        [11.2, 1.1],
-        [10.3, 1.1],
-        [9.4, 0.3],
-        [8.6, 0.3],
-        [7.6, 1.5],
-        [6.8, 1.5],
-    ]);
-    outline.extend([
-        [6.1, 0.8],
-        [5.3, 0.8],
-        [4.3, 1.9],
-        [3.5, 1.9],
-        [2.5, 0.5],
-        [1.7, 0.5],
-    ]);
+    outline.extend([[11.2, 1.1], [10.3, 1.1], [9.4, 0.3], [8.6, 0.3], [7.6, 1.5], [6.8, 1.5]]);
+    outline.extend([[6.1, 0.8], [5.3, 0.8], [4.3, 1.9], [3.5, 1.9], [2.5, 0.5], [1.7, 0.5]]);
     outline.extend([[0.2, 2.1], [-1.2, 2.1], [-1.6, 3.0], [-2.6, 3.0]]);
     let hole = circle([-9.7, 0.0], 1.3, 1.1, 60);
     let panel = circle(bow, 4.1, 0.5, 120);
     let groove = moved(&rounded_rectangle(12.4, 0.9, 0.44, 12), [4.6, -1.1]);
-    let [outline, hole, panel, groove] =
-        [outline, hole, panel, groove].map(|drawn| scaled(&drawn, SCALE));
+    let [outline, hole, panel, groove] = [outline, hole, panel, groove].map(|drawn| scaled(&drawn, SCALE));
     let mut solid = Solid::new();
-    let face = rise(
-        &mut solid,
-        &outline,
-        0.0,
-        &[[0.0, THICK_MM - BEVEL_MM], [BEVEL_MM, THICK_MM]],
-    );
+    let face = rise(&mut solid, &outline, 0.0, &[[0.0, THICK_MM - BEVEL_MM], [BEVEL_MM, THICK_MM]]);
     solid.cap_up(&face, &[panel.clone(), groove.clone()], THICK_MM);
     let bed = sink(&mut solid, &groove, THICK_MM, &[[-0.12, 0.6]]);
     solid.cap_up(&bed, &[], THICK_MM - 0.6);
     let floor = sink(&mut solid, &panel, THICK_MM, &[[-0.12, 0.35]]);
     solid.cap_up(&floor, std::slice::from_ref(&hole), THICK_MM - 0.35);
-    sink(
-        &mut solid,
-        &hole,
-        THICK_MM - 0.35,
-        &[[0.0, THICK_MM - 0.35]],
-    );
+    sink(&mut solid, &hole, THICK_MM - 0.35, &[[0.0, THICK_MM - 0.35]]);
     solid.cap_down(&outline, &[hole], 0.0);
     solid
 }
@@ -112,15 +68,7 @@ pub fn coin() -> Solid {
     const FIELD_MM: f64 = 1.4;
     let around = round(180);
     let mut solid = Solid::new();
-    let rim = [
-        [0.0, 0.0],
-        [7.0, 0.0],
-        [7.0, 1.74],
-        [6.92, 1.86],
-        [6.72, 1.9],
-        [6.5, 1.86],
-        [6.3, FIELD_MM],
-    ];
+    let rim = [[0.0, 0.0], [7.0, 0.0], [7.0, 1.74], [6.92, 1.86], [6.72, 1.9], [6.5, 1.86], [6.3, FIELD_MM]];
     revolve(&mut solid, &rim, &around);
     let mut feet: Vec<Vec<P2>> = Vec::new();
     for i in 0..60 {
@@ -137,23 +85,14 @@ pub fn coin() -> Solid {
         for i in 0..6 {
             let along = 12.0 * f64::from(i) + 8.0;
             for (r, lean) in [(5.05, 33.0), (4.35, -29.0)] {
-                let middle = polar(
-                    r,
-                    -90.0 + side * (along + if lean > 0.0 { 3.0 } else { 0.0 }),
-                );
+                let middle = polar(r, -90.0 + side * (along + if lean > 0.0 { 3.0 } else { 0.0 }));
                 let direction = -90.0 + side * (along + 90.0 - lean);
                 feet.push(leaf(&mut solid, middle, direction, FIELD_MM));
             }
         }
     }
-    let star: Vec<P2> = (0..10)
-        .map(|i| {
-            polar(
-                if i % 2 == 0 { 3.3 } else { 1.3 },
-                90.0 + 36.0 * f64::from(i),
-            )
-        })
-        .collect();
+    let star: Vec<P2> =
+        (0..10).map(|i| polar(if i % 2 == 0 { 3.3 } else { 1.3 }, 90.0 + 36.0 * f64::from(i))).collect();
     let edge = rise(&mut solid, &star, FIELD_MM, &[[0.02, 0.12]]);
     solid.fan(&at(&edge, FIELD_MM + 0.12), [0.0, 0.0, FIELD_MM + 0.5]);
     feet.push(star);
@@ -174,11 +113,7 @@ fn bead(solid: &mut Solid, centre: P2, deg: f64, z: f64) -> Vec<P2> {
 fn leaf(solid: &mut Solid, [x, y]: P2, direction: f64, z: f64) -> Vec<P2> {
     let [cos, sin] = polar(1.0, direction);
     let place = |along: f64, across: f64, up: f64| -> P3 {
-        [
-            x + along * cos - across * sin,
-            y + along * sin + across * cos,
-            z + up,
-        ]
+        [x + along * cos - across * sin, y + along * sin + across * cos, z + up]
     };
     let stations = [(-0.3, 0.16, 0.2), (-0.05, 0.21, 0.26), (0.2, 0.16, 0.22)];
     let vein = stations.map(|(along, _, up)| place(along, 0.0, up));
@@ -201,14 +136,7 @@ fn inscription() -> Vec<Vec<P2>> {
     const BASE_MM: f64 = 4.15;
     const SCALE_MM: f64 = 1.4;
     const GAP: f64 = 0.4;
-    let glyphs = [
-        glyph_g(),
-        glyph_e(),
-        glyph_l(),
-        glyph_s(),
-        rectangle([0.0, 0.0], [0.2, 1.0]),
-        glyph_m(),
-    ];
+    let glyphs = [glyph_g(), glyph_e(), glyph_l(), glyph_s(), rectangle([0.0, 0.0], [0.2, 1.0]), glyph_m()];
     let widths = [0.8, 0.6, 0.58, 0.66, 0.2, 0.86];
     let total = widths.iter().sum::<f64>() + GAP * 5.0;
     let mut start = -total / 2.0;
@@ -256,15 +184,7 @@ fn glyph_e() -> Vec<P2> {
 }
 
 fn glyph_l() -> Vec<P2> {
-    [
-        [0.0, 0.0],
-        [0.58, 0.0],
-        [0.58, 0.19],
-        [0.2, 0.19],
-        [0.2, 1.0],
-        [0.0, 1.0],
-    ]
-    .to_vec()
+    [[0.0, 0.0], [0.58, 0.0], [0.58, 0.19], [0.2, 0.19], [0.2, 1.0], [0.0, 1.0]].to_vec()
 }
 
 fn glyph_m() -> Vec<P2> {

@@ -40,10 +40,7 @@ impl Solid {
 
     /// An empty solid on a grid of 0.1 um, for small facets on a smooth surface.
     pub fn fine() -> Self {
-        Self {
-            step: 1,
-            ..Self::new()
-        }
+        Self { step: 1, ..Self::new() }
     }
 
     /// From here on corners go through the rotation with these rows before they are welded.
@@ -176,9 +173,7 @@ impl Solid {
     }
 
     fn corner(&mut self, p: P3) -> usize {
-        let key = self
-            .turn
-            .map(|row| self.ticks(row[0] * p[0] + row[1] * p[1] + row[2] * p[2]));
+        let key = self.turn.map(|row| self.ticks(row[0] * p[0] + row[1] * p[1] + row[2] * p[2]));
         let next = self.points.len();
         let id = *self.index.entry(key).or_insert(next);
         if id == next {
@@ -208,11 +203,7 @@ pub fn at(outline: &[P2], z: f64) -> Vec<P3> {
 fn normal(a: P3, b: P3, c: P3) -> P3 {
     let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
     let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
-    [
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    ]
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
 fn push_decimal(text: &mut String, ticks: i64) {

@@ -10,9 +10,7 @@ pub fn ring(r: f64, z: f64, degrees: &[f64]) -> Vec<P3> {
 
 /// `steps` directions evenly round the circle, from 0 degrees.
 pub fn round(steps: usize) -> Vec<f64> {
-    (0..steps)
-        .map(|i| 360.0 * i as f64 / steps as f64)
-        .collect()
+    (0..steps).map(|i| 360.0 * i as f64 / steps as f64).collect()
 }
 
 /// Turns a profile of (radius, height) about z; the outside is to the right of its way. A profile
@@ -111,10 +109,7 @@ impl Thread<'_> {
         for row in 0..turns * self.profile.len() {
             for column in 0..self.degrees.len() {
                 let [a, b] = [self.corner(column, row), self.corner(column + 1, row)];
-                let [d, c] = [
-                    self.corner(column, row + 1),
-                    self.corner(column + 1, row + 1),
-                ];
+                let [d, c] = [self.corner(column, row + 1), self.corner(column + 1, row + 1)];
                 add(a, b, c, d);
             }
         }

@@ -14,9 +14,7 @@ fn folder() -> &'static Path {
 
 /// Every object's name and text.
 fn files() -> impl Iterator<Item = (&'static str, String)> {
-    OBJECTS
-        .iter()
-        .map(|(name, what, make)| (*name, make().obj(name, what)))
+    OBJECTS.iter().map(|(name, what, make)| (*name, make().obj(name, what)))
 }
 
 /// Vertices on the grid and faces as written.
@@ -39,18 +37,12 @@ fn parse(text: &str) -> (Vec<Ticks>, Vec<Vec<usize>>) {
 
 /// The triangles a reader makes that splits every face from its first corner.
 fn triangles(faces: &[Vec<usize>]) -> impl Iterator<Item = [usize; 3]> {
-    faces
-        .iter()
-        .flat_map(|f| (2..f.len()).map(|i| [f[0], f[i - 1], f[i]]))
+    faces.iter().flat_map(|f| (2..f.len()).map(|i| [f[0], f[i - 1], f[i]]))
 }
 
 fn cross(a: Ticks, b: Ticks, c: Ticks) -> Ticks {
     let [u, v] = [b, c].map(|p| [0, 1, 2].map(|k| p[k] - a[k]));
-    [
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    ]
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
 fn dot(a: Ticks, b: Ticks) -> i128 {
@@ -62,10 +54,7 @@ fn making_the_objects_again_gives_the_bytes_on_disk() {
     for (name, text) in files() {
         let path = folder().join(name).with_extension("obj");
         let disk = std::fs::read_to_string(&path).unwrap();
-        assert!(
-            disk == text,
-            "{name}: run `cargo run --release --example make_objects`"
-        );
+        assert!(disk == text, "{name}: run `cargo run --release --example make_objects`");
     }
 }
 
@@ -76,10 +65,7 @@ fn the_folder_holds_these_meshes_and_no_others() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .filter_map(|file| file.strip_suffix(".obj").map(str::to_owned))
         .collect();
-    let made: BTreeSet<String> = OBJECTS
-        .iter()
-        .map(|(name, ..)| (*name).to_owned())
-        .collect();
+    let made: BTreeSet<String> = OBJECTS.iter().map(|(name, ..)| (*name).to_owned()).collect();
     assert_eq!(disk, made);
 }
 
@@ -96,25 +82,12 @@ fn every_edge_joins_two_faces_that_run_along_it_in_opposite_directions() {
         let mut uses: HashMap<(usize, usize), usize> = HashMap::new();
         for face in &faces {
             for i in 0..face.len() {
-                *uses
-                    .entry((face[i], face[(i + 1) % face.len()]))
-                    .or_default() += 1;
+                *uses.entry((face[i], face[(i + 1) % face.len()])).or_default() += 1;
             }
         }
         for (&(a, b), &count) in &uses {
-            assert_eq!(
-                count,
-                1,
-                "{name}: edge {} {} used {count} times",
-                a + 1,
-                b + 1
-            );
-            assert!(
-                uses.contains_key(&(b, a)),
-                "{name}: edge {} {} is open",
-                a + 1,
-                b + 1
-            );
+            assert_eq!(count, 1, "{name}: edge {} {} used {count} times", a + 1, b + 1);
+            assert!(uses.contains_key(&(b, a)), "{name}: edge {} {} is open", a + 1, b + 1);
         }
     }
 }
@@ -140,10 +113,7 @@ fn no_triangle_is_empty_and_no_quad_folds() {
                 .map(|t| cross(points[t[0]], points[t[1]], points[t[2]]))
                 .collect();
             assert!(normals.iter().all(|n| dot(*n, *n) > 0), "{name}: {face:?}");
-            assert!(
-                normals.windows(2).all(|n| dot(n[0], n[1]) > 0),
-                "{name}: {face:?}"
-            );
+            assert!(normals.windows(2).all(|n| dot(n[0], n[1]) > 0), "{name}: {face:?}");
         }
     }
 }
@@ -176,9 +146,8 @@ fn no_vertex_lies_inside_an_edge() {
 fn the_outside_is_outside_and_the_size_is_sane() {
     for (name, text) in files() {
         let (points, faces) = parse(&text);
-        let six_volumes: i128 = triangles(&faces)
-            .map(|[a, b, c]| dot(points[a], cross([0; 3], points[b], points[c])))
-            .sum();
+        let six_volumes: i128 =
+            triangles(&faces).map(|[a, b, c]| dot(points[a], cross([0; 3], points[b], points[c]))).sum();
         assert!(six_volumes > 0, "{name}");
         for k in 0..3 {
             let low = points.iter().map(|p| p[k]).min().unwrap();

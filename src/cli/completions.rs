@@ -3,7 +3,7 @@
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
-use super::{Arguments, Failure};
+use super::{Arguments, Failure, print};
 
 /// Print a completion script for a shell.
 #[derive(Debug, Args)]
@@ -15,7 +15,8 @@ pub struct Completions {
 
 impl Completions {
     pub(super) fn run(self) -> Result<(), Failure> {
-        clap_complete::generate(self.shell, &mut Arguments::command(), "gelsim", &mut std::io::stdout());
-        Ok(())
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut Arguments::command(), "gelsim", &mut script);
+        print(&String::from_utf8_lossy(&script))
     }
 }

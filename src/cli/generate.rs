@@ -59,8 +59,8 @@ impl Generate {
         let request = Request { root: root.clone(), shards, threads: self.threads, overwrite: self.overwrite };
 
         let watch = Arc::new(Watch::default());
-        let signal = raise_on_signals(&watch)
-            .map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
+        let signal =
+            raise_on_signals(&watch).map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
         let result = std::thread::scope(|scope| {
             let worker = scope.spawn(|| generate(&plan, &request, &watch));
             let bar = progress_bar(self.quiet);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::Failure;
+use super::{Failure, print};
 use crate::plan::usage;
 
 /// The job that `init` writes.
@@ -24,8 +24,7 @@ pub struct Init {
 impl Init {
     pub(super) fn run(self) -> Result<(), Failure> {
         let Some(path) = self.file else {
-            print!("{TEMPLATE}");
-            return Ok(());
+            return print(TEMPLATE);
         };
         let failed = |error: std::io::Error| Failure::running(format!("{}: {error}", path.display()));
         let mut file = match OpenOptions::new().write(true).create_new(true).open(&path) {

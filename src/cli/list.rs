@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::Failure;
+use super::{Failure, print};
 use crate::config::sensor::{PRESETS, Sensor};
 use crate::fidelity::Rung;
 
@@ -15,9 +15,33 @@ pub const EFFECTS: [(&str, &str); 3] = [
 
 /// The meshes in the project's `objects` folder.
 pub const OBJECTS: [&str; 27] = [
-    "bolt", "brick", "coin", "cone", "crossed_ridges", "cube", "cylinder", "cylinder_shell", "dots", "flat_face",
-    "gear", "grating", "hexagon_nut", "key", "knurl", "letter", "parallel_ridges", "phillips_screw", "prism_corner",
-    "prism_edge", "rope", "socket_screw", "sphere", "thin_ridge", "torus", "washer", "wave",
+    "bolt",
+    "brick",
+    "coin",
+    "cone",
+    "crossed_ridges",
+    "cube",
+    "cylinder",
+    "cylinder_shell",
+    "dots",
+    "flat_face",
+    "gear",
+    "grating",
+    "hexagon_nut",
+    "key",
+    "knurl",
+    "letter",
+    "parallel_ridges",
+    "phillips_screw",
+    "prism_corner",
+    "prism_edge",
+    "rope",
+    "socket_screw",
+    "sphere",
+    "thin_ridge",
+    "torus",
+    "washer",
+    "wave",
 ];
 
 /// List what can be chosen.
@@ -42,32 +66,34 @@ enum What {
 
 impl List {
     pub(super) fn run(self) -> Result<(), Failure> {
-        match self.what {
+        let lines: Vec<String> = match self.what {
             What::Sensors => {
-                for (name, text) in PRESETS {
+                let line = |(name, text)| {
                     let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
                     let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
-                    println!(
+                    Ok(format!(
                         "{name:<14} {w}x{h} px, {x} x {y} mm, gelpad {} mm {} kPa nu {}, {} LEDs",
                         sensor.gelpad_thickness_mm,
                         sensor.gelpad_youngs_modulus_kpa,
                         sensor.gelpad_poisson_ratio,
                         sensor.led.len(),
-                    );
-                }
+                    ))
+                };
+                PRESETS.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
             What::Rungs => {
-                for rung in Rung::ALL {
+                let line = |rung: Rung| {
                     let choices = rung.choices();
-                    let inline = |value: Result<serde_json::Value, _>| value.map(|v| v.to_string());
-                    let values = (inline(serde_json::to_value(&choices.gelpad)), inline(serde_json::to_value(&choices.optics)));
-                    let (Ok(gelpad), Ok(optics)) = values else { continue };
-                    println!("{:<10} gelpad {gelpad}\n{:<10} optics {optics}", rung.name(), "");
-                }
+                    let failed = |error: serde_json::Error| Failure::running(error.to_string());
+                    let gelpad = serde_json::to_string(&choices.gelpad).map_err(failed)?;
+                    let optics = serde_json::to_string(&choices.optics).map_err(failed)?;
+                    Ok(format!("{:<10} gelpad {gelpad}\n{:<10} optics {optics}", rung.name(), ""))
+                };
+                Rung::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
-            What::Effects => EFFECTS.iter().for_each(|(name, what)| println!("{name:<12} {what}")),
-            What::Objects => OBJECTS.iter().for_each(|name| println!("objects/{name}.obj")),
-        }
-        Ok(())
+            What::Effects => EFFECTS.iter().map(|(name, what)| format!("{name:<12} {what}")).collect(),
+            What::Objects => OBJECTS.iter().map(|name| format!("objects/{name}.obj")).collect(),
+        };
+        print(&(lines.join("\n") + "\n"))
     }
 }

@@ -1,6 +1,6 @@
 //! The command line: one file per subcommand, each from arguments to a library call to what is printed.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 
 use clap::{Args, Parser, Subcommand};
 
@@ -98,6 +98,17 @@ impl JobOverrides {
             set.extend(value.map(|value| (flag.to_owned(), format!("dataset.{key} = {value}"))));
         }
         Overrides { set, fidelity: self.fidelity }
+    }
+}
+
+/// Prints a result on standard output. Who reads it may have had enough, as `head` has: that is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::running(format!("standard output: {error}")))
+        }
+        _ => Ok(()),
     }
 }
 

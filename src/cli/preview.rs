@@ -67,8 +67,7 @@ impl Preview {
             return Err(Report::new(&problems, &written.document.sources).into());
         }
         let dataset = &written.job.dataset;
-        let layout =
-            Layout::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard.max(1), dataset.splits);
+        let layout = Layout::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard, dataset.splits);
         let indices = self.indices(layout.samples(), true)?;
         let tiles = indices.par_iter().map(|&index| Tile::read(&self.source, &layout, index));
         tiles.collect::<Result<_, _>>().map_err(|error| Failure::running(error.to_string()))
@@ -83,7 +82,7 @@ impl Preview {
             }
             return Ok(vec![key]);
         }
-        let count = self.count.clamp(1, samples);
+        let count = self.count.clamp(1, samples.max(1));
         Ok((0..count).map(|i| if spread { i * samples / count } else { i }).collect())
     }
 }

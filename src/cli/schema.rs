@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::Failure;
+use super::{Failure, print};
 use crate::config::Job;
 use crate::config::sensor::Sensor;
 use crate::label::Label;
@@ -38,7 +38,6 @@ pub fn text(format: Format) -> String {
 
 impl Schema {
     pub(super) fn run(self) -> Result<(), Failure> {
-        print!("{}", text(self.what));
-        Ok(())
+        print(&text(self.what))
     }
 }

@@ -48,9 +48,19 @@ impl Problems {
         }
     }
 
+    /// Adds mistakes found elsewhere.
+    pub fn extend(&mut self, found: Problems) {
+        found.0.into_iter().for_each(|problem| self.push(problem));
+    }
+
     /// True as long as nothing is wrong.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Where the mistakes are.
+    pub fn places(&self) -> impl Iterator<Item = Place> + '_ {
+        self.0.iter().filter_map(|problem| problem.place)
     }
 
     /// The mistakes, in the order in which they stand in their sources.

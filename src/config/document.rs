@@ -100,7 +100,9 @@ impl Document {
         let source = self.sources.len();
         let (table, errors) = DeTable::parse_recoverable(&text);
         let whole = Place { source, start: 0, end: text.len() };
-        for error in errors {
+        // After a slip in a table's header its keys count to the table before: not the user's doubles.
+        let doubles = errors.iter().all(is_duplicate);
+        for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
             let span = error.span().unwrap_or(0..text.len());
             let place = Place { source, start: span.start, end: span.end };
             problems.push(Problem::new(format!("not valid TOML: {}", error.message())).at(place));
@@ -181,7 +183,8 @@ impl Document {
             Value::Array(items) => {
                 let count = items.len();
                 let item = last.parse::<usize>().ok().and_then(|index| items.get_mut(index));
-                *item.ok_or(format!("`{}`: no such element; the list has {count}, counted from 0", path.join(".")))? =
+                *item
+                    .ok_or(format!("`{}`: no such element; the list has {count}, counted from 0", path.join(".")))? =
                     node;
             }
             Value::Table(entries) => put(entries, Entry { key: last.clone(), key_place, node }),
@@ -190,25 +193,28 @@ impl Document {
         Ok(())
     }
 
-    /// Lays the keys of `below` under the table at the top-level key `name`: a key that the table has already wins.
+    /// Lays the keys of `below` under the table at the top-level key `name`: a key that the table has already wins,
+    /// and tables in it are laid over each other in the same way.
     pub fn underlay(&mut self, name: &str, below: Node) {
         let Value::Table(root) = &mut self.root.value else { return };
-        let Value::Table(below_entries) = below.value else { return };
-        match root.iter_mut().find(|entry| entry.key == name) {
-            Some(Entry { node: Node { value: Value::Table(above), .. }, .. }) => {
-                for entry in below_entries {
-                    if !above.iter().any(|known| known.key == entry.key) {
-                        above.push(entry);
-                    }
-                }
-            }
-            Some(_) => {} // not a table: reading it reports that
-            None => {
-                let node = Node { place: below.place, value: Value::Table(below_entries) };
-                root.push(Entry { key: name.to_owned(), key_place: below.place, node });
+        lay_under(root, Entry { key: name.to_owned(), key_place: below.place, node: below });
+    }
+}
+
+fn lay_under(above: &mut Vec<Entry>, below: Entry) {
+    match above.iter_mut().find(|known| known.key == below.key) {
+        Some(Entry { node: Node { value: Value::Table(above), .. }, .. }) => {
+            if let Value::Table(entries) = below.node.value {
+                entries.into_iter().for_each(|entry| lay_under(above, entry));
             }
         }
+        Some(_) => {} // the value above wins; if it should be a table, reading it reports that
+        None => above.push(below),
     }
+}
+
+fn is_duplicate(error: &toml::de::Error) -> bool {
+    error.message() == "duplicate key"
 }
 
 fn put(entries: &mut Vec<Entry>, entry: Entry) {
@@ -226,6 +232,18 @@ impl Node {
             Value::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get(index)),
             _ => None,
         }
+    }
+
+    /// True if `place` is that of this value or of a key or value in it.
+    pub fn holds(&self, place: Place) -> bool {
+        self.place == place
+            || match &self.value {
+                Value::Table(entries) => {
+                    entries.iter().any(|entry| entry.key_place == place || entry.node.holds(place))
+                }
+                Value::Array(items) => items.iter().any(|item| item.holds(place)),
+                _ => false,
+            }
     }
 
     /// The text, if it is text.

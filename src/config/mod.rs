@@ -64,6 +64,10 @@ pub struct Written {
     pub job: Job,
     /// Every text it came from.
     pub document: Document,
+    /// The job's text is not TOML. What stands after a slip of syntax is a guess, so nothing else is said about it.
+    pub broken: bool,
+    /// The sensor file or preset that the job names could be read.
+    pub sensor_known: bool,
 }
 
 /// Reads the job file at `path` with `overrides` laid over it.
@@ -80,25 +84,22 @@ pub fn read(path: &Path, overrides: &Overrides, problems: &mut Problems) -> Resu
 }
 
 /// Reads a job from text; see [`read`].
-pub fn read_text(
-    name: &str,
-    text: String,
-    folder: &Path,
-    overrides: &Overrides,
-    problems: &mut Problems,
-) -> Written {
+pub fn read_text(name: &str, text: String, folder: &Path, overrides: &Overrides, problems: &mut Problems) -> Written {
     let mut document = Document::parse(name, text, folder, problems);
+    if !problems.is_empty() {
+        return Written { job: Job::default(), document, broken: true, sensor_known: false };
+    }
     for (flag, assignment) in &overrides.set {
         apply_override(&mut document, flag, assignment, problems);
     }
-    lay_under_sensor(&mut document, problems);
+    let sensor_known = lay_under_sensor(&mut document, problems);
     let mut job: Job = reader::read(&document.root, problems).unwrap_or_default();
     if let Some(rung) = overrides.fidelity {
         job.fidelity = Some(rung);
         job.gelpad = None;
         job.optics = None;
     }
-    Written { job, document }
+    Written { job, document, broken: false, sensor_known }
 }
 
 fn apply_override(document: &mut Document, flag: &str, assignment: &str, problems: &mut Problems) {
@@ -147,8 +148,9 @@ fn dotted_steps(key: &str) -> usize {
         .count()
 }
 
-/// Lays the sensor file and the preset that the job names under its `[sensor]` table.
-fn lay_under_sensor(document: &mut Document, problems: &mut Problems) {
+/// Lays the sensor file and the preset that the job names under its `[sensor]` table. False if one cannot be read.
+fn lay_under_sensor(document: &mut Document, problems: &mut Problems) -> bool {
+    let mut known = true;
     let preset_key = document.get("sensor.preset").cloned();
     if let Some(file) = document.get("sensor.file").cloned()
         && let Some(written) = file.as_str()
@@ -163,28 +165,43 @@ fn lay_under_sensor(document: &mut Document, problems: &mut Problems) {
         match std::fs::read_to_string(&path) {
             Ok(text) => {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-                let tree = document.add_source(&path.display().to_string(), text, &folder, problems);
-                document.underlay("sensor", tree);
+                let mut found = Problems::default();
+                let tree = document.add_source(&path.display().to_string(), text, &folder, &mut found);
+                known = found.is_empty();
+                problems.extend(found);
+                if let Some(second) = tree.child("file") {
+                    let problem = Problem::new("a sensor file cannot start from another one")
+                        .at(second.place)
+                        .help("it may start from a preset: preset = \"...\"");
+                    problems.push(problem);
+                }
+                if known {
+                    document.underlay("sensor", tree);
+                }
             }
             Err(error) => {
+                known = false;
                 let message = format!("cannot read the sensor file {}: {error}", path.display());
-                problems.push(Problem::new(message).at(file.place));
+                let help = "a path is relative to the file it stands in; gelsim list sensors shows the presets";
+                problems.push(Problem::new(message).at(file.place).help(help));
             }
         }
     }
-    let Some(preset) = document.get("sensor.preset").cloned() else { return };
-    let Some(name) = preset.as_str() else { return };
+    let Some(preset) = document.get("sensor.preset").cloned() else { return known };
+    let Some(name) = preset.as_str() else { return false };
     let names = sensor::PRESETS.map(|(name, _)| name);
     match sensor::PRESETS.iter().find(|(known, _)| *known == name) {
         Some((_, text)) => {
             let label = format!("preset {name}");
             let tree = document.add_source(&label, (*text).to_owned(), Path::new(""), problems);
             document.underlay("sensor", tree);
+            known
         }
         None => {
             let near = nearest(name, names).map_or(String::new(), |near| format!("did you mean `{near}`? "));
             let help = format!("{near}one of {}", diagnostic::one_of(&names));
             problems.push(Problem::new(format!("no sensor preset is called `{name}`")).at(preset.place).help(help));
+            false
         }
     }
 }

@@ -41,15 +41,8 @@ pub enum Layer {
 
 impl Layer {
     /// Every layer, in the order in which a sample's members are written.
-    pub const ALL: [Self; 7] = [
-        Self::Depth,
-        Self::Surface,
-        Self::Contact,
-        Self::Normal,
-        Self::Pressure,
-        Self::Markers,
-        Self::Reference,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::Depth, Self::Surface, Self::Contact, Self::Normal, Self::Pressure, Self::Markers, Self::Reference];
 
     /// The end of the member's name, after the sample's key.
     pub fn suffix(self) -> &'static str {

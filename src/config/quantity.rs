@@ -106,9 +106,7 @@ impl Quantity {
             Self::Random(Distribution::Normal(normal)) if normal.std < 0.0 => {
                 Some((format!("negative standard deviation {}", normal.std), "std must be 0 or more"))
             }
-            _ if min > max => {
-                Some((format!("inverted range: {min} is above {max}"), "write the smaller number first"))
-            }
+            _ if min > max => Some((format!("inverted range: {min} is above {max}"), "write the smaller number first")),
             Self::Random(Distribution::LogUniform([min, _])) if *min <= 0.0 => Some((
                 format!("log_uniform from {min}"),
                 "the logarithm needs numbers above 0; use `uniform` for a range that reaches 0",
@@ -156,9 +154,9 @@ impl<'de> Deserialize<'de> for Quantity {
 
             fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Quantity, A::Error> {
                 const LAWS: [&str; 4] = ["uniform", "log_uniform", "normal", "choice"];
-                let law: String = map
-                    .next_key()?
-                    .ok_or_else(|| de::Error::custom("empty table: one of `uniform`, `log_uniform`, `normal` or `choice` belongs here"))?;
+                let law: String = map.next_key()?.ok_or_else(|| {
+                    de::Error::custom("empty table: one of `uniform`, `log_uniform`, `normal` or `choice` belongs here")
+                })?;
                 let distribution = match law.as_str() {
                     "uniform" => Distribution::Uniform(map.next_value()?),
                     "log_uniform" => Distribution::LogUniform(map.next_value()?),

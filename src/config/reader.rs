@@ -21,7 +21,7 @@ pub fn read<T: DeserializeOwned>(node: &Node, problems: &mut Problems) -> Option
         match T::deserialize(Reader { node, context: &context }) {
             Ok(value) => break Some(value),
             Err(mistake) => {
-                let echo = mistake.missing && context.lost_a_child(node, mistake.place);
+                let echo = mistake.echo || mistake.missing && context.lost_a_child(node, mistake.place);
                 if !echo {
                     let place = mistake.place.unwrap_or(node.place);
                     let problem = Problem { message: mistake.message, place: Some(place), help: mistake.help };
@@ -71,15 +71,17 @@ struct Mistake {
     help: Option<String>,
     /// The value that is wrong.
     place: Option<Place>,
-    /// The innermost field of a struct around it: what the next round leaves out.
+    /// The innermost field of a struct or element of a list around it: what the next round leaves out.
     field: Option<Place>,
     /// A key that is not there, rather than a value that is wrong.
     missing: bool,
+    /// Not a mistake of its own, only what is left of a list after those that were found in it.
+    echo: bool,
 }
 
 impl Mistake {
     fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), help: None, place: None, field: None, missing: false }
+        Self { message: message.into(), help: None, place: None, field: None, missing: false, echo: false }
     }
 
     fn located(mut self, place: Place) -> Self {
@@ -102,6 +104,7 @@ impl de::Error for Mistake {
     }
 
     fn invalid_type(unexpected: Unexpected<'_>, expected: &dyn de::Expected) -> Self {
+        let expected = expected.to_string().replace("a sequence", "a list");
         Self::new(format!("expected {expected}, found {}", spoken(unexpected)))
     }
 
@@ -160,11 +163,15 @@ impl<'a> Reader<'a> {
             Value::String(text) => visitor.visit_str(text),
             Value::Datetime => Err(self.wrong_type("a value that is not a date")),
             Value::Array(items) => {
+                let lost = items.iter().any(|item| self.context.skipped.borrow().contains(&item.place));
                 let mut items = Items { items: items.iter(), context: self.context };
-                let value = visitor.visit_seq(&mut items)?;
-                match items.items.len() {
-                    0 => Ok(value),
-                    more => Err(Mistake::new(format!("{more} element{} too many", if more == 1 { "" } else { "s" }))),
+                match (visitor.visit_seq(&mut items), items.items.len()) {
+                    // A mistake with a place is one in a further element.
+                    (Err(mistake), _) if !lost || mistake.place.is_some() => Err(mistake),
+                    _ if lost => Err(Mistake { echo: true, ..Mistake::new("") }),
+                    (value, 0) => value,
+                    (_, 1) => Err(Mistake::new("1 element too many")),
+                    (_, more) => Err(Mistake::new(format!("{more} elements too many"))),
                 }
             }
             Value::Table(entries) => visitor.visit_map(Entries {
@@ -201,7 +208,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
     forward! {
         deserialize_any => visit(), deserialize_char => visit(), deserialize_bytes => visit(),
         deserialize_byte_buf => visit(), deserialize_unit => visit(), deserialize_identifier => visit(),
-        deserialize_ignored_any => visit(), deserialize_map => visit(), deserialize_seq => visit(),
+        deserialize_ignored_any => visit(), deserialize_map => visit(),
         deserialize_i8 => integer(i64::MIN), deserialize_i16 => integer(i64::MIN), deserialize_i32 => integer(i64::MIN),
         deserialize_i64 => integer(i64::MIN), deserialize_u8 => integer(0), deserialize_u16 => integer(0),
         deserialize_u32 => integer(0), deserialize_u64 => integer(0), deserialize_f32 => deserialize_f64(),
@@ -238,12 +245,19 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         visitor.visit_some(self)
     }
 
-    fn deserialize_newtype_struct<V: Visitor<'de>>(
-        self,
-        _: &'static str,
-        visitor: V,
-    ) -> Result<V::Value, Mistake> {
+    fn deserialize_newtype_struct<V: Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, Mistake> {
         visitor.visit_newtype_struct(self)
+    }
+
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        match &self.node.value {
+            Value::Array(_) => self.visit(visitor),
+            Value::Table(_) => {
+                let help = Some(String::from("a list of tables has double brackets, such as [[object]]"));
+                Err(Mistake { help, ..self.wrong_type("a list") }.located(self.node.place))
+            }
+            _ => Err(self.wrong_type("a list").located(self.node.place)),
+        }
     }
 
     fn deserialize_unit_struct<V: Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, Mistake> {
@@ -331,7 +345,14 @@ impl<'de> de::SeqAccess<'de> for &mut Items<'_> {
 
     fn next_element_seed<T: de::DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, Mistake> {
         let context = self.context;
-        self.items.next().map(|node| seed.deserialize(Reader { node, context })).transpose()
+        let Some(node) = self.items.find(|item| !context.skipped.borrow().contains(&item.place)) else {
+            return Ok(None);
+        };
+        let value = seed.deserialize(Reader { node, context }).map_err(|mut mistake| {
+            mistake.field.get_or_insert(node.place);
+            mistake
+        });
+        value.map(Some)
     }
 
     fn size_hint(&self) -> Option<usize> {
@@ -412,11 +433,7 @@ impl<'de> de::VariantAccess<'de> for Choice<'_> {
         Err(Mistake::new("a list of parameters is not supported"))
     }
 
-    fn struct_variant<V: Visitor<'de>>(
-        self,
-        fields: &'static [&'static str],
-        visitor: V,
-    ) -> Result<V::Value, Mistake> {
+    fn struct_variant<V: Visitor<'de>>(self, fields: &'static [&'static str], visitor: V) -> Result<V::Value, Mistake> {
         let empty = Node { place: self.node.place, value: Value::Table(Vec::new()) };
         let node = self.content.unwrap_or(&empty);
         de::Deserializer::deserialize_struct(Reader { node, context: self.context }, "", fields, visitor)

@@ -20,9 +20,7 @@ pub fn card(plan: &Plan, manifest: &Manifest) -> String {
 }
 
 fn used_splits(manifest: &Manifest) -> impl Iterator<Item = (&'static str, u64)> + '_ {
-    Split::ALL
-        .into_iter()
-        .filter_map(|split| manifest.splits.get(split.name()).map(|samples| (split.name(), *samples)))
+    Split::ALL.into_iter().filter_map(|split| manifest.splits.get(split.name()).map(|samples| (split.name(), *samples)))
 }
 
 /// Column types are pinned: what a reader guesses from the first rows goes wrong where a value is null or whole.

@@ -1,10 +1,16 @@
 //! The files of a sample, in the order in which they stand in a shard.
 
+use std::io;
+
+use serde::Serialize;
+use serde_json::ser::{CompactFormatter, Formatter};
+
 use crate::config::output::{Exr, Layer};
 use crate::dataset::{exr, png};
 use crate::depth::Camera;
 use crate::gelpad::SURFACE_BORDER;
 use crate::grid::Rect;
+use crate::label::Label;
 use crate::optics::background::Reference;
 use crate::optics::normals::normals;
 use crate::render::Sample;
@@ -48,7 +54,32 @@ pub fn members(sample: &Sample, layers: &[Layer], storage: Exr, camera: &Camera,
         };
         members.push(Member { suffix: layer.suffix(), bytes });
     }
-    let json = serde_json::to_vec(&sample.label).expect("a label has string keys and finite or null numbers");
-    members.push(Member { suffix: "json", bytes: json });
+    members.push(Member { suffix: "json", bytes: json(&sample.label) });
     members
+}
+
+fn json(label: &Label) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, DecimalPoints);
+    label.serialize(&mut serializer).expect("a label has string keys and finite or null numbers");
+    bytes
+}
+
+/// Compact JSON in which every float has a decimal point, so that no reader takes it for a whole number: 1.0e-7 where
+/// serde_json alone writes 1e-7.
+struct DecimalPoints;
+
+impl Formatter for DecimalPoints {
+    fn write_f64<W: ?Sized + io::Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
+        let mut text = Vec::with_capacity(24);
+        CompactFormatter.write_f64(&mut text, value)?;
+        match text.iter().position(|byte| *byte == b'e') {
+            Some(at) if !text.contains(&b'.') => {
+                writer.write_all(&text[..at])?;
+                writer.write_all(b".0")?;
+                writer.write_all(&text[at..])
+            }
+            _ => writer.write_all(&text),
+        }
+    }
 }

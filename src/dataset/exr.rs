@@ -1,42 +1,158 @@
 //! OpenEXR files of a sample: float layers with named channels.
+//!
+//! File structure and the other compressions are the `exr` crate's. ZIP blocks are packed here: the crate's level of
+//! deflate takes twice the time for 15 % fewer bytes, and most presses leave many blocks untouched, whose bytes are
+//! always the same and are packed once.
 
 use std::io::Cursor;
 
-use exr::prelude::{
-    AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Image, Layer, LayerAttributes, LineOrder, ReadChannels, ReadLayers,
-    SmallVec,
-    WritableImage, f16,
-};
+use exr::block::UncompressedBlock;
+use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
+use exr::block::writer::ChunksWriter;
+use exr::meta::BlockDescription;
+use exr::meta::header::Header;
+use exr::prelude::{ChannelDescription, LineOrder, ReadChannels, ReadLayers, SampleType, SmallVec, Text};
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use miniz_oxide::deflate::compress_to_vec_zlib;
 
 use crate::config::output::{Compression, Exr, Pixel};
 use crate::grid::Grid;
+use crate::simd::wide;
 
-/// Encodes planes of `width * height` values, each with its channel's name.
+/// Rows in a ZIP block, by the file format.
+const ZIP_ROWS: usize = 16;
+
+/// Deflate's effort, 0 to 10. Measured on depth maps of the bundled objects: 1 takes half the time of 4, at 15 % more
+/// bytes.
+const ZIP_LEVEL: u8 = 1;
+
+/// Encodes planes of `width * height` values, each with its channel's name; names must be in alphabetical order.
 pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: Exr) -> Vec<u8> {
-    let channels: SmallVec<[AnyChannel<FlatSamples>; 4]> = planes
-        .iter()
-        .map(|(name, plane)| {
-            let samples = match storage.pixel {
-                Pixel::Float => FlatSamples::F32(plane.to_vec()),
-                Pixel::Half => FlatSamples::F16(plane.iter().map(|value| f16::from_f32(*value)).collect()),
-            };
-            AnyChannel::new(*name, samples)
-        })
-        .collect();
+    let sample_type = match storage.pixel {
+        Pixel::Half => SampleType::F16,
+        Pixel::Float => SampleType::F32,
+    };
+    let channels: SmallVec<[ChannelDescription; 5]> =
+        planes.iter().map(|(name, _)| ChannelDescription::new(Text::from(*name), sample_type, false)).collect();
     let compression = match storage.compression {
         Compression::None => exr::compression::Compression::Uncompressed,
         Compression::Rle => exr::compression::Compression::RLE,
         Compression::Zip => exr::compression::Compression::ZIP16,
     };
-    let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
-    let layer = Layer::new((width, height), LayerAttributes::default(), encoding, AnyChannels::sort(channels));
+    let header = Header::new(Text::from("layer"), (width, height), channels).with_encoding(
+        compression,
+        BlockDescription::ScanLines,
+        LineOrder::Increasing,
+    );
     let mut bytes = Cursor::new(Vec::new());
-    Image::from_layer(layer)
-        .write()
-        .non_parallel()
-        .to_unbuffered(&mut bytes)
-        .expect("writing to memory, with as many values as width and height say");
+    let lines = Lines { width, planes, pixel: storage.pixel };
+    exr::block::write(&mut bytes, SmallVec::from_elem(header, 1), false, |meta, writer| {
+        if storage.compression == Compression::Zip {
+            let mut packer = ZipPacker::default();
+            for (number, top) in (0..height).step_by(ZIP_ROWS).enumerate() {
+                let raw = lines.pack(top, ZIP_ROWS.min(height - top));
+                let block =
+                    CompressedScanLineBlock { y_coordinate: top as i32, compressed_pixels_le: packer.pack(raw) };
+                let compressed_block = CompressedBlock::ScanLine(block);
+                writer.write_chunk(number, Chunk { layer_index: 0, compressed_block })?;
+            }
+            return Ok(());
+        }
+        let blocks = meta.collect_ordered_blocks(|index| UncompressedBlock {
+            index,
+            data: lines.pack(index.pixel_position.y(), index.pixel_size.height()),
+        });
+        let mut compressor = writer.sequential_blocks_compressor(&meta);
+        for (number, block) in blocks {
+            compressor.compress_block(number, block)?;
+        }
+        Ok(())
+    })
+    .expect("writing to memory, with as many values as width and height say");
     bytes.into_inner()
+}
+
+struct Lines<'a> {
+    width: usize,
+    planes: &'a [(&'a str, &'a [f32])],
+    pixel: Pixel,
+}
+
+impl Lines<'_> {
+    /// The bytes of some rows as the format wants them: row by row, in each row channel by channel, little endian.
+    fn pack(&self, top: usize, rows: usize) -> Vec<u8> {
+        let width = self.width;
+        let mut bytes = Vec::with_capacity(rows * width * self.planes.len() * 4);
+        let mut halves = vec![f16::ZERO; width];
+        for y in top..top + rows {
+            for (_, plane) in self.planes {
+                let row = &plane[y * width..][..width];
+                match self.pixel {
+                    Pixel::Half => {
+                        halves.convert_from_f32_slice(row);
+                        bytes.extend(halves.iter().flat_map(|value| value.to_le_bytes()));
+                    }
+                    Pixel::Float => bytes.extend(row.iter().flat_map(|value| value.to_le_bytes())),
+                }
+            }
+        }
+        bytes
+    }
+}
+
+/// Packs ZIP blocks and remembers the last one that was all zeros.
+#[derive(Default)]
+struct ZipPacker {
+    zeros: Option<(usize, Vec<u8>)>,
+}
+
+impl ZipPacker {
+    fn pack(&mut self, raw: Vec<u8>) -> Vec<u8> {
+        let blank = raw.iter().all(|byte| *byte == 0);
+        if let (true, Some((size, packed))) = (blank, &self.zeros)
+            && *size == raw.len()
+        {
+            return packed.clone();
+        }
+        let packed = compress_to_vec_zlib(&differences(&raw), ZIP_LEVEL);
+        if blank {
+            self.zeros = Some((raw.len(), packed.clone()));
+        }
+        // By the format, a block that packing does not make smaller is stored as it is.
+        if packed.len() < raw.len() { packed } else { raw }
+    }
+}
+
+/// The format's filter before deflate: even bytes, then odd bytes, each as the difference to the one before plus 128.
+fn differences(raw: &[u8]) -> Vec<u8> {
+    let mut ordered = vec![0; raw.len()];
+    let (even, odd) = ordered.split_at_mut(raw.len().div_ceil(2));
+    let mut filtered = vec![0; raw.len()];
+    wide(
+        #[inline(always)]
+        || {
+            let pairs = raw.chunks_exact(2);
+            if let (Some(last), [byte]) = (even.last_mut(), pairs.remainder()) {
+                *last = *byte;
+            }
+            for ((pair, even), odd) in pairs.zip(even.iter_mut()).zip(odd.iter_mut()) {
+                (*even, *odd) = (pair[0], pair[1]);
+            }
+        },
+    );
+    wide(
+        #[inline(always)]
+        || {
+            if let (Some(filtered), Some(first)) = (filtered.first_mut(), ordered.first()) {
+                *filtered = *first;
+            }
+            for (filtered, pair) in filtered.iter_mut().skip(1).zip(ordered.windows(2)) {
+                *filtered = pair[1].wrapping_sub(pair[0]).wrapping_add(128);
+            }
+        },
+    );
+    filtered
 }
 
 /// Decodes the first channel of an image.
@@ -54,4 +170,32 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
     let channel = layer.channel_data.list.first().ok_or("an image without channels")?;
     let data = channel.sample_data.values_as_f32().collect();
     Ok(Grid { width: layer.size.width(), height: layer.size.height(), data })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_storage_gives_back_what_went_in() {
+        let (width, height) = (37, 41);
+        let noisy: Vec<f32> = (0..width * height).map(|i| ((i * 2_654_435_761) % 4001) as f32 * 1e-3).collect();
+        let blank = vec![0.0; width * height];
+        let mut patch = blank.clone();
+        patch[20 * width + 5] = 1.25;
+        for plane in [noisy, blank, patch] {
+            for pixel in [Pixel::Half, Pixel::Float] {
+                for compression in [Compression::None, Compression::Rle, Compression::Zip] {
+                    let bytes = encode(width, height, &[("Z", &plane)], Exr { pixel, compression });
+                    let read = decode(&bytes).expect("what was written can be read");
+                    assert_eq!((read.width, read.height), (width, height));
+                    // Half: 11 significant bits; below 4 mm that is at most 1 um.
+                    let tolerance = if pixel == Pixel::Half { 1.0e-3 } else { 0.0 };
+                    for (read, written) in read.data.iter().zip(&plane) {
+                        assert!((read - written).abs() <= tolerance, "{pixel:?} {compression:?}: {read} {written}");
+                    }
+                }
+            }
+        }
+    }
 }

@@ -7,12 +7,15 @@ use std::path::{Path, PathBuf};
 use super::shard::write_whole;
 use crate::config::Job;
 use crate::config::diagnostic::Report;
-use crate::plan::{Plan, usage};
+use crate::plan::{Plan, stem, usage};
 
 /// Names in a dataset's folder that are ours to write and, with `--overwrite`, to remove.
 /// job.toml goes last: while it is there, what remains is known to be ours.
 const FILES: [&str; 4] = ["README.md", "dataset.json", "wids.json", "job.toml"];
 const FOLDERS: [&str; 2] = ["data", "stats"];
+
+/// How the job.toml of a dataset begins; a version follows.
+const TITLE: &str = "# The job of this dataset with every default written out, resolved by gelsim";
 
 /// Why a folder could not be used.
 #[derive(Debug)]
@@ -29,29 +32,39 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
         let path = path.to_owned();
         move |error| Refused::Io(path, error)
     };
-    if overwrite {
-        clear(root).map_err(io(root))?;
+    let refused = |message: String, help: &str| Err(Refused::Usage(usage(message, help)));
+    if root.exists() && !root.is_dir() {
+        return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
     }
     let job_path = root.join("job.toml");
-    let there = match fs::read_to_string(&job_path) {
-        Ok(text) => Some(text),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-        Err(error) => return Err(Refused::Io(job_path, error)),
-    };
-    match there {
-        Some(text) => {
-            let differs = differences(&text, &plan.job);
-            if !differs.is_empty() {
-                let message = format!("{} holds a dataset of another job: {}", root.display(), differs.join("; "));
-                let help = "choose another folder with --out, or replace that dataset with --overwrite";
-                return Err(Refused::Usage(usage(message, help)));
+    loop {
+        let there = match fs::read_to_string(&job_path) {
+            Ok(text) => Some(text),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(Refused::Io(job_path, error)),
+        };
+        match there {
+            Some(text) if text.starts_with(TITLE) => {
+                let differs = differences(&text, &plan.job);
+                if overwrite {
+                    clear(root).map_err(io(root))?;
+                } else if !differs.is_empty() {
+                    let message = format!("{} holds a dataset of another job: {}", root.display(), differs.join("; "));
+                    return refused(
+                        message,
+                        "choose another folder with --out, or replace that dataset with --overwrite",
+                    );
+                }
+                break;
+            }
+            None if !is_foreign(root).map_err(io(root))? => break,
+            // Another process may have begun the dataset just now.
+            None if job_path.exists() => {}
+            _ => {
+                let message = format!("{} is not empty and holds no dataset of gelsim", root.display());
+                return refused(message, "choose a new or empty folder with --out");
             }
         }
-        None if is_foreign(root).map_err(io(root))? => {
-            let message = format!("{} is not empty and holds no dataset of gelsim", root.display());
-            return Err(Refused::Usage(usage(message, "choose a new or empty folder with --out")));
-        }
-        None => {}
     }
     for folder in FOLDERS {
         let path = root.join(folder);
@@ -72,10 +85,12 @@ fn is_foreign(root: &Path) -> io::Result<bool> {
         Err(error) => return Err(error),
     };
     for entry in entries {
-        let name = entry?.file_name();
+        let entry = entry?;
+        let name = entry.file_name();
         let name = name.to_string_lossy();
-        // A run that was killed right at its start leaves these.
-        let ours = FOLDERS.contains(&&*name) || name.starts_with(".job.toml.");
+        // A run that was killed right at its start leaves these: shards come after job.toml.
+        let is_empty = || fs::read_dir(entry.path()).is_ok_and(|mut inside| inside.next().is_none());
+        let ours = name.starts_with(".job.toml.") || FOLDERS.contains(&&*name) && is_empty();
         if !ours {
             return Ok(true);
         }
@@ -83,15 +98,8 @@ fn is_foreign(root: &Path) -> io::Result<bool> {
     Ok(false)
 }
 
-/// Removes the dataset in `root`, if `job.toml` says that there is one, and nothing else.
+/// Removes the dataset in `root` and nothing else.
 fn clear(root: &Path) -> io::Result<()> {
-    if !root.join("job.toml").exists() {
-        return Ok(());
-    }
-    let absent_is_fine = |result: io::Result<()>| match result {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
-    };
     for folder in FOLDERS {
         absent_is_fine(fs::remove_dir_all(root.join(folder)))?;
     }
@@ -101,11 +109,38 @@ fn clear(root: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// Removes what killed runs left among the shards. Only for a dataset of which all shards are complete: then nobody
+/// needs a partial file or a lock any more.
+pub fn sweep(root: &Path) -> io::Result<()> {
+    for folder in FOLDERS {
+        for entry in fs::read_dir(root.join(folder))? {
+            let path = entry?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            if name.starts_with('.') && (name.ends_with(".partial") || name.ends_with(".lock")) {
+                absent_is_fine(fs::remove_file(&path))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
+    match result {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
 /// The text of `job.toml`: every default written out, paths relative to `root`, which must exist.
 fn resolved_job(root: &Path, plan: &Plan) -> io::Result<String> {
     let root = root.canonicalize()?;
     let relative = |path: &str| -> io::Result<String> {
-        let path = Path::new(path).canonicalize()?;
+        let path = std::path::absolute(path)?;
+        // A link keeps its name: an object is called by it.
+        let path = match (path.parent(), path.file_name()) {
+            (Some(folder), Some(name)) => folder.canonicalize()?.join(name),
+            _ => path,
+        };
         let relative = pathdiff::diff_paths(&path, &root).unwrap_or(path);
         Ok(relative.to_string_lossy().replace('\\', "/"))
     };
@@ -115,16 +150,15 @@ fn resolved_job(root: &Path, plan: &Plan) -> io::Result<String> {
     }
     job.sensor.background = job.sensor.background.as_deref().map(relative).transpose()?;
     let text = toml::to_string(&job).map_err(io::Error::other)?;
-    let version = env!("CARGO_PKG_VERSION");
-    Ok(format!("# The job of this dataset with every default written out, resolved by gelsim {version}.\n\n{text}"))
+    Ok(format!("{TITLE} {}.\n\n{text}", env!("CARGO_PKG_VERSION")))
 }
 
-/// What differs between the job of a dataset and `job`, by dotted key; paths aside, because contents have hashes.
+/// What differs between the job of a dataset and `job`, by dotted key; folders aside, because contents have hashes.
 fn differences(there: &str, job: &Job) -> Vec<String> {
-    let version = format!("resolved by gelsim {}.", env!("CARGO_PKG_VERSION"));
     let first = there.lines().next().unwrap_or_default();
-    if !first.ends_with(&version) {
-        return vec![format!("its job.toml says `{first}`, this is version {}", env!("CARGO_PKG_VERSION"))];
+    let version = first.strip_prefix(TITLE).unwrap_or_default().trim().trim_end_matches('.');
+    if version != env!("CARGO_PKG_VERSION") {
+        return vec![format!("gelsim {version} made it, this is {}", env!("CARGO_PKG_VERSION"))];
     }
     let Ok(there) = there.parse::<toml::Table>() else {
         return vec![String::from("its job.toml is not valid TOML")];
@@ -149,7 +183,7 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
             let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
             for key in keys {
                 let path = below(key);
-                if is_path(&path) {
+                if path == "sensor.background" {
                     continue;
                 }
                 match (a.get(key), b.get(key)) {
@@ -168,11 +202,10 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
         (toml::Value::Array(a), toml::Value::Array(b)) if a.len() != b.len() => {
             found.push(format!("{path} has {} elements there and {} here", a.len(), b.len()));
         }
+        // The name of a mesh is the object's in the labels.
+        (toml::Value::String(a), toml::Value::String(b))
+            if path.starts_with("object.") && path.ends_with(".path") && stem(a) == stem(b) => {}
         (a, b) if a != b => found.push(format!("{path} is {a} there and {b} here")),
         _ => {}
     }
-}
-
-fn is_path(dotted: &str) -> bool {
-    dotted == "sensor.background" || (dotted.starts_with("object.") && dotted.ends_with(".path"))
 }

@@ -102,13 +102,15 @@ impl Shard {
 }
 
 impl Layout {
-    /// `samples` samples; shares must be checked to sum to 1, `samples_per_shard` to be at least 1.
+    /// `samples` samples; the shares are taken as parts of their sum. Sound for any numbers, so that it can be made
+    /// before they are checked.
     pub fn new(samples: u64, samples_per_shard: u64, splits: Splits) -> Self {
-        let [train, val, test] = [splits.train, splits.val, splits.test].map(|share| (share * 1e9).round() as u128);
+        let [train, val, test] =
+            [splits.train, splits.val, splits.test].map(|share| (share.clamp(0.0, 1.0) * 1e9).round() as u128);
         let all = (train + val + test).max(1);
         Self {
             samples,
-            samples_per_shard,
+            samples_per_shard: samples_per_shard.max(1),
             test: Share { part: test, whole: all },
             val: Share { part: val, whole: (train + val).max(1) },
         }

@@ -115,11 +115,7 @@ impl Manifest {
                 .map(|split| (split.name().to_owned(), plan.samples_in(split)))
                 .filter(|(_, samples)| *samples > 0)
                 .collect(),
-            classes: plan
-                .classes
-                .iter()
-                .map(|name| Class { name: name.clone(), samples: samples_of(name) })
-                .collect(),
+            classes: plan.classes.iter().map(|name| Class { name: name.clone(), samples: samples_of(name) }).collect(),
             objects: objects.collect(),
             shards: shards.collect(),
         }

@@ -126,15 +126,18 @@ impl Lock {
     /// Takes the lock, or says who has it.
     pub fn take(paths: &Paths) -> io::Result<Result<Self, String>> {
         loop {
-            let mut file =
-                OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&paths.lock)?;
+            let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&paths.lock)?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
                     let mut holder = String::new();
                     file.read_to_string(&mut holder)?;
                     let holder = holder.trim();
-                    return Ok(Err(if holder.is_empty() { String::from("another process") } else { holder.to_owned() }));
+                    return Ok(Err(if holder.is_empty() {
+                        String::from("another process")
+                    } else {
+                        holder.to_owned()
+                    }));
                 }
                 Err(TryLockError::Error(error)) => return Err(error),
             }
@@ -278,6 +281,8 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// Makes a rename in the folder of `path` survive a power cut.
 fn sync_folder(path: &Path) -> io::Result<()> {
     match path.parent() {
+        // A bare name is in the current folder.
+        Some(folder) if folder.as_os_str().is_empty() => sync_folder(&Path::new(".").join(path)),
         Some(folder) if cfg!(unix) => File::open(folder)?.sync_all(),
         _ => Ok(()),
     }

@@ -76,27 +76,79 @@ impl View {
 /// Lowers `heights` (mm over the pad, 0 to begin with) to the object wherever that lies below.
 #[inline(always)]
 pub fn raster(object: &Clusters, view: &View, window: Window, heights: &mut Grid<f32>) {
-    let mut u = [0.0; MAX_VERTICES];
-    let mut v = [0.0; MAX_VERTICES];
-    let mut w = [0.0; MAX_VERTICES];
+    let mut seen = Seen::default();
     object.query(
         #[inline(always)]
         |min, max| view.may_touch(window, min, max),
         #[inline(always)]
         |part: Part<'_>| {
-            let count = part.x.len();
-            for (k, image) in [&mut u, &mut v, &mut w].into_iter().enumerate() {
-                let vertices = part.x.iter().zip(part.y).zip(part.z);
-                for (out, ((x, y), z)) in image[..count].iter_mut().zip(vertices) {
-                    *out = view.map(k, *x, *y, *z);
-                }
-            }
+            seen.look(&part, view, window);
             for corners in part.corners {
                 let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
-                triangle([u[a], v[a], w[a]], [u[b], v[b], w[b]], [u[c], v[c], w[c]], window, heights);
+                if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < 0.0 {
+                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], window, heights);
+                }
             }
         },
     );
+}
+
+/// The vertices of a part as the camera sees them.
+struct Seen {
+    /// Column, px.
+    x: [f32; MAX_VERTICES],
+    /// Row, px.
+    y: [f32; MAX_VERTICES],
+    /// Height over the pad, mm.
+    z: [f32; MAX_VERTICES],
+    /// Where the vertex lies among the pixel centres: column half, row half.
+    key: [u32; MAX_VERTICES],
+}
+
+impl Default for Seen {
+    fn default() -> Self {
+        let zeros = [0.0; MAX_VERTICES];
+        Self { x: zeros, y: zeros, z: zeros, key: [0; MAX_VERTICES] }
+    }
+}
+
+impl Seen {
+    #[inline(always)]
+    fn look(&mut self, part: &Part<'_>, view: &View, window: Window) {
+        let count = part.x.len().min(MAX_VERTICES);
+        let (px, py, pz) = (&part.x[..count], &part.y[..count], &part.z[..count]);
+        let (x, y) = (&mut self.x[..count], &mut self.y[..count]);
+        let (z, key) = (&mut self.z[..count], &mut self.key[..count]);
+        for i in 0..count {
+            x[i] = view.map(0, px[i], py[i], pz[i]);
+            y[i] = view.map(1, px[i], py[i], pz[i]);
+            z[i] = view.map(2, px[i], py[i], pz[i]);
+            key[i] = place(x[i], window.width) << 16 | place(y[i], window.height);
+        }
+    }
+
+    /// False if all pixel centres lie outside the triangle's bounding box.
+    #[inline(always)]
+    fn covers_a_centre(&self, a: usize, b: usize, c: usize) -> bool {
+        let differs = (self.key[a] ^ self.key[b]) | (self.key[a] ^ self.key[c]);
+        (differs >> 16 != 0) & (differs & 0xffff != 0)
+    }
+
+    #[inline(always)]
+    fn corner(&self, at: usize) -> [f32; 3] {
+        [self.x[at], self.y[at], self.z[at]]
+    }
+}
+
+/// Where a coordinate lies among the pixel centres: twice the number of centres below it, plus one if it is on a
+/// centre itself. Coordinates with the same place have no centre between them; up to 2 * 8192 + margins, it fits 16
+/// bits.
+#[inline(always)]
+fn place(px: f32, size: usize) -> u32 {
+    // Shifted by one to stay positive, so that the truncating cast rounds down; NaN becomes 0.
+    let shifted = (px + 0.5).clamp(0.0, size as f32 + 1.0);
+    let whole = shifted as i32;
+    (2 * whole + i32::from(whole as f32 != shifted)) as u32
 }
 
 /// First and one past the last pixel whose centre lies within `min..=max`, cut to `0..size`.
@@ -114,11 +166,10 @@ fn centres(min: f32, max: f32, size: usize) -> (usize, usize) {
 
 /// Rasterises one triangle: corners in px, px, mm.
 #[inline(always)]
-fn triangle(a: [f32; 3], b: [f32; 3], c: [f32; 3], window: Window, heights: &mut Grid<f32>) {
-    let lowest = a[2].min(b[2]).min(c[2]);
+fn triangle([a, b, c]: [[f32; 3]; 3], window: Window, heights: &mut Grid<f32>) {
     let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), window.width);
     let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), window.height);
-    if x0 >= x1 || y0 >= y1 || lowest >= 0.0 {
+    if x0 >= x1 || y0 >= y1 {
         return;
     }
     for y in y0..y1 {

@@ -2,15 +2,17 @@
 //!
 //! Source: Gomes, Wilson and Luo (2019), text: 5 passes of a 15x15 mean. Where the blurred surface lies deeper than the
 //! object, the pad hangs free and the blur is its shape; where the object lies deeper, the pad touches it. That is the
-//! larger of the two everywhere, so the surface has no step at the rim. Valid as a picture only: it cannot bulge,
-//! knows no force, and is off by tens of micrometres beside the contact.
+//! larger of the two everywhere, so the surface has no step where the object has none (of a vertical wall, half the
+//! height remains one). Valid as a picture only: it cannot bulge, knows no force, and is off by tens of micrometres
+//! beside the contact.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Numerics, SURFACE_BORDER, untouched};
 use crate::depth::Depth;
-use crate::grid::{Grid, bounding_box};
+use crate::grid::{Grid, Rect};
+use crate::simd::wide;
 
 /// Parameters of the mean blur.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -42,42 +44,57 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     let margin = depth.margin_px;
     let overlap = &depth.overlap;
     let (width, height) = (overlap.width - 2 * margin, overlap.height - 2 * margin);
-    let touching = bounding_box(overlap, |mm| mm > 0.0);
+    let touching = depth.touching;
     let mut contact = untouched(width, height, None, NUMERICS);
     let area = touching.grown(blur.reach_px(), overlap.width, overlap.height);
-    let border = SURFACE_BORDER;
-    let corner = margin - border;
-    contact.region = area.seen_from(corner, corner, width + 2 * border, height + 2 * border);
+    let corner = margin - SURFACE_BORDER;
+    contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
         return contact;
     }
     let mut blurred = overlap.crop(area);
-    pulp::Arch::new().dispatch(
+    wide(
         #[inline(always)]
-        || mean_blur(&mut blurred, blur.kernel_px as usize, blur.passes as usize),
+        || {
+            mean_blur(&mut blurred, blur.kernel_px as usize, blur.passes as usize);
+            join(&blurred, area, depth, &mut contact);
+        },
     );
+    contact
+}
 
+/// A pad that hangs this close to the object touches it, mm. The blur of a plane is the plane: without some slack,
+/// rounding would decide.
+const TOUCHING_MM: f32 = 1e-3;
+
+/// Takes the deeper of hanging pad and object as the surface; they touch where the object is not the
+/// shallower.
+#[inline(always)]
+fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
     let region = contact.region;
+    let corner = depth.margin_px - SURFACE_BORDER;
     for y in region.y0..region.y1 {
         let columns = corner + region.x0 - area.x0..corner + region.x1 - area.x0;
         let hanging = &blurred.row(corner + y - area.y0)[columns];
-        let object = &overlap.row(corner + y)[corner + region.x0..corner + region.x1];
+        let object = &depth.overlap.row(corner + y)[corner + region.x0..corner + region.x1];
         let surface = &mut contact.surface.row_mut(y)[region.x0..region.x1];
+        let mut not_finite = 0_u32;
         for ((surface, hanging), object) in surface.iter_mut().zip(hanging).zip(object) {
-            *surface = hanging.max(*object);
+            *surface = if hanging > object { *hanging } else { *object };
+            not_finite += u32::from(*surface * 0.0 != 0.0);
         }
+        contact.finite &= not_finite == 0;
     }
-    let view = touching.seen_from(margin, margin, width, height);
+    let (width, height) = (contact.mask.width, contact.mask.height);
+    let view = depth.touching.seen_from(depth.margin_px, depth.margin_px, width, height);
     for y in view.y0..view.y1 {
-        let surface = &contact.surface.row(y + border)[border..];
-        let object = &overlap.row(y + margin)[margin..];
-        let mask = &mut contact.mask.data[y * width..][..width];
-        for x in view.x0..view.x1 {
-            let touches = object[x] > 0.0 && surface[x] <= object[x];
-            mask[x] = if touches { 255 } else { 0 };
+        let surface = &contact.surface.row(y + SURFACE_BORDER)[SURFACE_BORDER + view.x0..SURFACE_BORDER + view.x1];
+        let object = &depth.overlap.row(y + depth.margin_px)[depth.margin_px + view.x0..depth.margin_px + view.x1];
+        let mask = &mut contact.mask.row_mut(y)[view.x0..view.x1];
+        for ((mask, surface), object) in mask.iter_mut().zip(surface).zip(object) {
+            *mask = if (*object > 0.0) & (surface - object <= TOUCHING_MM) { 255 } else { 0 };
         }
     }
-    contact
 }
 
 /// Applies a `kernel` x `kernel` mean `passes` times, in place; beyond the image the depth is 0.
@@ -207,6 +224,7 @@ fn add<const N: usize>(terms: &[&[f32]; MAX_LEVELS], share: f32, out: &mut [f32]
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::bounding_box;
 
     /// Each mean as written: a double loop, 0 beyond the image, in f64.
     fn oracle(image: &Grid<f32>, kernel: usize, passes: usize) -> Vec<f64> {
@@ -260,7 +278,8 @@ mod tests {
                 overlap.row_mut(y)[x] = (1.0 - (dx * dx + dy * dy) / 900.0).max(0.0);
             }
         }
-        let depth = Depth { overlap, margin_px: margin, over_thickness_px: 0 };
+        let touching = bounding_box(&overlap, |mm| mm > 0.0);
+        let depth = Depth { overlap, margin_px: margin, touching, deepest_mm: 1.0, over_thickness_px: 0 };
         let contact = press(&MeanBlur::default(), &depth);
         let mut largest_step = 0.0_f32;
         for y in 0..size {
@@ -268,7 +287,7 @@ mod tests {
                 let surface = contact.surface.at(x + 1, y + 1);
                 let object = depth.overlap.at(x + margin, y + margin);
                 assert!(surface >= object);
-                assert_eq!(contact.mask.at(x, y) == 255, object > 0.0 && surface == object);
+                assert_eq!(contact.mask.at(x, y) == 255, object > 0.0 && surface - object <= TOUCHING_MM);
                 largest_step = largest_step.max((contact.surface.at(x + 2, y + 1) - surface).abs());
             }
         }

@@ -58,6 +58,8 @@ pub struct Contact {
     pub surface: Grid<f32>,
     /// Where, in `surface`, it may differ from 0: outside it is 0 exactly. Empty without contact.
     pub region: Rect,
+    /// True if every number in `surface` is finite.
+    pub finite: bool,
     /// 255 where the pad touches the object, in the view.
     pub mask: Grid<u8>,
     /// Normal force, N, if the model knows it.
@@ -86,6 +88,7 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
     Contact {
         surface: Grid::new(width + 2 * SURFACE_BORDER, height + 2 * SURFACE_BORDER),
         region: Rect::default(),
+        finite: true,
         mask: Grid::new(width, height),
         force_n,
         peak_pressure_kpa: force_n,

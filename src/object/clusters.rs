@@ -70,8 +70,7 @@ impl Clusters {
             let triangle = mesh.triangles[index as usize];
             let id = built.clusters.len() as u32;
             let new = triangle.iter().filter(|&&v| seen[v as usize].0 != id).count();
-            let full = open.triangle_count as usize == MAX_TRIANGLES
-                || open.vertex_count as usize + new > MAX_VERTICES;
+            let full = open.triangle_count as usize == MAX_TRIANGLES || open.vertex_count as usize + new > MAX_VERTICES;
             if full {
                 boxes.push(built.close(open));
                 open = Cluster {
@@ -99,8 +98,7 @@ impl Clusters {
         }
         boxes.push(built.close(open));
         let numbers: Vec<u32> = (0..boxes.len() as u32).collect();
-        built.hierarchy =
-            PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, numbers, SortPrecision::U64, 0);
+        built.hierarchy = PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, numbers, SortPrecision::U64, 0);
         built
     }
 
@@ -178,9 +176,8 @@ impl Clusters {
             },
             |part| {
                 for ((x, y), z) in part.x.iter().zip(part.y).zip(part.z) {
-                    let along = direction[0] * f64::from(*x)
-                        + direction[1] * f64::from(*y)
-                        + direction[2] * f64::from(*z);
+                    let along =
+                        direction[0] * f64::from(*x) + direction[1] * f64::from(*y) + direction[2] * f64::from(*z);
                     best.set(best.get().max(along));
                 }
             },

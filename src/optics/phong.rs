@@ -17,6 +17,7 @@ use crate::config::sensor::Sensor;
 use crate::depth::Camera;
 use crate::gelpad::{Contact, SURFACE_BORDER};
 use crate::scene::pose::sin_cos_deg;
+use crate::simd::wide;
 
 /// Parameters of Phong shading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -130,7 +131,7 @@ impl Shader {
         } else {
             crate::grid::Rect::whole(self.width, self.height)
         };
-        let planes = std::array::from_fn(|_| vec![0.0; region.area()]);
+        let planes = std::array::from_fn(|_| Vec::with_capacity(region.area()));
         let mut light = Light { region, planes };
         with_power(self.phong.shininess, Picture { shader: self, contact, rest, light: &mut light });
         light
@@ -199,7 +200,7 @@ impl WithPower for Picture<'_> {
 
     fn run(self, power: impl Fn(f32) -> f32 + Copy) {
         let Self { shader, contact, rest, light } = self;
-        pulp::Arch::new().dispatch(
+        wide(
             #[inline(always)]
             || {
                 let mut normals = Normals::default();
@@ -248,15 +249,12 @@ fn shade_row(
         (nx[x], ny[x], nz[x]) = (fx * inverse, fy * inverse, -inverse);
     }
 
-    let [red, green, blue] = &mut light.planes;
-    let [red, green, blue] = [red, green, blue].map(|plane| &mut plane[row * width..][..width]);
     let ambient = shader.phong.ambient as f32 / 255.0;
-    for (sum, plane) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(&rest.planes) {
-        let rest = &plane[y * shader.width + region.x0..][..width];
-        for (sum, rest) in sum.iter_mut().zip(rest) {
-            *sum = f32::from(*rest) * ambient;
-        }
+    for (plane, rest) in light.planes.iter_mut().zip(&rest.planes) {
+        let rest = &rest[y * shader.width + region.x0..][..width];
+        plane.extend(rest.iter().map(|value| f32::from(*value) * ambient));
     }
+    let [red, green, blue] = light.planes.each_mut().map(|plane| &mut plane[row * width..][..width]);
     let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
     for lamp in &shader.lamps {
         for x in 0..width {

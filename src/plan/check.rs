@@ -2,8 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::config::diagnostic::{Problem, Problems};
-use crate::config::document::Document;
+use crate::config::diagnostic::{Problem, Problems, nearest};
+use crate::config::document::{Document, Value};
 use crate::config::quantity::Quantity;
 
 /// Collects what is wrong with a job, with the places of its keys.
@@ -15,29 +15,65 @@ pub struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// Adds a mistake at a dotted path.
+    /// Adds a mistake at a dotted path; where nobody wrote anything near it, at the start of the job.
     pub fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
-        let place = self.document.place(path);
+        let place = self.document.place(path).unwrap_or(self.document.root.place);
         self.problems.push(Problem::new(message).at(place).help(help));
     }
 
-    /// True if the key was written. A key that is missing although needed is only news if no other mistake hides it.
-    pub fn written(&self, path: &str) -> bool {
-        self.document.get(path).is_some()
+    /// Adds that a needed key is missing, unless a mistake found before explains it: the key was written, but wrongly;
+    /// the key or a table on the way to it was misspelt; the table is none.
+    pub fn missing(&mut self, path: &str, help: &str) {
+        if self.document.get(path).is_some() || self.misspelt(path) {
+            return;
+        }
+        let (table, key) = path.rsplit_once('.').unwrap_or(("", path));
+        let message = match (table, table.starts_with("object")) {
+            ("", _) => format!("missing key `{key}`"),
+            (_, true) => format!("missing key `{key}` in [[object]]"),
+            (table, false) => format!("missing key `{key}` in [{table}]"),
+        };
+        self.wrong(path, message, help);
+    }
+
+    /// True if the way to `path` ends at an unknown key that looks like it, or at something that is no table.
+    pub fn misspelt(&self, path: &str) -> bool {
+        let mut node = &self.document.root;
+        for segment in path.split('.') {
+            match (node.child(segment), &node.value) {
+                (Some(child), _) => node = child,
+                (None, Value::Table(entries)) => {
+                    return entries.iter().any(|entry| {
+                        let unknown = self.problems.places().any(|place| place == entry.key_place);
+                        unknown && nearest(&entry.key, [segment]).is_some()
+                    });
+                }
+                (None, _) => return true,
+            }
+        }
+        false
+    }
+
+    /// True if nothing was found wrong at `path` or below it, and it was not misspelt.
+    pub fn sound(&self, path: &str) -> bool {
+        let wrong = |place| {
+            self.document.place(path) == Some(place) || self.document.get(path).is_some_and(|node| node.holds(place))
+        };
+        !self.misspelt(path) && !(self.document.get(path).is_some() && self.problems.places().any(wrong))
     }
 
     /// A number in a range; `unit` follows the numbers in the message.
     pub fn number(&mut self, path: &str, value: f64, range: RangeInclusive<f64>, unit: &str) {
         if !range.contains(&value) {
             let help = allowed(&range, unit);
-            self.wrong(path, format!("{} = {value} is out of range", last(path)), help);
+            self.wrong(path, format!("{} = {value} is out of range", key(path)), help);
         }
     }
 
     /// A random quantity: a sound law whose values all lie in a range.
     pub fn quantity(&mut self, path: &str, quantity: &Quantity, range: RangeInclusive<f64>, unit: &str) {
         if let Some((message, help)) = quantity.mistake() {
-            self.wrong(path, format!("{}: {message}", last(path)), help);
+            self.wrong(path, format!("{}: {message}", key(path)), help);
             return;
         }
         let (min, max) = quantity.support();
@@ -49,7 +85,7 @@ impl Check<'_> {
                 (false, true) => format!("anything up to {max}"),
                 (false, false) => String::from("any number"),
             };
-            let message = format!("{} may be {reached}, which is out of range", last(path));
+            let message = format!("{} may be {reached}, which is out of range", key(path));
             let help = match (min.is_finite() && max.is_finite(), quantity) {
                 (false, _) => format!("{}; give the normal distribution a `min` and a `max`", allowed(&range, unit)),
                 _ => allowed(&range, unit),
@@ -59,8 +95,9 @@ impl Check<'_> {
     }
 }
 
-fn last(path: &str) -> &str {
-    path.rsplit('.').next().unwrap_or(path)
+/// The key that a path ends in; the number of an element of a list is no key.
+fn key(path: &str) -> &str {
+    path.rsplit('.').find(|segment| segment.parse::<usize>().is_err()).unwrap_or(path)
 }
 
 fn allowed(range: &RangeInclusive<f64>, unit: &str) -> String {

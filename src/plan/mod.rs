@@ -19,7 +19,7 @@ mod check;
 mod objects;
 
 use check::Check;
-pub use objects::{Draw, Object};
+pub use objects::{Draw, Object, stem};
 
 /// Everything a sample depends on, resolved and checked.
 pub struct Plan {
@@ -75,22 +75,22 @@ impl Plan {
 
     /// Resolves a job that was read; `problems` holds the mistakes of form found while reading.
     pub fn resolve(written: Written, mut problems: Problems) -> Result<Self, Report> {
-        let Written { mut job, document } = written;
+        let Written { mut job, document, broken, sensor_known } = written;
+        if broken {
+            return Err(Report::new(&problems, &document.sources));
+        }
         let mut check = Check { document: &document, problems: &mut problems };
         fill(&mut job);
         check_dataset(&mut check, &job);
         check_sensor(&mut check, &job);
-        check_scene(&mut check, &job);
+        check_scene(&mut check, &job, sensor_known);
         check_models(&mut check, &job);
         let reference = resolve_background(&mut check, &mut job);
         let mut notes = Vec::new();
-        let objects = objects::load(&mut check, &mut job, &mut notes);
-        let layout = Layout::new(
-            job.dataset.samples.unwrap_or(1),
-            job.dataset.samples_per_shard.max(1),
-            job.dataset.splits,
-        );
-        let draw = objects::divide(&mut check, &job, &objects);
+        let found = objects::load(&mut check, &mut job, &mut notes);
+        let layout = Layout::new(job.dataset.samples.unwrap_or(1), job.dataset.samples_per_shard, job.dataset.splits);
+        let draw = objects::divide(&mut check, &job, &found);
+        let objects = found.objects;
         let (Some(draw), Some((reference, reference_note)), true) = (draw, reference, problems.is_empty()) else {
             return Err(Report::new(&problems, &document.sources));
         };
@@ -167,8 +167,7 @@ fn camera(job: &Job) -> Camera {
 fn check_dataset(check: &mut Check<'_>, job: &Job) {
     let dataset = &job.dataset;
     match &dataset.name {
-        None if check.written("dataset.name") => {}
-        None => check.wrong("dataset", "missing key `name` in [dataset]", "for example name = \"quickstart\""),
+        None => check.missing("dataset.name", "for example name = \"quickstart\""),
         Some(name) => {
             let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
             if name.is_empty() || name.len() > 100 || name.starts_with('.') || !name.chars().all(plain) {
@@ -181,8 +180,7 @@ fn check_dataset(check: &mut Check<'_>, job: &Job) {
         }
     }
     match dataset.samples {
-        None if check.written("dataset.samples") => {}
-        None => check.wrong("dataset", "missing key `samples` in [dataset]", "for example samples = 200"),
+        None => check.missing("dataset.samples", "for example samples = 200"),
         Some(samples) => check.number("dataset.samples", samples as f64, 1.0..=1e9, "samples"),
     }
     check.number("dataset.seed", dataset.seed as f64, 0.0..=9_007_199_254_740_991.0, "");
@@ -192,7 +190,7 @@ fn check_dataset(check: &mut Check<'_>, job: &Job) {
         check.number(&format!("dataset.splits.{name}"), share, 0.0..=1.0, "");
     }
     let sum = splits.train + splits.val + splits.test;
-    if !((sum - 1.0).abs() <= 1e-9) {
+    if !((sum - 1.0).abs() <= 1e-9) && check.sound("dataset.splits") {
         check.wrong("dataset.splits", format!("the splits sum to {sum}"), "train, val and test must sum to 1");
     }
 }
@@ -200,12 +198,7 @@ fn check_dataset(check: &mut Check<'_>, job: &Job) {
 fn check_sensor(check: &mut Check<'_>, job: &Job) {
     let sensor = &job.sensor;
     for k in 0..2 {
-        check.number(
-            &format!("sensor.resolution_px.{k}"),
-            f64::from(sensor.resolution_px[k]),
-            1.0..=8192.0,
-            "px",
-        );
+        check.number(&format!("sensor.resolution_px.{k}"), f64::from(sensor.resolution_px[k]), 1.0..=8192.0, "px");
         check.number(&format!("sensor.field_of_view_mm.{k}"), sensor.field_of_view_mm[k], 1e-3..=1e4, "mm");
     }
     check.number("sensor.gelpad_thickness_mm", sensor.gelpad_thickness_mm, 1e-2..=1e3, "mm");
@@ -237,7 +230,7 @@ fn check_sensor(check: &mut Check<'_>, job: &Job) {
     }
 }
 
-fn check_scene(check: &mut Check<'_>, job: &Job) {
+fn check_scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
     let pose = &job.pose;
     check.quantity("pose.yaw_deg", &pose.yaw_deg, -3600.0..=3600.0, "degrees");
     check.quantity("pose.tilt_deg", &pose.tilt_deg, -90.0..=90.0, "degrees");
@@ -245,15 +238,13 @@ fn check_scene(check: &mut Check<'_>, job: &Job) {
     check.quantity("pose.x_mm", &pose.x_mm, -1e4..=1e4, "mm");
     check.quantity("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");
     match &job.indentation.depth_mm {
-        None if check.written("indentation.depth_mm") => {}
-        None => {
-            let help = "add an [indentation] table with for example depth_mm = [0.2, 1.5]";
-            check.wrong("indentation", "missing key `depth_mm` in [indentation]", help);
-        }
-        Some(depth) => {
+        None => check.missing("indentation.depth_mm", "for example depth_mm = [0.2, 1.5] under [indentation]"),
+        Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") => {
             let thickness = job.sensor.gelpad_thickness_mm;
             check.quantity("indentation.depth_mm", depth, 0.0..=thickness, "mm, the thickness of the gelpad");
         }
+        // The thickness is not known.
+        Some(depth) => check.quantity("indentation.depth_mm", depth, 0.0..=1e3, "mm"),
     }
     check.number("indentation.no_contact", job.indentation.no_contact, 0.0..=1.0, "");
 }
@@ -263,7 +254,7 @@ fn check_models(check: &mut Check<'_>, job: &Job) {
     match &gelpad {
         gelpad::Model::MeanBlur(blur) => {
             check.number("gelpad.mean_blur.kernel_px", f64::from(blur.kernel_px), 1.0..=255.0, "px, odd");
-            if blur.kernel_px.is_multiple_of(2) && blur.kernel_px > 0 {
+            if blur.kernel_px.is_multiple_of(2) && (1..=255).contains(&blur.kernel_px) {
                 let help = format!("write {} or {}", blur.kernel_px - 1, blur.kernel_px + 1);
                 check.wrong("gelpad.mean_blur.kernel_px", "kernel_px must be odd: a mean has a middle pixel", help);
             }
@@ -337,12 +328,13 @@ fn resolve_background(check: &mut Check<'_>, job: &mut Job) -> Option<(Reference
     Some((Reference::new(width, height, image.into_raw()), note))
 }
 
-/// SHA-256 over the resolved job without its paths, and the generator's version.
+/// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
+/// object's in the labels; contents are known by their hashes.
 fn fingerprint(job: &Job) -> String {
     let mut job = job.clone();
     job.sensor.background = None;
     for object in &mut job.object {
-        object.path = None;
+        object.path = object.path.as_deref().map(stem);
     }
     let text = serde_json::to_string(&job).unwrap_or_default();
     hex(&Sha256::digest(format!("gelsim {}\n{text}", env!("CARGO_PKG_VERSION")).as_bytes()))

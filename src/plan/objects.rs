@@ -1,13 +1,15 @@
 //! The objects of a plan: files found, read, named, and divided between the splits.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use glob::Pattern;
 use rayon::prelude::*;
 
 use super::check::Check;
 use crate::config::Job;
 use crate::config::dataset::{ObjectOrder, SplitBy};
 use crate::config::object::Object as Entry;
+use crate::dataset::layout::Split;
 use crate::object::{self, clusters::Clusters};
 use crate::rng::{Stage, stream};
 
@@ -49,37 +51,52 @@ impl Draw {
     }
 }
 
+/// The objects of a job, as far as they could be read.
+pub struct Found {
+    /// The objects.
+    pub objects: Vec<Object>,
+    /// How many more there may be behind paths that turned out wrong.
+    pub unread: usize,
+}
+
 /// Finds and reads the meshes. `job.object` becomes one entry per file, with absolute path, class and SHA-256.
-pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Vec<Object> {
-    if job.object.is_empty() && !check.written("object") {
+pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Found {
+    if job.object.is_empty() && check.document.get("object").is_none() && !check.misspelt("object") {
         check.wrong("object", "the job has no object", "add an [[object]] table with path = \"...\"");
-    } else if job.object.is_empty() {
+    } else if job.object.is_empty() && check.sound("object") {
         check.wrong("object", "the list of objects is empty", "add an [[object]] table with path = \"...\"");
     }
     let mut files: Vec<(usize, PathBuf)> = Vec::new();
+    let mut unread = 0;
     for (i, entry) in job.object.iter().enumerate() {
         let path = |key: &str| format!("object.{i}.{key}");
-        if !(entry.weight.is_finite() && entry.weight >= 0.0) {
-            check.wrong(&path("weight"), format!("weight = {} is out of range", entry.weight), "0 or more");
-        }
+        check.number(&path("weight"), entry.weight, 0.0..=1e9, "");
         if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
             check.wrong(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
         }
         match &entry.path {
-            None if check.written(&path("path")) => {}
             None => {
-                let place = format!("object.{i}");
-                check.wrong(&place, "missing key `path` in [[object]]", "a mesh file: .obj, .stl or .ply");
+                check.missing(&path("path"), "a mesh file: .obj, .stl or .ply");
+                unread += 1;
             }
-            Some(written) => find(check, &path("path"), written, &mut files, i),
+            Some(written) => match find(check, &path("path"), written) {
+                Ok(found) => files.extend(found.into_iter().map(|path| (i, path))),
+                Err(count) => unread += count,
+            },
         }
     }
     if !job.object.is_empty() && job.object.iter().all(|entry| entry.weight == 0.0) {
-        check.wrong("object.0.weight", "the weights sum to zero: no object can be drawn", "give one object a weight above 0");
+        check.wrong(
+            "object.0.weight",
+            "the weights sum to zero: no object can be drawn",
+            "give one object a weight above 0",
+        );
     }
 
-    let read: Vec<_> =
-        files.par_iter().map(|(i, path)| object::load(path, job.object[*i].unit.mm()).map(|l| (Clusters::new(&l.mesh), l))).collect();
+    let read: Vec<_> = files
+        .par_iter()
+        .map(|(i, path)| object::load(path, job.object[*i].unit.mm()).map(|l| (Clusters::new(&l.mesh), l)))
+        .collect();
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
     for ((i, path), read) in files.iter().zip(read) {
@@ -88,6 +105,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Ve
             Ok(read) => read,
             Err(error) => {
                 check.wrong(&format!("object.{i}.path"), error.to_string(), "repair the mesh, or leave it out");
+                unread += 1;
                 continue;
             }
         };
@@ -100,7 +118,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Ve
             let message = format!("{} has changed: its SHA-256 is {}", path.display(), loaded.sha256);
             check.wrong(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
         }
-        let stem = path.file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned());
+        let stem = stem(&path.to_string_lossy());
         let class = entry.class.clone().unwrap_or_else(|| stem.clone());
         let mut id = stem.clone();
         let mut number = 1;
@@ -114,44 +132,61 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Ve
             sha256: Some(loaded.sha256.clone()),
             ..entry.clone()
         });
-        objects.push(Object { id, class, sha256: loaded.sha256, weight: entry.weight, clusters });
+        // A weight that is none is reported above; the object counts all the same.
+        let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
+        objects.push(Object { id, class, sha256: loaded.sha256, weight, clusters });
     }
     job.object = entries;
-    objects
+    Found { objects, unread }
 }
 
-/// Adds the files that `written` names: itself if it exists, else as a pattern.
-fn find(check: &mut Check<'_>, place: &str, written: &str, files: &mut Vec<(usize, PathBuf)>, entry: usize) {
-    let path = check.document.folder(place).join(written);
+/// A mesh's name: that of its file, without folder and ending.
+pub fn stem(path: &str) -> String {
+    Path::new(path).file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// The files that `written` names: itself if it exists, else as a pattern. After a mistake, how many it may stand for.
+fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf>, usize> {
+    // Nobody knows; enough for every split.
+    const MANY: usize = Split::ALL.len();
+    let folder = check.document.folder(place);
+    let path = folder.join(written);
     let is_pattern = written.contains(['*', '?', '[']);
     if path.exists() || !is_pattern {
         if path.is_file() {
-            files.push((entry, path));
-        } else {
-            let what = if path.is_dir() { "is a folder" } else { "does not exist" };
-            let help = "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
-            check.wrong(place, format!("{} {what}", path.display()), help);
+            return Ok(vec![path]);
         }
-        return;
+        let what = if path.is_dir() { "is a folder" } else { "does not exist" };
+        let help = "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
+        check.wrong(place, format!("{} {what}", path.display()), help);
+        return Err(if path.is_dir() { MANY } else { 1 });
     }
-    let found = glob::glob(&path.to_string_lossy()).map(|paths| paths.filter_map(Result::ok));
+    // Only what the user wrote is a pattern, not the folder that it starts from.
+    let pattern = Path::new(&Pattern::escape(&folder.to_string_lossy())).join(written);
+    let found = glob::glob(&pattern.to_string_lossy()).map(|paths| paths.filter_map(Result::ok));
     let mut found: Vec<PathBuf> = match found {
         Ok(found) => found.filter(|path| path.is_file()).collect(),
         Err(error) => {
             check.wrong(place, format!("not a pattern: {}", error.msg), "`*`, `?` and `[abc]` stand for characters");
-            return;
+            return Err(MANY);
         }
     };
     found.sort();
     if found.is_empty() {
-        check.wrong(place, format!("no file matches {}", path.display()), "paths are relative to the file they stand in");
+        check.wrong(
+            place,
+            format!("no file matches {}", path.display()),
+            "paths are relative to the file they stand in",
+        );
+        return Err(MANY);
     }
-    files.extend(found.into_iter().map(|path| (entry, path)));
+    Ok(found)
 }
 
 /// Divides the objects between the splits. `None` after a mistake.
-pub fn divide(check: &mut Check<'_>, job: &Job, objects: &[Object]) -> Option<[Draw; 3]> {
-    if objects.iter().all(|object| object.weight <= 0.0) {
+pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 3]> {
+    let Found { objects, unread } = found;
+    if *unread == 0 && objects.iter().all(|object| object.weight <= 0.0) {
         return None;
     }
     let splits = job.dataset.splits;
@@ -168,10 +203,12 @@ pub fn divide(check: &mut Check<'_>, job: &Job, objects: &[Object]) -> Option<[D
                 }
             }
             let used = shares.iter().filter(|share| **share > 0.0).count();
-            if used > contents.len() {
-                let message = format!("{used} splits but {} different object(s)", contents.len());
+            if used > contents.len() + unread {
+                let message = format!("{used} splits but {} different object(s)", contents.len() + unread);
                 let help = "with split_by = \"object\" each split needs an object of its own: add objects, or use split_by = \"sample\"";
                 check.wrong("dataset.split_by", message, help);
+            }
+            if used > contents.len() {
                 return None;
             }
             let order = shuffled(contents.len(), job.dataset.seed);

@@ -59,11 +59,8 @@ impl Pose {
                 centre + rotation * DVec3::from_array(touching)
             }
         };
-        let translation_mm = DVec3::new(
-            position_mm[0] - anchor_at.x,
-            position_mm[1] - anchor_at.y,
-            lowest_mm + lowest - centre.z,
-        );
+        let translation_mm =
+            DVec3::new(position_mm[0] - anchor_at.x, position_mm[1] - anchor_at.y, lowest_mm + lowest - centre.z);
         Self { rotation, translation_mm, angles }
     }
 

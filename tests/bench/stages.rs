@@ -92,11 +92,9 @@ fn stages(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("png", name), |b| {
             b.iter(|| png::encode_rgb(640, 480, black_box(&sample.image.rgb)));
         });
-        for (pixel, compression) in [
-            (Pixel::Half, Compression::Zip),
-            (Pixel::Half, Compression::Rle),
-            (Pixel::Float, Compression::Zip),
-        ] {
+        for (pixel, compression) in
+            [(Pixel::Half, Compression::Zip), (Pixel::Half, Compression::Rle), (Pixel::Float, Compression::Zip)]
+        {
             let storage = Exr { pixel, compression };
             let margin = sample.depth.margin_px;
             let view = gelsim::grid::Rect { x0: margin, y0: margin, x1: margin + 640, y1: margin + 480 };

@@ -74,7 +74,10 @@ fn main() {
     }
     let root: PathBuf = std::env::temp_dir().join(format!("gelsim-throughput-{}", std::process::id()));
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    println!("{:<10} {:>9} {:>8} {:>14} {:>12} {:>8}", "object", "px", "threads", "per CPU-second", "per second", "scaling");
+    println!(
+        "{:<10} {:>9} {:>8} {:>14} {:>12} {:>8}",
+        "object", "px", "threads", "per CPU-second", "per second", "scaling"
+    );
     for (object, resolution) in
         [("dots", [640, 480]), ("dots", [320, 240]), ("sphere", [640, 480]), ("flat_face", [640, 480])]
     {

@@ -1,1 +1,13 @@
-//! 
+//! The `gelsim` command as its users meet it: what it writes, what it refuses, what it does when it is stopped.
+//!
+//! Everything runs at a few dozen pixels, in folders of its own. After a change of the job file, the label or a
+//! sensor file, one command brings the committed schemas up to date: `UPDATE=1 cargo test --test cli schema`.
+
+mod determinism;
+mod generate;
+mod messages;
+mod preview;
+mod properties;
+mod resume;
+mod schema;
+mod support;

@@ -1,0 +1,644 @@
+//! What is said about a mistake: the file, line and column, the underlined words, the way out; and that nothing is
+//! written. A job in these tests carries its own answers: `«` and `»` stand around what must be underlined.
+
+use std::collections::BTreeSet;
+
+use crate::support::{Folder, JOB, edited};
+
+/// One paragraph of a report.
+#[derive(Debug)]
+struct Problem {
+    title: String,
+    /// File, line and column as they are printed.
+    place: String,
+    /// The words above the carets.
+    underlined: String,
+    help: String,
+}
+
+fn parse_report(text: &str) -> Vec<Problem> {
+    text.trim_end().split("\n\n").map(parse_problem).collect()
+}
+
+fn parse_problem(paragraph: &str) -> Problem {
+    let lines: Vec<&str> = paragraph.lines().collect();
+    let title = lines[0].strip_prefix("error: ").unwrap_or_else(|| panic!("no title in\n{paragraph}")).to_owned();
+    let after = |mark: &str| lines.iter().find_map(|line| line.trim_start().strip_prefix(mark)).map(str::to_owned);
+    let marks = lines.iter().position(|line| line.contains('^'));
+    let underlined = marks.map_or(String::new(), |at| {
+        let start = lines[at].chars().take_while(|c| *c != '^').count();
+        let length = lines[at].chars().filter(|c| *c == '^').count();
+        lines[at - 1].chars().skip(start).take(length).collect()
+    });
+    Problem { title, place: after("--> ").unwrap_or_default(), underlined, help: after("= help: ").unwrap_or_default() }
+}
+
+/// The marked places of a text (line, column, words), and the text without its marks.
+fn unmark(text: &str) -> (Vec<(usize, usize, String)>, String) {
+    let mut places = Vec::new();
+    let mut plain = String::new();
+    for (number, line) in text.lines().enumerate() {
+        let mut rest = line;
+        while let Some((before, after)) = rest.split_once('«') {
+            let (words, after) = after.split_once('»').expect("a mark is closed on its line");
+            plain += before;
+            let column = plain.chars().rev().take_while(|c| *c != '\n').count() + 1;
+            places.push((number + 1, column, words.to_owned()));
+            plain += words;
+            rest = after;
+        }
+        plain += rest;
+        plain.push('\n');
+    }
+    (places, plain)
+}
+
+/// Names of everything in a folder.
+fn listing(folder: &Folder) -> BTreeSet<String> {
+    folder.files("").into_keys().collect()
+}
+
+/// Runs `gelsim generate job.toml FLAGS` in `folder` and expects status 2, nothing written, and of each expected
+/// problem its words in title and help.
+fn refused(folder: &Folder, flags: &str, expected: &[(&str, &str)]) -> Vec<Problem> {
+    let before = listing(folder);
+    let arguments = format!("generate job.toml {flags}");
+    let text = folder.fail(arguments.trim_end(), 2);
+    assert_eq!(listing(folder), before, "nothing may be written");
+    assert!(!folder.path("out").exists(), "not even an empty folder");
+    let problems = parse_report(&text);
+    let titles: Vec<&str> = problems.iter().map(|problem| problem.title.as_str()).collect();
+    assert_eq!(problems.len(), expected.len(), "{titles:#?}\n{text}");
+    for (problem, (title, help)) in problems.iter().zip(expected) {
+        assert!(problem.title.contains(title), "{title:?} in the title of {problem:#?}");
+        assert!(problem.help.contains(help), "{help:?} in the help of {problem:#?}");
+    }
+    problems
+}
+
+/// The same for a marked job: the problems are the marked places, in their order, each once, and no others.
+fn refused_at_marks(folder: &Folder, marked: &str, flags: &str, expected: &[(&str, &str)]) {
+    let (places, job) = unmark(marked);
+    folder.write("job.toml", job);
+    let problems = refused(folder, flags, expected);
+    assert_places(&problems, "job.toml", &places);
+}
+
+fn assert_places(problems: &[Problem], file: &str, places: &[(usize, usize, String)]) {
+    assert_eq!(problems.len(), places.len());
+    for (problem, (line, column, words)) in problems.iter().zip(places) {
+        assert_eq!(problem.place, format!("{file}:{line}:{column}"), "{problem:#?}");
+        // Where nothing stands, one caret points at the gap.
+        assert!(problem.underlined == *words || words.is_empty(), "{words:?} is underlined in {problem:#?}");
+    }
+}
+
+/// An edit of [`JOB`] with marks in it, and the one problem it makes.
+fn one_mistake(from: &str, to: &str, title: &str, help: &str) {
+    one_mistake_in(&Folder::new(), from, to, title, help);
+}
+
+fn one_mistake_in(folder: &Folder, from: &str, to: &str, title: &str, help: &str) {
+    refused_at_marks(folder, &edited(JOB, &[(from, to)]), "", &[(title, help)]);
+}
+
+#[test]
+fn an_unknown_key_is_shown_with_the_nearest_known_one() {
+    one_mistake("yaw_deg", "«yaw_dge»", "unknown key `yaw_dge`", "did you mean `yaw_deg`?");
+    one_mistake("[output]", "[«ouptut»]", "unknown key `ouptut`", "did you mean `output`?");
+    one_mistake("class = ", "«klass» = ", "unknown key `klass`", "did you mean `class`?");
+    one_mistake("std = 1.0", "std = 1.0, «maxi» = 9.0", "unknown key `maxi`", "did you mean `max`?");
+}
+
+#[test]
+fn an_unknown_key_that_is_like_no_other_is_shown_with_all_that_are_known() {
+    one_mistake("no_contact = 0.25", "«brightness» = 1", "unknown key `brightness`", "`depth_mm` or `no_contact`");
+}
+
+#[test]
+fn a_misspelt_key_that_is_needed_is_not_reported_as_missing_too() {
+    one_mistake("samples = 8", "«sampels» = 8", "unknown key `sampels`", "did you mean `samples`?");
+    one_mistake("depth_mm =", "«dept_mm» =", "unknown key `dept_mm`", "did you mean `depth_mm`?");
+    one_mistake("[indentation]", "[«indentaton»]", "unknown key `indentaton`", "did you mean `indentation`?");
+    one_mistake("path = \"cube.obj\"", "«pth» = \"cube.obj\"", "unknown key `pth`", "did you mean `path`?");
+    one_mistake("train = 0.5", "«trian» = 0.5", "unknown key `trian`", "did you mean `train`?");
+    let objects = JOB.replace("[[object]]", "[[«objects»]]").replacen("[[«objects»]]\npath = \"cone.obj\"", "[z]\n", 1);
+    let objects = edited(&objects, &[("[z]\n\nclass = \"pointed\"\nweight = 2.0\n", "")]);
+    refused_at_marks(&Folder::new(), &objects, "", &[("unknown key `objects`", "did you mean `object`?")]);
+}
+
+#[test]
+fn a_value_of_the_wrong_type_is_refused_with_the_right_one() {
+    one_mistake("samples = 8", "samples = «\"8\"»", "expected a whole number from 0 up, found the text \"8\"", "");
+    one_mistake("samples = 8", "samples = «8.5»", "expected a whole number from 0 up, found 8.5", "");
+    one_mistake("samples = 8", "samples = «-8»", "expected a whole number from 0 up, found -8", "");
+    one_mistake("weight = 2.0", "weight = «[2.0]»", "expected a number, found a list", "");
+    one_mistake("no_contact = 0.25", "no_contact = «2024-01-01»", "expected a number, found a date", "");
+    one_mistake("[48, 36]", "«[48]»", "2, found 1 element", "");
+    one_mistake("[48, 36]", "«[48, 36, 3]»", "1 element too many", "");
+    one_mistake("\nyaw_deg = [0.0, 360.0]", "\nyaw_deg = «true»", "expected a number, [min, max], or a table", "");
+    one_mistake("layers = [\"depth\", \"contact\"]", "layers = «\"depth\"»", "expected a list, found the text", "");
+}
+
+#[test]
+fn a_table_and_a_list_of_tables_are_told_apart() {
+    let one_object = edited(JOB, &[("[[object]]\npath = \"cone.obj\"\nclass = \"pointed\"\nweight = 2.0\n", "")]);
+    let single = edited(&one_object, &[("[[object]]", "«[object]»")]);
+    refused_at_marks(&Folder::new(), &single, "", &[("expected a list, found a table", "[[object]]")]);
+    let double = edited(JOB, &[("[dataset]", "«[[dataset]]»")]);
+    refused_at_marks(&Folder::new(), &double, "", &[("expected a table, found a list", "")]);
+}
+
+#[test]
+fn every_wrong_element_of_a_list_is_reported() {
+    let layers = edited(JOB, &[("[\"depth\", \"contact\"]", "[«\"dept\"», \"contact\", «\"nromal\"»]")]);
+    let expected = [("unknown choice `dept`", "did you mean `depth`"), ("unknown choice `nromal`", "`normal`")];
+    refused_at_marks(&Folder::new(), &layers, "", &expected);
+    let pair = edited(JOB, &[("[48, 36]", "[«\"a\"», «\"b\"»]")]);
+    refused_at_marks(&Folder::new(), &pair, "", &[("found the text \"a\"", ""), ("found the text \"b\"", "")]);
+}
+
+#[test]
+fn a_wrong_unit_is_refused_with_the_units_there_are() {
+    one_mistake("weight = 2.0", "unit = «\"miles\"»", "unknown choice `miles`", "one of `mm`, `cm`, `m` or `in`");
+    one_mistake("weight = 2.0", "unit = «\"mmm\"»", "unknown choice `mmm`", "did you mean `mm`?");
+}
+
+#[test]
+fn an_unknown_choice_is_refused_with_the_ones_there_are() {
+    let start = "\n[dataset]";
+    one_mistake(start, "\nfidelity = «\"papr\"»\n[dataset]", "unknown choice `papr`", "did you mean `paper`?");
+    one_mistake(start, "\ngelpad = «\"men_blur\"»\n[dataset]", "unknown choice `men_blur`", "`mean_blur`");
+    one_mistake(start, "\n[optics.«fong»]\n[dataset]", "unknown choice `fong`", "did you mean `phong`?");
+    one_mistake("seed = 7", "split_by = «\"objects\"»", "unknown choice `objects`", "did you mean `object`?");
+    one_mistake("y_mm =", "face = «\"z\"»\ny_mm =", "unknown choice `z`", "`-z`");
+    one_mistake("y_mm =", "anchor = «\"bottom\"»\ny_mm =", "unknown choice `bottom`", "`contact`");
+}
+
+#[test]
+fn an_unknown_distribution_is_refused_with_the_ones_there_are() {
+    let to = "«tilt_deg» = { unifrom = [0.0, 8.0] }";
+    let title = "unknown distribution `unifrom`: one of `uniform`, `log_uniform`, `normal` or `choice`; did you mean `uniform`?";
+    // Parsed by hand: the braces are underlined, not the key.
+    let marked = edited(JOB, &[("tilt_deg = { uniform = [0.0, 8.0] }", to)]);
+    let (_, job) = unmark(&marked);
+    let folder = Folder::with_job(&job);
+    let problems = refused(&folder, "", &[(title, "")]);
+    assert_eq!(problems[0].underlined, "{ unifrom = [0.0, 8.0] }");
+
+    one_mistake("[0.0, 360.0]", "«{ uniform = [0.0, 1.0], choice = [2.0] }»", "only one law at a time", "");
+    one_mistake("[0.0, 360.0]", "«{}»", "one of `uniform`, `log_uniform`, `normal` or `choice` belongs here", "");
+    one_mistake("mean = 0.0, std = 1.0, ", "mean = 0.0, «sd» = 1.0, ", "unknown key `sd`", "did you mean `std`?");
+}
+
+#[test]
+fn a_file_that_is_not_there_is_named() {
+    one_mistake("\"cone.obj\"", "«\"cones.obj\"»", "cones.obj does not exist", "relative to the file");
+    one_mistake("\"cone.obj\"", "«\".\"»", "is a folder", "FOLDER/*.stl");
+    one_mistake("\"cone.obj\"", "«\"job.toml\"»", "is not named like a mesh: use .obj, .stl or .ply", "");
+}
+
+#[test]
+fn a_pattern_without_a_match_is_refused() {
+    one_mistake("\"cone.obj\"", "«\"meshes/*.stl\"»", "no file matches meshes/*.stl", "relative to the file");
+    one_mistake("\"cone.obj\"", "«\"a***b\"»", "not a pattern", "stand for characters");
+}
+
+#[test]
+fn a_pattern_finds_its_files_also_from_a_folder_whose_name_looks_like_one() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("set[1]")).expect("a folder");
+    for mesh in ["cube.obj", "cone.obj"] {
+        std::fs::copy(folder.path(mesh), folder.path(&format!("set[1]/{mesh}"))).expect("a copy");
+    }
+    folder.write("set[1]/job.toml", edited(JOB, &[("\"cube.obj\"", "\"c?[bn]e.obj\"")]));
+    folder.succeed("generate set[1]/job.toml --quiet");
+    let objects = crate::support::json(&folder, "out/small/dataset.json")["objects"].clone();
+    let ids: Vec<&str> = objects.as_array().expect("a list").iter().filter_map(|o| o["id"].as_str()).collect();
+    assert_eq!(ids, ["cone", "cube", "cone-2"]);
+}
+
+#[test]
+fn a_job_without_an_object_is_refused() {
+    let without = JOB.split("[[object]]").next().expect("a beginning").to_owned() + "[indentation]\ndepth_mm = 0.5\n";
+    let (_, job) = unmark(&without);
+    let problems = refused(&Folder::with_job(&job), "", &[("the job has no object", "[[object]]")]);
+    assert_eq!(problems[0].place, "job.toml:1:1");
+    let empty = format!("object = «[]»\n{without}");
+    refused_at_marks(&Folder::new(), &empty, "", &[("the list of objects is empty", "[[object]]")]);
+}
+
+#[test]
+fn a_key_that_is_needed_is_missed_where_it_belongs() {
+    one_mistake("[dataset]\nname = \"small\"\n", "[«dataset»]\n", "missing key `name` in [dataset]", "for example");
+    one_mistake(
+        "[dataset]\nname = \"small\"\nsamples = 8\n",
+        "[«dataset»]\nname = \"small\"\n",
+        "missing key `samples` in [dataset]",
+        "for example",
+    );
+    one_mistake(
+        "[indentation]\ndepth_mm = { log_uniform = [0.3, 1.2] }\n",
+        "[«indentation»]\n",
+        "missing key `depth_mm` in [indentation]",
+        "for example",
+    );
+    one_mistake("[[object]]\npath = \"cone.obj\"\n", "«[[object]]»\n", "missing key `path` in [[object]]", "mesh file");
+    let curve = "{ mean = 0.0, std = 1.0, min = -3.0, max = 3.0 }";
+    one_mistake(curve, "«{ mean = 0.0, min = -3.0, max = 3.0 }»", "missing key `std`", "");
+}
+
+#[test]
+fn an_empty_job_is_told_all_that_is_needed() {
+    let folder = Folder::with_job("");
+    let expected = [
+        ("missing key `name` in [dataset]", "for example"),
+        ("missing key `samples` in [dataset]", "for example"),
+        ("missing key `depth_mm` in [indentation]", "for example"),
+        ("the job has no object", "[[object]]"),
+    ];
+    let problems = refused(&folder, "", &expected);
+    assert!(problems.iter().all(|problem| problem.place == "job.toml:1:1"), "{problems:#?}");
+}
+
+#[test]
+fn a_negative_or_inverted_range_is_refused() {
+    one_mistake(
+        "\nyaw_deg = [0.0, 360.0]",
+        "\nyaw_deg = «[360.0, 0.0]»",
+        "inverted range: 360 is above 0",
+        "smaller number first",
+    );
+    one_mistake("{ log_uniform = [0.3, 1.2] }", "«[-0.5, 0.5]»", "depth_mm may be -0.5 to 0.5", "allowed: 0 to 3 mm");
+    one_mistake("{ log_uniform = [0.3, 1.2] }", "«-0.5»", "depth_mm may be -0.5", "allowed: 0 to 3 mm");
+    let quantity = |to: &str, title: &str, help: &str| {
+        let job = edited(JOB, &[("depth_mm = { log_uniform = [0.3, 1.2] }", to)]);
+        refused_at_marks(&Folder::new(), &job, "", &[(title, help)]);
+    };
+    quantity("«depth_mm» = { log_uniform = [0.0, 1.2] }", "log_uniform from 0", "above 0");
+    quantity("«depth_mm» = { choice = [] }", "a choice between no values", "at least one");
+    quantity("«depth_mm» = { choice = [0.5, nan] }", "not a finite number", "ordinary number");
+    quantity("depth_mm = «inf»", "not a finite number", "ordinary number");
+    quantity("«depth_mm» = { normal = { mean = 1.0, std = -1.0 } }", "negative standard deviation -1", "0 or more");
+    quantity(
+        "«depth_mm» = { normal = { mean = 1.0, std = 0.1 } }",
+        "depth_mm may be any number",
+        "a `min` and a `max`",
+    );
+    quantity(
+        "«depth_mm» = { normal = { mean = 9.0, std = 0.1, min = 0.0, max = 1.0 } }",
+        "leave 0.000 %",
+        "widen the limits",
+    );
+}
+
+#[test]
+fn numbers_out_of_their_range_are_refused_with_the_range() {
+    one_mistake("samples = 8", "samples = «0»", "samples = 0 is out of range", "allowed: 1 to 1000000000 samples");
+    one_mistake("per_shard = 3", "per_shard = «0»", "samples_per_shard = 0 is out of range", "allowed: 1 to");
+    one_mistake("[48, 36]", "[«0», 36]", "resolution_px = 0 is out of range", "allowed: 1 to 8192 px");
+    one_mistake("[48, 36]", "[48, «8193»]", "resolution_px = 8193 is out of range", "allowed: 1 to 8192 px");
+    one_mistake("seed = 7", "seed = «9007199254740992»", "seed = 9007199254740992", "allowed: 0 to 9007199254740991");
+    one_mistake("seed = 7", "seed = «99999999999999999999»", "expected a whole number from 0 up", "");
+    one_mistake("weight = 2.0", "weight = «-2.0»", "weight = -2 is out of range", "allowed: 0 to");
+    one_mistake("weight = 2.0", "weight = «nan»", "weight = NaN is out of range", "allowed: 0 to");
+    one_mistake("no_contact = 0.25", "no_contact = «1.5»", "no_contact = 1.5 is out of range", "allowed: 0 to 1");
+    let more = |line: &str, title: &str, help: &str| {
+        one_mistake("[[object]]\npath = \"cube.obj\"", &format!("{line}\n[[object]]\npath = \"cube.obj\""), title, help)
+    };
+    more("field_of_view_mm = [20.0, «0»]", "field_of_view_mm = 0 is out of range", "allowed: 0.001 to 10000 mm");
+    more("gelpad_poisson_ratio = «0.5»", "gelpad_poisson_ratio = 0.5 is out of range", "allowed: 0 to 0.4999");
+    more("[[sensor.led]]\ncolor = [0.0, «2.0», 0.0]", "color = 2 is out of range", "allowed: 0 to 1");
+    more("[gelpad.mean_blur]\nkernel_px = «14»", "kernel_px must be odd", "write 13 or 15");
+    more("[gelpad.mean_blur]\nkernel_px = «0»", "kernel_px = 0 is out of range", "allowed: 1 to 255");
+    more("[gelpad.mean_blur]\nkernel_px = «300»", "kernel_px = 300 is out of range", "allowed: 1 to 255");
+    more("[optics.phong]\nshininess = «-1.0»", "shininess = -1 is out of range", "allowed: 0 to 1000");
+}
+
+#[test]
+fn the_largest_numbers_of_their_range_are_accepted() {
+    let job = edited(JOB, &[("seed = 7", "seed = 9007199254740991"), ("samples = 8", "samples = 1")]);
+    Folder::with_job(&job).succeed("generate job.toml --set sensor.resolution_px=[8192,1] --set pose.yaw_deg=3600");
+}
+
+#[test]
+fn a_name_that_is_no_folder_name_is_refused() {
+    for name in ["", "a/b", "..", "a b"] {
+        let to = format!("name = «\"{name}\"»");
+        one_mistake("name = \"small\"", &to, "cannot be the name of a dataset", "letters, digits");
+    }
+}
+
+#[test]
+fn weights_that_sum_to_zero_are_refused() {
+    let edits = [("\"cube.obj\"", "\"cube.obj\"\nweight = «0.0»"), ("weight = 2.0", "weight = 0")];
+    let title = "the weights sum to zero: no object can be drawn";
+    refused_at_marks(&Folder::new(), &edited(JOB, &edits), "", &[(title, "weight above 0")]);
+}
+
+#[test]
+fn a_depth_beyond_the_pad_is_refused_with_the_thickness_that_counts() {
+    one_mistake(
+        "{ log_uniform = [0.3, 1.2] }",
+        "«[0.3, 3.5]»",
+        "depth_mm may be 0.3 to 3.5",
+        "0 to 3 mm, the thickness",
+    );
+    let thin = "resolution_px = [48, 36]\ngelpad_thickness_mm = 1.0";
+    let edits = [("resolution_px = [48, 36]", thin), ("depth_mm =", "«depth_mm» =")];
+    refused_at_marks(
+        &Folder::new(),
+        &edited(JOB, &edits),
+        "",
+        &[("depth_mm may be 0.3 to 1.2", "0 to 1 mm, the thickness")],
+    );
+}
+
+#[test]
+fn nothing_is_said_about_the_depth_while_the_thickness_is_unknown() {
+    let sensor = |line: &str, title: &str| {
+        let edits = [("resolution_px = [48, 36]", line), ("{ log_uniform = [0.3, 1.2] }", "5.0")];
+        refused_at_marks(&Folder::new(), &edited(JOB, &edits), "", &[(title, "")]);
+    };
+    sensor("gelpad_thickness_mm = «-3.0»", "gelpad_thickness_mm = -3 is out of range");
+    sensor("gelpad_thickness_mm = «\"thick\"»", "expected a number");
+    sensor("«gelpad_thicknes_mm» = 6.0", "unknown key `gelpad_thicknes_mm`");
+    sensor("preset = «\"thick-one\"»", "no sensor preset is called `thick-one`");
+    sensor("file = «\"thick-one.toml\"»", "cannot read the sensor file thick-one.toml");
+}
+
+#[test]
+fn splits_that_do_not_sum_to_one_are_refused() {
+    let splits = |to: &str, title: &str, help: &str| {
+        let from = "splits = { train = 0.5, val = 0.25, test = 0.25 }";
+        refused_at_marks(&Folder::new(), &edited(JOB, &[(from, to)]), "", &[(title, help)]);
+    };
+    splits("«splits» = { train = 0.5, val = 0.25 }", "the splits sum to 0.75", "train, val and test must sum to 1");
+    splits("«splits» = {}", "the splits sum to 0", "must sum to 1");
+    // One mistake each: a wrong share explains a wrong sum.
+    splits("splits = { train = «1.5», val = 0.5 }", "train = 1.5 is out of range", "allowed: 0 to 1");
+    splits("splits = { train = 0.5, «valid» = 0.5 }", "unknown key `valid`", "did you mean `val`?");
+    splits("splits = { train = «nan» }", "train = NaN is out of range", "allowed: 0 to 1");
+}
+
+#[test]
+fn more_splits_than_objects_are_refused_where_objects_are_split() {
+    one_mistake("seed = 7", "split_by = «\"object\"»", "3 splits but 2 different object(s)", "add objects");
+    // A twin is not another object.
+    let twin = "\"cube.obj\"\n[[object]]\npath = \"twin.obj\"";
+    let folder = Folder::new();
+    std::fs::copy(folder.path("cube.obj"), folder.path("twin.obj")).expect("a copy");
+    let edits = [("seed = 7", "split_by = «\"object\"»"), ("\"cube.obj\"", twin)];
+    refused_at_marks(&folder, &edited(JOB, &edits), "", &[("3 splits but 2 different object(s)", "add objects")]);
+    // With one that cannot be read there may be enough: only that one is reported.
+    let edits =
+        [("seed = 7", "split_by = \"object\""), ("\"cube.obj\"", "\"cube.obj\"\n[[object]]\npath = «\"no.obj\"»")];
+    refused_at_marks(&Folder::new(), &edited(JOB, &edits), "", &[("no.obj does not exist", "")]);
+}
+
+#[test]
+fn a_layer_that_the_model_cannot_give_is_refused() {
+    one_mistake(
+        "\"contact\"]",
+        "«\"pressure\"»]",
+        "the gelpad model `mean_blur` knows no pressure",
+        "leave `pressure` out",
+    );
+    one_mistake("\"contact\"]", "«\"markers\"»]", "no printed markers", "leave `markers` out");
+}
+
+#[test]
+fn a_slip_of_syntax_is_reported_alone() {
+    one_mistake("samples = 8", "samples = «»", "not valid TOML", "");
+    one_mistake("[sensor]\n", "[sensor«»\n", "not valid TOML", "");
+    one_mistake("seed = 7", "seed = 7\n«seed» = 8", "duplicate key", "");
+}
+
+#[test]
+fn a_mesh_that_cannot_be_read_is_named_with_its_line() {
+    let folder = Folder::new();
+    folder.write("broken.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n");
+    one_mistake_in(&folder, "\"cone.obj\"", "«\"broken.obj\"»", "broken.obj:4: ", "repair the mesh");
+    folder.write("empty.stl", "solid x\nendsolid x\n");
+    one_mistake_in(&folder, "\"cone.obj\"", "«\"empty.stl\"»", "empty.stl: ", "repair the mesh");
+}
+
+#[test]
+fn a_sensor_preset_that_does_not_exist_is_shown_with_the_nearest() {
+    let title = "no sensor preset is called `gelsight-2015`";
+    one_mistake("[sensor]", "[sensor]\npreset = «\"gelsight-2015\"»", title, "did you mean `gelsight-2014`?");
+    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`gelsight-mini` or `digit`");
+    one_mistake("[sensor]", "[sensor]\npreset = «5»", "expected text in quotes, found 5", "");
+}
+
+#[test]
+fn a_sensor_file_that_does_not_exist_is_refused() {
+    one_mistake("[sensor]", "[sensor]\nfile = «\"mine.toml\"»", "cannot read the sensor file mine.toml", "relative to");
+}
+
+#[test]
+fn preset_and_file_at_once_are_refused() {
+    let folder = Folder::new();
+    folder.write("mine.toml", "name = \"mine\"\n");
+    let to = "[sensor]\npreset = \"digit\"\nfile = «\"mine.toml\"»";
+    one_mistake_in(&folder, "[sensor]", to, "both `preset` and `file` name a sensor", "keep one");
+}
+
+#[test]
+fn a_mistake_in_a_sensor_file_is_shown_in_that_file() {
+    let in_sensor = |marked: &str, expected: &[(&str, &str)]| {
+        let (places, text) = unmark(marked);
+        let folder = Folder::with_job(&edited(JOB, &[("[sensor]", "[sensor]\nfile = \"mine.toml\"")]));
+        folder.write("mine.toml", text);
+        assert_places(&refused(&folder, "", expected), "mine.toml", &places);
+    };
+    in_sensor(
+        "name = \"mine\"\ngelpad_thickness_mm = «-1»\n",
+        &[("gelpad_thickness_mm = -1", "allowed: 0.01 to 1000 mm")],
+    );
+    in_sensor("name = «5»\n«led_count» = 3\n", &[("expected text in quotes", ""), ("unknown key `led_count`", "")]);
+    in_sensor("name = «»\n", &[("not valid TOML", "")]);
+    in_sensor("preset = «\"digitt\"»\n", &[("no sensor preset is called `digitt`", "did you mean `digit`?")]);
+    in_sensor("file = «\"other.toml\"»\n", &[("a sensor file cannot start from another one", "preset")]);
+    in_sensor("background = «\"no.png\"»\n", &[("cannot read the background no.png", "PNG of the untouched pad")]);
+}
+
+#[test]
+fn a_background_that_is_no_picture_is_refused() {
+    let folder = Folder::new();
+    folder.write("bad.png", "this is no picture");
+    let to = "[sensor]\nbackground = «\"bad.png\"»";
+    one_mistake_in(&folder, "[sensor]", to, "cannot read the background bad.png", "PNG of the untouched pad");
+    one_mistake("[sensor]", "[sensor]\nbackground = «\"no.png\"»", "cannot read the background no.png", "PNG");
+}
+
+#[test]
+fn a_file_with_another_content_than_the_job_says_is_refused() {
+    one_mistake("weight = 2.0", "sha256 = «\"00\"»", "cone.obj has changed: its SHA-256 is ", "restore the file");
+}
+
+#[test]
+fn a_mistake_on_the_command_line_is_shown_with_its_flag() {
+    let at = |flags: &str, place: &str, underlined: &str, title: &str, help: &str| {
+        let problems = refused(&Folder::with_job(JOB), flags, &[(title, help)]);
+        assert_eq!((problems[0].place.as_str(), problems[0].underlined.as_str()), (place, underlined));
+    };
+    at("--set dataset.samples=0", "--set:1:17", "0", "samples = 0 is out of range", "allowed: 1 to");
+    at("--set sensor.resolution_px=[0,36]", "--set:1:23", "0", "resolution_px = 0 is out of range", "1 to 8192");
+    at("--set dataset.sede=1", "--set:1:1", "dataset.sede", "unknown key `sede`", "did you mean `seed`?");
+    at("--set dataset.samples", "--set:1:1", "dataset.samples", "not an assignment: `dataset.samples`", "VALUE");
+    at(
+        "--set dataset.name=mine",
+        "--set:1:1",
+        "dataset.name=mine",
+        "not an assignment",
+        "--set 'dataset.name=\"mine\"'",
+    );
+    at("--set object.5.weight=1", "--set:1:1", "object.5.weight", "no such element; the list has 2", "");
+    at("--set object.0.path=\"no.obj\"", "--set:1:15", "\"no.obj\"", "no.obj does not exist", "");
+    at("--samples 0", "--samples:1:19", "0", "samples = 0 is out of range", "allowed: 1 to");
+    at("--seed 9007199254740992", "--seed:1:16", "9007199254740992", "seed = 9007199254740992", "9007199254740991");
+}
+
+#[test]
+fn an_override_repairs_what_the_job_has_wrong() {
+    let folder = Folder::with_job(&edited(JOB, &[("samples = 8", "samples = 0")]));
+    folder.succeed("generate job.toml --samples 1");
+}
+
+#[test]
+fn many_mistakes_are_all_reported_at_once_in_the_order_of_the_file() {
+    let marked = r#"
+fidelity = «"papr"»
+[dataset]
+name = "small"
+samples = «0»
+seed = «-1»
+«splits» = { train = 0.5, val = 0.25 }
+«split_buy» = "object"
+[sensor]
+preset = «"digits"»
+resolution_px = [«0», «9000»]
+[[object]]
+path = «"nothing.obj"»
+unit = «"miles"»
+[[object]]
+path = «"none/*.stl"»
+weight = «-1.0»
+[pose]
+yaw_deg = «[360.0, 0.0]»
+x_mm = { normal = { mean = 0.0, «sd» = 1.0 } }
+[indentation]
+depth_mm = «"deep"»
+no_contact = «nan»
+[output]
+layers = [«"dept"», "contact", «"presure"»]
+«exra» = 1
+"#;
+    let expected = [
+        ("unknown choice `papr`", "`paper`"),
+        ("samples = 0 is out of range", "allowed: 1 to"),
+        ("expected a whole number from 0 up, found -1", ""),
+        ("the splits sum to 0.75", "must sum to 1"),
+        ("unknown key `split_buy`", "`split_by`"),
+        ("no sensor preset is called `digits`", "`digit`"),
+        ("resolution_px = 0 is out of range", "1 to 8192"),
+        ("resolution_px = 9000 is out of range", "1 to 8192"),
+        ("nothing.obj does not exist", "relative"),
+        ("unknown choice `miles`", "`mm`"),
+        ("no file matches none/*.stl", "relative"),
+        ("weight = -1 is out of range", "allowed: 0"),
+        ("inverted range", "smaller number first"),
+        ("unknown key `sd`", "`std`"),
+        ("expected a number", ""),
+        ("no_contact = NaN is out of range", "0 to 1"),
+        ("unknown choice `dept`", "`depth`"),
+        ("unknown choice `presure`", "`pressure`"),
+        ("unknown key `exra`", "`exr`"),
+    ];
+    refused_at_marks(&Folder::new(), marked, "", &expected);
+}
+
+#[test]
+fn mistakes_in_job_command_line_and_sensor_file_are_reported_together() {
+    let folder = Folder::with_job(&edited(
+        JOB,
+        &[("samples = 8", "samples = 0"), ("[sensor]", "[sensor]\nfile = \"mine.toml\"")],
+    ));
+    folder.write("mine.toml", "gelpad_thickness_mm = 0\n");
+    let expected = [("samples = 0", ""), ("no_contact = 2", ""), ("gelpad_thickness_mm = 0", "")];
+    let problems = refused(&folder, "--set indentation.no_contact=2", &expected);
+    let files: Vec<&str> = problems.iter().filter_map(|problem| problem.place.split(':').next()).collect();
+    assert_eq!(files, ["job.toml", "--set", "mine.toml"]);
+}
+
+#[test]
+fn a_job_that_is_no_text_or_not_there_is_refused() {
+    let folder = Folder::new();
+    assert!(folder.fail("generate nothing.toml", 2).contains("nothing.toml: cannot read the job"));
+    folder.write("job.toml", b"name = \"\xff\"");
+    assert!(folder.fail("generate job.toml", 2).contains("job.toml: not UTF-8 at byte 8"));
+}
+
+#[test]
+fn a_command_line_that_makes_no_sense_ends_with_status_2_and_writes_nothing() {
+    let folder = Folder::with_job(JOB);
+    for (flags, words) in [
+        ("--threads 0", "--threads 0 cannot work"),
+        ("--threads x", "invalid value 'x'"),
+        ("--shards 0..9", "--shards 0..9 reaches beyond the job's 4 shards"),
+        ("--shards 2..2", "write A..B with A < B"),
+        ("--shards 3", "write A..B with A < B"),
+        ("--partition 2/2", "write I/N with I from 0 to N - 1"),
+        ("--partition 0/0", "write I/N"),
+        ("--shards 0..1 --partition 0/2", "cannot be used with"),
+        ("--fidelity perfect", "possible values: paper"),
+        ("--samples many", "invalid value 'many'"),
+        ("--what", "unexpected argument '--what'"),
+    ] {
+        let text = folder.fail(&format!("generate job.toml {flags}"), 2);
+        assert!(text.contains(words), "{words:?} in\n{text}");
+        assert!(!folder.path("out").exists(), "nothing may be written: {flags}");
+    }
+}
+
+#[test]
+fn an_output_that_is_no_folder_is_refused() {
+    let folder = Folder::with_job(JOB);
+    let text = folder.fail("generate job.toml --out cube.obj", 2);
+    assert!(text.contains("cube.obj is not a folder"), "{text}");
+}
+
+#[test]
+fn a_quiet_run_prints_nothing_but_errors() {
+    let folder = Folder::new();
+    // Half of it NaN: worth a note.
+    folder.write("cube.obj", "v 0 0 0\nv 5 0 0\nv 0 5 0\nv nan 0 0\nf 1 2 3\nf 1 2 4\n");
+    folder.write("job.toml", JOB);
+    let loud = folder.succeed("generate job.toml --out loud");
+    assert!(loud.contains("note: cube.obj") && loud.contains("8 samples in 4 shards"), "{loud}");
+    folder.gelsim("generate job.toml --out quiet --quiet").assert().success().stdout("").stderr("");
+    let error = folder.fail("generate job.toml --out quiet --quiet --samples 0", 2);
+    assert!(error.contains("samples = 0 is out of range"), "{error}");
+}
+
+#[test]
+fn standard_output_is_empty_but_for_results() {
+    let folder = Folder::with_job(JOB);
+    folder.gelsim("generate job.toml").assert().success().stdout("");
+    folder.gelsim("preview job.toml --out sheet.png").assert().success().stdout("");
+    let listed = folder.gelsim("list sensors").assert().success().stderr("");
+    assert!(String::from_utf8_lossy(&listed.get_output().stdout).contains("gelsight-2014"));
+}
+
+#[test]
+fn a_reader_that_stops_early_is_no_failure() {
+    let folder = Folder::new();
+    for arguments in [["schema", "job"], ["list", "objects"], ["completions", "bash"]] {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_gelsim"));
+        let output = command.args(arguments).current_dir(folder.path("")).stdout(writer).output().expect("it runs");
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}

@@ -1,0 +1,95 @@
+//! Contact sheets: of a job, of a dataset, of one sample.
+
+use crate::support::{Folder, JOB, edited};
+
+fn picture(folder: &Folder, name: &str) -> image::RgbImage {
+    image::open(folder.path(name)).expect("a PNG").into_rgb8()
+}
+
+/// Panels of 48 x 36 px stay at that size; around them gaps, below them a line of text.
+fn assert_sheet(sheet: &image::RgbImage, columns: u32, rows: u32, panels: u32) {
+    let (width, height) = sheet.dimensions();
+    let (least_width, least_height) = (columns * panels * 48, rows * 36);
+    assert!((least_width..least_width + 60).contains(&width), "{width} px for {columns} columns");
+    assert!((least_height + rows * 13..least_height + rows * 13 + 70).contains(&height), "{height} px for {rows} rows");
+    let colors: std::collections::HashSet<_> = sheet.pixels().collect();
+    assert!(colors.len() > 20, "only {} colours", colors.len());
+}
+
+#[test]
+fn the_sheet_of_a_job_shows_its_first_samples() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("preview job.toml --out sheet.png");
+    assert_sheet(&picture(&folder, "sheet.png"), 2, 4, 3);
+    assert_eq!(folder.files("").len(), 4, "only the picture was written");
+    folder.succeed("preview job.toml --out wide.png --count 6 --columns 3");
+    assert_sheet(&picture(&folder, "wide.png"), 3, 2, 3);
+}
+
+#[test]
+fn the_sheet_of_a_dataset_shows_what_is_in_its_shards() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet");
+    folder.succeed("preview out/small --out dataset.png");
+    folder.succeed("preview job.toml --out job.png");
+    assert_sheet(&picture(&folder, "dataset.png"), 2, 4, 3);
+    // Depth is drawn from half floats there: the tactile images agree in every bit, grey values to one step.
+    let (dataset, job) = (picture(&folder, "dataset.png"), picture(&folder, "job.png"));
+    assert_eq!(dataset.dimensions(), job.dimensions());
+    let worst = dataset.as_raw().iter().zip(job.as_raw()).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(worst <= Some(1), "{worst:?}");
+}
+
+#[test]
+fn a_dataset_without_layers_still_has_a_sheet() {
+    let folder = Folder::with_job(&edited(JOB, &[("[\"depth\", \"contact\"]", "[]")]));
+    folder.succeed("generate job.toml --quiet");
+    folder.succeed("preview out/small --out sheet.png");
+    assert_sheet(&picture(&folder, "sheet.png"), 2, 4, 1);
+}
+
+#[test]
+fn one_sample_is_shown_at_full_size() {
+    let folder = Folder::with_job(&edited(JOB, &[("[48, 36]", "[400, 30]")]));
+    folder.succeed("generate job.toml --quiet");
+    for source in ["job.toml", "out/small"] {
+        folder.succeed(&format!("preview {source} --out sample.png --key 7"));
+        let (width, height) = picture(&folder, "sample.png").dimensions();
+        assert!((1200..1230).contains(&width) && (30..80).contains(&height), "{width} x {height}");
+    }
+}
+
+#[test]
+fn large_panels_are_made_smaller_on_a_sheet() {
+    let folder = Folder::with_job(&edited(JOB, &[("[48, 36]", "[400, 30]")]));
+    folder.succeed("preview job.toml --out sheet.png --panel 100 --columns 1");
+    let (width, _) = picture(&folder, "sheet.png").dimensions();
+    assert!((300..330).contains(&width), "{width}");
+}
+
+#[test]
+fn a_sample_that_does_not_exist_is_refused_with_the_numbers_that_do() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet");
+    for source in ["job.toml", "out/small"] {
+        let text = folder.fail(&format!("preview {source} --out sample.png --key 8"), 2);
+        assert!(text.contains("there is no sample 8") && text.contains("samples are numbered 0 to 7"), "{text}");
+        assert!(!folder.path("sample.png").exists());
+    }
+}
+
+#[test]
+fn a_folder_that_is_no_dataset_is_refused() {
+    let folder = Folder::new();
+    std::fs::create_dir(folder.path("empty")).expect("a folder");
+    let text = folder.fail("preview empty --out sheet.png", 2);
+    assert!(text.contains("empty/job.toml: cannot read the job"), "{text}");
+}
+
+#[test]
+fn a_sample_of_a_shard_that_is_missing_is_a_failure_that_names_it() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet --shards 0..1");
+    let text = folder.fail("preview out/small --out sheet.png", 1);
+    assert!(text.contains(".tar: "), "{text}");
+}

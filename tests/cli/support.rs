@@ -1,0 +1,192 @@
+//! What the tests share: a folder with a job and two meshes in it, the command, and readers of what it wrote.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use tempfile::TempDir;
+
+/// A job of 8 small samples; every test that needs another one edits it.
+pub const JOB: &str = r#"
+[dataset]
+name = "small"
+samples = 8
+seed = 7
+samples_per_shard = 3
+splits = { train = 0.5, val = 0.25, test = 0.25 }
+
+[sensor]
+resolution_px = [48, 36]
+
+[[object]]
+path = "cube.obj"
+
+[[object]]
+path = "cone.obj"
+class = "pointed"
+weight = 2.0
+
+[pose]
+yaw_deg = [0.0, 360.0]
+tilt_deg = { uniform = [0.0, 8.0] }
+x_mm = { normal = { mean = 0.0, std = 1.0, min = -3.0, max = 3.0 } }
+y_mm = [-2.0, 2.0]
+
+[indentation]
+depth_mm = { log_uniform = [0.3, 1.2] }
+no_contact = 0.25
+
+[output]
+layers = ["depth", "contact"]
+"#;
+
+/// The root of the repository.
+pub fn repository() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// `text` with each `(from, to)` done. `from` must stand there exactly once.
+pub fn edited(text: &str, edits: &[(&str, &str)]) -> String {
+    edits.iter().fold(text.to_owned(), |text, (from, to)| {
+        assert_eq!(text.matches(from).count(), 1, "{from:?} must stand once in\n{text}");
+        text.replace(from, to)
+    })
+}
+
+/// A temporary folder with `cube.obj` and `cone.obj` in it: the current folder of every command run there.
+pub struct Folder(TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        let folder = Self(TempDir::new().expect("a temporary folder"));
+        for mesh in ["cube.obj", "cone.obj"] {
+            fs::copy(repository().join("objects").join(mesh), folder.path(mesh)).expect("a bundled mesh");
+        }
+        folder
+    }
+
+    /// A folder with `text` as its `job.toml`.
+    pub fn with_job(text: &str) -> Self {
+        let folder = Self::new();
+        folder.write("job.toml", text);
+        folder
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) {
+        fs::write(self.path(name), content).expect("a file in the temporary folder");
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// `gelsim` with arguments that are separated by single spaces.
+    pub fn gelsim(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_gelsim"));
+        command.current_dir(self.0.path()).args(arguments.split(' '));
+        command
+    }
+
+    /// The same, to be run beside the test.
+    pub fn spawn(&self, arguments: &str) -> std::process::Child {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_gelsim"));
+        command.current_dir(self.0.path()).args(arguments.split(' ')).stderr(std::process::Stdio::piped());
+        command.spawn().expect("the command starts")
+    }
+
+    /// Runs `gelsim`, which must succeed; what it said on standard error.
+    pub fn succeed(&self, arguments: &str) -> String {
+        let assert = self.gelsim(arguments).assert().success();
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    }
+
+    /// Runs `gelsim`, which must end with `status`; what it said on standard error.
+    pub fn fail(&self, arguments: &str, status: i32) -> String {
+        let assert = self.gelsim(arguments).assert().code(status).stdout("");
+        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+    }
+
+    /// Every file below `name`, relative to it, sorted, with its bytes.
+    pub fn files(&self, name: &str) -> BTreeMap<String, Vec<u8>> {
+        let root = self.path(name);
+        let mut files = BTreeMap::new();
+        collect(&root, &root, &mut files);
+        files
+    }
+
+    /// The files below `name` that must be the same however a dataset was made: all but `stats`, which hold times.
+    pub fn lasting_files(&self, name: &str) -> BTreeMap<String, Vec<u8>> {
+        let mut files = self.files(name);
+        files.retain(|name, _| !name.starts_with("stats/"));
+        files
+    }
+
+    /// All samples of the dataset in the folder `name`: for each key its members by their suffixes.
+    pub fn samples(&self, name: &str) -> BTreeMap<String, BTreeMap<String, Vec<u8>>> {
+        let mut samples: BTreeMap<String, BTreeMap<String, Vec<u8>>> = BTreeMap::new();
+        for (file, _) in self.files(&format!("{name}/data")) {
+            for member in members(&self.path(&format!("{name}/data/{file}"))) {
+                let (key, suffix) = member.name.split_once('.').expect("a member has a suffix");
+                samples.entry(key.to_owned()).or_default().insert(suffix.to_owned(), member.bytes);
+            }
+        }
+        samples
+    }
+
+    /// The labels of all samples, by key.
+    pub fn labels(&self, name: &str) -> BTreeMap<String, serde_json::Value> {
+        let label = |members: &BTreeMap<String, Vec<u8>>| serde_json::from_slice(&members["json"]).expect("JSON");
+        self.samples(name).iter().map(|(key, members)| (key.clone(), label(members))).collect()
+    }
+}
+
+fn collect(root: &Path, folder: &Path, files: &mut BTreeMap<String, Vec<u8>>) {
+    for entry in fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display())) {
+        let path = entry.expect("a folder's entry").path();
+        if path.is_dir() {
+            collect(root, &path, files);
+        } else {
+            let name = path.strip_prefix(root).expect("below the root").to_string_lossy().into_owned();
+            files.insert(name, fs::read(&path).expect("a file"));
+        }
+    }
+}
+
+/// Which files differ between two sets; better to read than two dumps of bytes.
+pub fn assert_same_files(left: &BTreeMap<String, Vec<u8>>, right: &BTreeMap<String, Vec<u8>>) {
+    let names = |files: &BTreeMap<String, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(left), names(right));
+    let differ: Vec<&String> = left.keys().filter(|name| left[*name] != right[*name]).collect();
+    assert!(differ.is_empty(), "these differ: {differ:?}");
+}
+
+/// One file in a tar.
+pub struct Member {
+    pub name: String,
+    pub header: tar::Header,
+    pub bytes: Vec<u8>,
+}
+
+/// The files in a tar, in order.
+pub fn members(path: &Path) -> Vec<Member> {
+    let mut archive = tar::Archive::new(File::open(path).expect("a tar"));
+    let read = |entry: std::io::Result<tar::Entry<'_, File>>| {
+        let mut entry = entry.expect("an entry");
+        let name = entry.path().expect("a name").to_string_lossy().into_owned();
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).expect("its content");
+        Member { name, header: entry.header().clone(), bytes }
+    };
+    archive.entries().expect("a tar").map(read).collect()
+}
+
+/// The JSON file `name` of a folder.
+pub fn json(folder: &Folder, name: &str) -> serde_json::Value {
+    serde_json::from_str(&folder.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}

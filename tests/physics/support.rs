@@ -1,0 +1,271 @@
+//! The one place where the physics tests call the crate's stages, and what they build for them: meshes, poses,
+//! surfaces, lights. When a stage's signature changes, this file changes.
+
+use std::path::{Path, PathBuf};
+
+use gelsim::camera::{self, Image};
+use gelsim::config::sensor::{Led, Sensor};
+use gelsim::dataset::encode;
+use gelsim::depth::raster::{View, Window};
+use gelsim::depth::{self, Camera, Depth, Placement};
+use gelsim::gelpad::mean_blur::{self, MeanBlur};
+use gelsim::gelpad::{self, Contact, Model, Numerics, SURFACE_BORDER};
+use gelsim::grid::{Grid, Rect, bounding_box};
+use gelsim::object::clusters::Clusters;
+use gelsim::object::{self, Mesh};
+use gelsim::optics::background::Reference;
+use gelsim::optics::phong::Phong;
+use gelsim::optics::{self, Light, Shader};
+use gelsim::plan::Plan;
+use gelsim::render::Sample;
+
+/// Random numbers that are the same on every run and machine (SplitMix64).
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// Uniform in [0, 1).
+    pub fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut bits = self.0;
+        bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((bits ^ bits >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub fn within(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.unit()
+    }
+
+    pub fn below(&mut self, count: usize) -> usize {
+        (self.unit() * count as f64) as usize
+    }
+
+    /// A rotation matrix, every one as likely as the others (Shoemake 1992).
+    pub fn rotation(&mut self) -> [[f64; 3]; 3] {
+        let (u, v, w) = (self.unit(), self.within(0.0, std::f64::consts::TAU), self.within(0.0, std::f64::consts::TAU));
+        let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
+        matrix([a * v.sin(), a * v.cos(), b * w.sin(), b * w.cos()])
+    }
+}
+
+/// Rows of the rotation matrix of a unit quaternion x, y, z, w.
+pub fn matrix([x, y, z, w]: [f64; 4]) -> [[f64; 3]; 3] {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+}
+
+pub const UPRIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// Quarter turns about z.
+pub fn quarter_turn(quarters: usize) -> [[f64; 3]; 3] {
+    let (sin, cos) = [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][quarters % 4];
+    [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
+}
+
+/// `rotation * point + translation`.
+pub fn moved(placement: &Placement, point: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| {
+        let turned: f64 = placement.rotation[k].iter().zip(point).map(|(r, q)| r * q).sum();
+        turned + placement.translation_mm[k]
+    })
+}
+
+/// Triangles in the object's own frame, mm.
+#[derive(Clone)]
+pub struct Shape {
+    pub vertices: Vec<[f64; 3]>,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Shape {
+    /// Triangles that share no vertex.
+    pub fn soup(triangles: impl IntoIterator<Item = [[f64; 3]; 3]>) -> Self {
+        let vertices: Vec<[f64; 3]> = triangles.into_iter().flatten().collect();
+        let triangles = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        Self { vertices, triangles }
+    }
+
+    /// A sheet of `columns` x `rows` cells, each two triangles; `vertex` gives the corner in a column and row.
+    pub fn sheet(columns: usize, rows: usize, vertex: impl Fn(usize, usize) -> [f64; 3]) -> Self {
+        let vertices = (0..=rows).flat_map(|j| (0..=columns).map(move |i| (i, j))).map(|(i, j)| vertex(i, j)).collect();
+        let cell = |i: usize, j: usize| {
+            let a = (j * (columns + 1) + i) as u32;
+            let c = a + columns as u32 + 1;
+            // The diagonal changes from cell to cell.
+            if (i + j) % 2 == 0 { [[a, a + 1, c], [a + 1, c + 1, c]] } else { [[a, a + 1, c + 1], [a, c + 1, c]] }
+        };
+        let triangles = (0..rows).flat_map(|j| (0..columns).flat_map(move |i| cell(i, j))).collect();
+        Self { vertices, triangles }
+    }
+
+    /// A ball around the origin: `meridians` x `parallels` cells.
+    pub fn ball(radius: f64, meridians: usize, parallels: usize) -> Self {
+        use std::f64::consts::{PI, TAU};
+        Self::sheet(meridians, parallels, |i, j| {
+            let (azimuth, polar) = (i as f64 / meridians as f64 * TAU, j as f64 / parallels as f64 * PI);
+            [radius * polar.sin() * azimuth.cos(), radius * polar.sin() * azimuth.sin(), radius * polar.cos()]
+        })
+    }
+
+    /// A bundled object.
+    pub fn bundled(path: &Path) -> Self {
+        let mesh = match object::load(path, 1.0) {
+            Ok(loaded) => loaded.mesh,
+            Err(error) => panic!("{error}"),
+        };
+        let absolute = |v: &[f32; 3]| std::array::from_fn(|k| f64::from(v[k]) + mesh.centre_mm[k]);
+        Self { vertices: mesh.vertices.iter().map(absolute).collect(), triangles: mesh.triangles }
+    }
+
+    pub fn map(&self, change: impl Fn([f64; 3]) -> [f64; 3]) -> Self {
+        Self { vertices: self.vertices.iter().copied().map(change).collect(), triangles: self.triangles.clone() }
+    }
+
+    pub fn clusters(&self) -> Clusters {
+        match Mesh::new(self.vertices.clone(), self.triangles.clone()) {
+            Ok((mesh, _)) => Clusters::new(&mesh),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    /// Its corners in the sensor's frame.
+    pub fn placed(&self, placement: &Placement) -> Vec<[[f64; 3]; 3]> {
+        let points: Vec<[f64; 3]> = self.vertices.iter().map(|&q| moved(placement, q)).collect();
+        self.triangles.iter().map(|corners| corners.map(|at| points[at as usize])).collect()
+    }
+}
+
+/// Every bundled mesh, by name.
+pub fn bundled_objects() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects");
+    let entries = std::fs::read_dir(folder).expect("the repository has objects/");
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a readable folder").path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "obj"));
+    paths.sort();
+    assert!(paths.len() >= 20, "{} objects", paths.len());
+    paths
+}
+
+pub fn capture(object: &Clusters, placement: &Placement, camera: &Camera, margin_px: usize, thickness: f64) -> Depth {
+    depth::capture(object, placement, camera, margin_px, thickness)
+}
+
+/// The rasteriser as this test binary compiles it, without the wide instructions that [`capture`] picks at run time.
+/// Heights over the pad, cut at 0.
+pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera: &Camera, margin: usize) -> Grid<f32> {
+    let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
+    let mut heights = Grid::new(width, height);
+    let view = View::new(placement, camera, margin, object.centre_mm());
+    depth::raster::raster(object, &view, Window { width, height }, &mut heights);
+    heights
+}
+
+/// The part of a depth map that is in view.
+pub fn in_view(depth: &Depth) -> Grid<f32> {
+    let margin = depth.margin_px;
+    let (x1, y1) = (depth.overlap.width - margin, depth.overlap.height - margin);
+    depth.overlap.crop(Rect { x0: margin, y0: margin, x1, y1 })
+}
+
+/// A depth map made by hand.
+pub fn depth_of(overlap: Grid<f32>, margin_px: usize) -> Depth {
+    let touching = bounding_box(&overlap, |mm| mm > 0.0);
+    Depth { overlap, margin_px, touching, over_thickness_px: 0 }
+}
+
+pub fn press(blur: MeanBlur, depth: &Depth) -> Contact {
+    Model::MeanBlur(blur).press(depth)
+}
+
+/// Pixels of margin that [`press`] asks for.
+pub fn margin_of(blur: MeanBlur) -> usize {
+    Model::MeanBlur(blur).margin_px()
+}
+
+/// The blur as this test binary compiles it.
+pub fn blur_without_dispatch(image: &mut Grid<f32>, blur: MeanBlur) {
+    mean_blur::mean_blur(image, blur.kernel_px as usize, blur.passes as usize);
+}
+
+/// Where the middle of a pixel is, mm, in the contract's frame; pixels of a border count from -1.
+pub fn position(camera: &Camera, column: f64, row: f64) -> [f64; 2] {
+    let at = [column, row];
+    std::array::from_fn(|k| (at[k] + 0.5 - camera.resolution_px[k] as f64 / 2.0) * camera.mm_per_px[k])
+}
+
+/// A pad whose displacement at a place (mm) is `surface`; nowhere in contact.
+pub fn contact_of(camera: &Camera, surface: impl Fn([f64; 2]) -> f64) -> Contact {
+    let [width, height] = camera.resolution_px;
+    let border = SURFACE_BORDER as f64;
+    let numerics = Numerics { converged: true, iterations: 0, residual_um: None, model_error_um: None };
+    let mut contact = gelpad::untouched(width, height, None, numerics);
+    for y in 0..contact.surface.height {
+        for x in 0..contact.surface.width {
+            let place = position(camera, x as f64 - border, y as f64 - border);
+            contact.surface.row_mut(y)[x] = surface(place) as f32;
+        }
+    }
+    contact.region = Rect::whole(contact.surface.width, contact.surface.height);
+    contact
+}
+
+pub fn normals(contact: &Contact, camera: &Camera) -> Vec<[f32; 3]> {
+    optics::normals::normals(contact, camera)
+}
+
+/// The camera of a sensor.
+pub fn camera_of(sensor: &Sensor) -> Camera {
+    let resolution_px = sensor.resolution_px.map(|px| px as usize);
+    let mm_per_px = std::array::from_fn(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k]));
+    Camera { resolution_px, mm_per_px }
+}
+
+/// A sensor with `led` as its lights.
+pub fn sensor(resolution_px: [u32; 2], mm_per_px: f64, led: Vec<Led>) -> Sensor {
+    let field_of_view_mm = resolution_px.map(|px| f64::from(px) * mm_per_px);
+    Sensor { resolution_px, field_of_view_mm, led, ..Sensor::default() }
+}
+
+/// A white LED of intensity 1.
+pub fn led(azimuth_deg: f64, elevation_deg: f64) -> Led {
+    Led { name: String::from("one"), azimuth_deg, elevation_deg, color: [1.0; 3], intensity: 1.0 }
+}
+
+/// A background of one grey level.
+pub fn grey(camera: &Camera, level: u8) -> Reference {
+    let [width, height] = camera.resolution_px;
+    Reference::new(width, height, vec![level; width * height * 3])
+}
+
+pub fn shade(phong: Phong, sensor: &Sensor, contact: &Contact, rest: &Reference) -> Light {
+    Shader::new(&optics::Model::Phong(phong), sensor, &camera_of(sensor)).shade(contact, rest)
+}
+
+/// Red, green and blue at a pixel, 1 = full scale.
+pub fn light_at(light: &Light, rest: &Reference, x: usize, y: usize) -> [f64; 3] {
+    let Rect { x0, y0, x1, y1 } = light.region;
+    if (x0..x1).contains(&x) && (y0..y1).contains(&y) {
+        let at = (y - y0) * light.region.width() + x - x0;
+        std::array::from_fn(|k| f64::from(light.planes[k][at]))
+    } else {
+        std::array::from_fn(|k| f64::from(rest.rgb[(y * rest.width + x) * 3 + k]) / 255.0)
+    }
+}
+
+pub fn expose(light: &Light, rest: &Reference) -> Image {
+    camera::expose(light, rest)
+}
+
+/// The bytes of a sample's member, as it stands in a shard.
+pub fn member(plan: &Plan, sample: &Sample, suffix: &str) -> Vec<u8> {
+    let members = encode::members(sample, &plan.layers, plan.exr, &plan.camera, &plan.reference);
+    let found = members.into_iter().find(|member| member.suffix == suffix);
+    found.map(|member| member.bytes).unwrap_or_else(|| panic!("the sample has no {suffix}"))
+}
