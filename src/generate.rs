@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::config::diagnostic::Report;
 use crate::dataset::card;
 use crate::dataset::encode::{Member, members};
-use crate::dataset::folder::{Refused, prepare, sweep};
+use crate::dataset::folder::{self, Refused, prepare};
 use crate::dataset::layout::Shard;
 use crate::dataset::manifest::Manifest;
 use crate::dataset::shard::{Lock, Paths, Stats, Writer, write_whole};
@@ -161,7 +161,7 @@ fn write_shard(plan: &Plan, root: &Path, shard: &Shard, watch: &Watch, failed: &
     let paths = Paths::new(root, shard);
     let partial = paths.partial.clone();
     let io = |error| Stopped::Io(partial.clone(), error);
-    let lock = match Lock::take(&paths).map_err(|error| Stopped::Io(paths.lock.clone(), error))? {
+    let lock = match Lock::take(&paths.lock).map_err(|error| Stopped::Io(paths.lock.clone(), error))? {
         Ok(lock) => lock,
         Err(holder) => return Err(Stopped::Held(vec![format!("{} is being written by {holder}", shard.name())])),
     };
@@ -214,7 +214,9 @@ pub fn finalize(plan: &Plan, root: &Path) -> Result<bool, Stopped> {
             None => return Ok(false),
         }
     }
-    sweep(root).map_err(|error| Stopped::Io(root.to_owned(), error))?;
+    let lock = folder::lock(root);
+    let _alone = Lock::wait(&lock).map_err(|error| Stopped::Io(lock.clone(), error))?;
+    folder::sweep(root).map_err(|error| Stopped::Io(root.to_owned(), error))?;
     let manifest = Manifest::new(plan, &stats);
     let pretty = |value: &serde_json::Value| format!("{value:#}\n");
     let json = |value: Result<serde_json::Value, serde_json::Error>, path: &Path| {

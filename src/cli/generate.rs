@@ -149,7 +149,8 @@ fn summary(done: &Done, root: &str) -> String {
         done.samples as f64 / done.seconds.max(1e-9),
     );
     if done.skipped > 0 {
-        text += &format!("; {} shards were there already", done.skipped);
+        let shards = if done.skipped == 1 { "shard was" } else { "shards were" };
+        text += &format!("; {} {shards} there already", done.skipped);
     }
     if !done.complete {
         text += "; the dataset is not complete yet: other shards are missing";

@@ -45,7 +45,7 @@ pub struct Preview {
 
 impl Preview {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let tiles = if self.source.is_dir() { self.from_dataset()? } else { self.from_job()? };
+        let tiles = if self.source.is_dir() { self.dataset_tiles()? } else { self.job_tiles()? };
         let picture = match self.key {
             Some(_) => sheet(&tiles, 1, u32::MAX),
             None => sheet(&tiles, self.columns, self.panel.max(1)),
@@ -53,14 +53,14 @@ impl Preview {
         write(&self.out, &picture)
     }
 
-    fn from_job(&self) -> Result<Vec<Tile>, Failure> {
+    fn job_tiles(&self) -> Result<Vec<Tile>, Failure> {
         let plan = Plan::load(&self.source, &self.overrides.overrides())?;
         print_notes(&plan.notes, false);
         let indices = self.indices(plan.layout.samples(), false)?;
         Ok(indices.par_iter().map(|&index| Tile::rendered(&plan, index)).collect())
     }
 
-    fn from_dataset(&self) -> Result<Vec<Tile>, Failure> {
+    fn dataset_tiles(&self) -> Result<Vec<Tile>, Failure> {
         let mut problems = Problems::default();
         let written = config::read(&self.source.join("job.toml"), &Default::default(), &mut problems)?;
         if !problems.is_empty() {

@@ -83,7 +83,7 @@ pub enum Anchor {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Indentation {
-    /// How deep the object's lowest point reaches below the undeformed pad, mm; above 0, at most the pad's thickness.
+    /// How deep the object's lowest point reaches below the undeformed pad, mm; 0 to the pad's thickness.
     #[schemars(required)]
     pub depth_mm: Option<Quantity>,
     /// Share of samples in which the object stays just above the pad, 0 to 1.

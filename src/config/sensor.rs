@@ -84,7 +84,7 @@ pub struct Led {
     pub name: String,
     /// Direction towards the LED in the image plane, degrees from +x (right) towards +y (down).
     pub azimuth_deg: f64,
-    /// Angle of the LED over the pad's plane on the camera's side, degrees, above 0 up to 90.
+    /// Angle of the LED over the pad's plane on the camera's side, degrees, 0 to 90.
     pub elevation_deg: f64,
     /// Red, green and blue share of the light, 0 to 1.
     pub color: [f64; 3],

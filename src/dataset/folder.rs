@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::shard::write_whole;
+use super::shard::{Lock, write_whole};
 use crate::config::Job;
 use crate::config::diagnostic::Report;
 use crate::plan::{Plan, stem, usage};
@@ -70,6 +70,8 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
         let path = root.join(folder);
         fs::create_dir_all(&path).map_err(io(&path))?;
     }
+    let lock = lock(root);
+    let _alone = Lock::wait(&lock).map_err(io(&lock))?;
     if !job_path.exists() {
         let text = resolved_job(root, plan).map_err(io(&job_path))?;
         write_whole(&job_path, text.as_bytes()).map_err(io(&job_path))?;
@@ -90,7 +92,7 @@ fn is_foreign(root: &Path) -> io::Result<bool> {
         let name = name.to_string_lossy();
         // A run that was killed right at its start leaves these: shards come after job.toml.
         let is_empty = || fs::read_dir(entry.path()).is_ok_and(|mut inside| inside.next().is_none());
-        let ours = name.starts_with(".job.toml.") || FOLDERS.contains(&&*name) && is_empty();
+        let ours = name == LOCK || name.starts_with(".job.toml.") || FOLDERS.contains(&&*name) && is_empty();
         if !ours {
             return Ok(true);
         }
@@ -109,14 +111,22 @@ fn clear(root: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Removes what killed runs left among the shards. Only for a dataset of which all shards are complete: then nobody
-/// needs a partial file or a lock any more.
+/// The file that is locked while something other than a shard is written.
+pub fn lock(root: &Path) -> PathBuf {
+    root.join(LOCK)
+}
+
+const LOCK: &str = ".gelsim.lock";
+
+/// Removes what killed runs left. Only under the [`lock`] of a dataset of which all shards are complete: then nobody
+/// needs a partial file or a shard's lock any more.
 pub fn sweep(root: &Path) -> io::Result<()> {
-    for folder in FOLDERS {
-        for entry in fs::read_dir(root.join(folder))? {
+    for folder in [root.to_owned(), root.join("data"), root.join("stats")] {
+        for entry in fs::read_dir(folder)? {
             let path = entry?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            if name.starts_with('.') && (name.ends_with(".partial") || name.ends_with(".lock")) {
+            let leftover = name.ends_with(".partial") || name.ends_with(".lock");
+            if name.starts_with('.') && leftover && name != LOCK {
                 absent_is_fine(fs::remove_file(&path))?;
             }
         }

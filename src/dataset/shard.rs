@@ -116,41 +116,60 @@ impl Paths {
     }
 }
 
-/// The right to write a shard, held until dropped.
+/// The right to write something, held until dropped. The operating system frees it when a process dies.
 pub struct Lock {
     path: PathBuf,
     _file: File,
 }
 
 impl Lock {
-    /// Takes the lock, or says who has it.
-    pub fn take(paths: &Paths) -> io::Result<Result<Self, String>> {
+    /// Takes the lock that the file at `path` stands for, or says who has it.
+    pub fn take(path: &Path) -> io::Result<Result<Self, String>> {
         loop {
-            let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&paths.lock)?;
+            let mut file = open_lock(path)?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
                     let mut holder = String::new();
                     file.read_to_string(&mut holder)?;
                     let holder = holder.trim();
-                    return Ok(Err(if holder.is_empty() {
-                        String::from("another process")
-                    } else {
-                        holder.to_owned()
-                    }));
+                    let unnamed = String::from("another process");
+                    return Ok(Err(if holder.is_empty() { unnamed } else { holder.to_owned() }));
                 }
                 Err(TryLockError::Error(error)) => return Err(error),
             }
-            // Whoever finishes removes the file: a lock on a removed file protects nothing.
-            if !same_file(&file, &paths.lock) {
-                continue;
+            if let Some(lock) = Self::signed(file, path)? {
+                return Ok(Ok(lock));
             }
-            file.set_len(0)?;
-            file.rewind()?;
-            writeln!(file, "process {} on {}", std::process::id(), host())?;
-            return Ok(Ok(Self { path: paths.lock.clone(), _file: file }));
         }
     }
+
+    /// Takes the lock, and waits while another process has it.
+    pub fn wait(path: &Path) -> io::Result<Self> {
+        loop {
+            let file = open_lock(path)?;
+            file.lock()?;
+            if let Some(lock) = Self::signed(file, path)? {
+                return Ok(lock);
+            }
+        }
+    }
+
+    /// Writes into the locked file who holds it. `None` if the file is no longer the one at `path`: whoever finishes
+    /// removes it, and a lock on a removed file protects nothing.
+    fn signed(mut file: File, path: &Path) -> io::Result<Option<Self>> {
+        if !same_file(&file, path) {
+            return Ok(None);
+        }
+        file.set_len(0)?;
+        file.rewind()?;
+        writeln!(file, "process {} on {}", std::process::id(), host())?;
+        Ok(Some(Self { path: path.to_owned(), _file: file }))
+    }
+}
+
+fn open_lock(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)
 }
 
 impl Drop for Lock {

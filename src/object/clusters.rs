@@ -124,17 +124,7 @@ impl Clusters {
 
     /// Calls `visit` with every part whose box, and all boxes around it, pass `keep(min, max)`.
     #[inline(always)]
-    pub fn query<'a>(&'a self, keep: impl Fn([f32; 3], [f32; 3]) -> bool, mut visit: impl FnMut(Part<'a>)) {
-        self.descend(
-            #[inline(always)]
-            |min, max| keep(min, max),
-            #[inline(always)]
-            |part| visit(part),
-        );
-    }
-
-    #[inline(always)]
-    fn descend<'a>(&'a self, mut keep: impl FnMut([f32; 3], [f32; 3]) -> bool, mut visit: impl FnMut(Part<'a>)) {
+    pub fn query<'a>(&'a self, mut keep: impl FnMut([f32; 3], [f32; 3]) -> bool, mut visit: impl FnMut(Part<'a>)) {
         let mut stack = vec![0_usize];
         while let Some(at) = stack.pop() {
             let Some(node) = self.hierarchy.nodes.get(at) else { continue };
@@ -168,7 +158,7 @@ impl Clusters {
     /// The largest value of `direction . vertex`, with vertices relative to [`Clusters::centre_mm`].
     pub fn extreme(&self, direction: [f64; 3]) -> f64 {
         let best = std::cell::Cell::new(f64::NEG_INFINITY);
-        self.descend(
+        self.query(
             |min, max| {
                 let bound: f64 =
                     (0..3).map(|k| (direction[k] * f64::from(min[k])).max(direction[k] * f64::from(max[k]))).sum();
@@ -188,7 +178,7 @@ impl Clusters {
     /// Mean of the vertices whose `direction . vertex` is within `slack` of `extreme`, relative to the centre.
     pub fn extreme_point(&self, direction: [f64; 3], extreme: f64, slack: f64) -> [f64; 3] {
         let (mut sum, mut count) = ([0.0; 3], 0.0);
-        self.descend(
+        self.query(
             |min, max| {
                 let bound: f64 =
                     (0..3).map(|k| (direction[k] * f64::from(min[k])).max(direction[k] * f64::from(max[k]))).sum();
@@ -228,9 +218,9 @@ fn morton_order(mesh: &Mesh) -> Vec<u32> {
         .enumerate()
         .map(|(index, triangle)| {
             let mut key = 0;
-            for k in 0..3 {
+            for (k, min) in min.iter().enumerate() {
                 let sum: f64 = triangle.iter().map(|&v| f64::from(mesh.vertices[v as usize][k])).sum();
-                key |= spread(((sum / 3.0 - f64::from(min[k])) * scale) as u64) << k;
+                key |= spread(((sum / 3.0 - f64::from(*min)) * scale) as u64) << k;
             }
             (key, index as u32)
         })

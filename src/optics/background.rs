@@ -85,7 +85,7 @@ pub fn quantise(brightness: f32) -> u8 {
     // From 2^23 on, floats are whole numbers: the sum is rounded, and its low byte is the value. Unlike a cast, which
     // has more cases to mind, this runs on eight pixels at a time.
     const WHOLE: f32 = 8_388_608.0;
-    ((brightness * 255.0).max(0.0).min(255.0) + WHOLE).to_bits() as u8
+    ((brightness * 255.0).clamp(0.0, 255.0) + WHOLE).to_bits() as u8
 }
 
 /// Noise of mean 0 and standard deviation 1 with a given grain size: bilinear between random knots, at two scales.

@@ -56,10 +56,9 @@ impl Check<'_> {
 
     /// True if nothing was found wrong at `path` or below it, and it was not misspelt.
     pub fn sound(&self, path: &str) -> bool {
-        let wrong = |place| {
-            self.document.place(path) == Some(place) || self.document.get(path).is_some_and(|node| node.holds(place))
-        };
-        !self.misspelt(path) && !(self.document.get(path).is_some() && self.problems.places().any(wrong))
+        let Some(node) = self.document.get(path) else { return !self.misspelt(path) };
+        let shown = self.document.place(path);
+        !self.problems.places().any(|place| Some(place) == shown || node.holds(place))
     }
 
     /// A number in a range; `unit` follows the numbers in the message.

@@ -190,7 +190,7 @@ fn check_dataset(check: &mut Check<'_>, job: &Job) {
         check.number(&format!("dataset.splits.{name}"), share, 0.0..=1.0, "");
     }
     let sum = splits.train + splits.val + splits.test;
-    if !((sum - 1.0).abs() <= 1e-9) && check.sound("dataset.splits") {
+    if (sum - 1.0).abs() > 1e-9 && check.sound("dataset.splits") {
         check.wrong("dataset.splits", format!("the splits sum to {sum}"), "train, val and test must sum to 1");
     }
 }

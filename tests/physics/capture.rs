@@ -4,13 +4,13 @@
 //! all, and the covered pixels must be exactly those of the oracle, edges included on every side.
 
 use gelsim::depth::{Camera, Placement};
-use gelsim::grid::Grid;
+use gelsim::grid::{Grid, bounding_box};
 use gelsim::render::render;
 
 use crate::oracle::Scenery;
 use crate::plan::plan;
 use crate::support::{
-    Random, Shape, UPRIGHT, bundled_objects, capture, in_view, matrix, moved, position, quarter_turn,
+    Random, Shape, UPRIGHT, bundled_objects, capture, deepest_in_view, in_view, matrix, moved, position, quarter_turn,
     raster_without_dispatch,
 };
 
@@ -434,7 +434,7 @@ fn a_flat_face_is_as_deep_as_the_job_says_whichever_face_and_yaw() {
                      depth_mm = {depth_mm}\n"
                 ));
                 let sample = render(&plan, 0);
-                let deepest = f64::from(in_view(&sample.depth).data.iter().fold(0.0_f32, |max, mm| max.max(*mm)));
+                let deepest = f64::from(deepest_in_view(&sample.depth));
                 // A round side touches along a line, which may pass between pixel centres 0.25 mm apart.
                 let round = matches!((object, face), ("cylinder" | "flat_face" | "brick", _));
                 let missed = if round { 0.2 } else { 1e-6 };
@@ -463,6 +463,23 @@ fn what_would_pass_the_shell_is_limited_to_the_pad_and_counted_in_view_only() {
     for (limited, free) in limited.overlap.data.iter().zip(&free.overlap.data) {
         assert_eq!(*limited, free.min(3.0));
     }
+}
+
+#[test]
+fn the_box_around_the_overlap_and_the_deepest_point_in_view_are_those_of_the_map() {
+    let mut random = Random::new(13);
+    let camera = camera(40, 30, 0.05);
+    let clusters = Shape::ball(0.7, 40, 20).clusters();
+    let (mut out_of_view, mut in_sight) = (0, 0);
+    for _ in 0..200 {
+        let placement = at([random.within(-2.5, 2.5), random.within(-2.5, 2.5), random.within(-0.2, 0.8)]);
+        let depth = capture(&clusters, &placement, &camera, 20, 1.0);
+        assert_eq!(depth.touching, bounding_box(&depth.overlap, |mm| mm > 0.0));
+        assert_eq!(depth.deepest_mm, deepest_in_view(&depth));
+        out_of_view += usize::from(depth.deepest_mm == 0.0 && !depth.touching.is_empty());
+        in_sight += usize::from(depth.deepest_mm > 0.0);
+    }
+    assert!(out_of_view > 10 && in_sight > 10, "{out_of_view} {in_sight}");
 }
 
 #[test]

@@ -177,7 +177,14 @@ pub fn in_view(depth: &Depth) -> Grid<f32> {
 /// A depth map made by hand.
 pub fn depth_of(overlap: Grid<f32>, margin_px: usize) -> Depth {
     let touching = bounding_box(&overlap, |mm| mm > 0.0);
-    Depth { overlap, margin_px, touching, over_thickness_px: 0 }
+    let mut depth = Depth { overlap, margin_px, touching, deepest_mm: 0.0, over_thickness_px: 0 };
+    depth.deepest_mm = deepest_in_view(&depth);
+    depth
+}
+
+/// The largest depth in view, found the plain way.
+pub fn deepest_in_view(depth: &Depth) -> f32 {
+    in_view(depth).data.iter().fold(0.0, |deepest, mm| mm.max(deepest))
 }
 
 pub fn press(blur: MeanBlur, depth: &Depth) -> Contact {
