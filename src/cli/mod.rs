@@ -91,6 +91,10 @@ struct JobOverrides {
 }
 
 impl JobOverrides {
+    fn any(&self) -> bool {
+        self.samples.is_some() || self.seed.is_some() || self.fidelity.is_some() || !self.set.is_empty()
+    }
+
     fn overrides(&self) -> Overrides {
         let mut set: Vec<(String, String)> =
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();

@@ -61,6 +61,10 @@ impl Preview {
     }
 
     fn dataset_tiles(&self) -> Result<Vec<Tile>, Failure> {
+        if self.overrides.any() {
+            let message = "--samples, --seed, --fidelity and --set change a job, not a dataset that is there";
+            return Err(usage(message, "leave them out, or preview the job").into());
+        }
         let mut problems = Problems::default();
         let written = config::read(&self.source.join("job.toml"), &Default::default(), &mut problems)?;
         if !problems.is_empty() {

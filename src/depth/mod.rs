@@ -54,8 +54,8 @@ pub fn capture(
     thickness_mm: f64,
 ) -> Depth {
     let [width, height] = camera.resolution_px;
-    let window = Window { width: width + 2 * margin_px, height: height + 2 * margin_px };
-    let view = View::new(placement, camera, margin_px, object.centre_mm());
+    let window = Window { width: width + 2 * margin_px, height: height + 2 * margin_px, margin: margin_px };
+    let view = View::new(placement, camera, object.centre_mm());
     let mut overlap = Grid::new(window.width, window.height);
     wide(
         #[inline(always)]

@@ -16,10 +16,21 @@ pub struct Window {
     pub width: usize,
     /// Rows.
     pub height: usize,
+    /// Columns left of the view, and rows above it, that are part of the image.
+    pub margin: usize,
+}
+
+impl Window {
+    /// Coordinate of the centre of the image's column or row number `at`. Coordinates count from the view's corner, so
+    /// that no bit of the view depends on the margin.
+    #[inline(always)]
+    fn centre(self, at: usize) -> f32 {
+        (at as i32 - self.margin as i32) as f32 + 0.5
+    }
 }
 
 /// Affine map from an object's vertices (mm, relative to its centre) to column px, row px and height over the pad mm.
-/// The centre of the pixel in column i, row j is at (i + 0.5, j + 0.5).
+/// The centre of the view's pixel in column i, row j is at (i + 0.5, j + 0.5).
 #[derive(Clone, Copy, Debug)]
 pub struct View {
     linear: [[f32; 3]; 3],
@@ -27,14 +38,10 @@ pub struct View {
 }
 
 impl View {
-    /// The map for an object at `placement`, seen by `camera` in an image that is `margin_px` wider on every side.
-    pub fn new(placement: &Placement, camera: &Camera, margin_px: usize, centre_mm: [f64; 3]) -> Self {
+    /// The map for an object at `placement`, seen by `camera`.
+    pub fn new(placement: &Placement, camera: &Camera, centre_mm: [f64; 3]) -> Self {
         let per_mm = [1.0 / camera.mm_per_px[0], 1.0 / camera.mm_per_px[1], 1.0];
-        let middle = [
-            camera.resolution_px[0] as f64 / 2.0 + margin_px as f64,
-            camera.resolution_px[1] as f64 / 2.0 + margin_px as f64,
-            0.0,
-        ];
+        let middle = [camera.resolution_px[0] as f64 / 2.0, camera.resolution_px[1] as f64 / 2.0, 0.0];
         let mut view = Self { linear: [[0.0; 3]; 3], offset: [0.0; 3] };
         for k in 0..3 {
             let row = placement.rotation[k];
@@ -65,10 +72,10 @@ impl View {
         };
         // Rounding of the box's corners and of the vertices differs: a hair more than either can be off.
         let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5;
-        high(0) + slack(0) >= 0.5
-            && low(0) - slack(0) <= window.width as f32 - 0.5
-            && high(1) + slack(1) >= 0.5
-            && low(1) - slack(1) <= window.height as f32 - 0.5
+        high(0) + slack(0) >= window.centre(0)
+            && low(0) - slack(0) <= window.centre(window.width)
+            && high(1) + slack(1) >= window.centre(0)
+            && low(1) - slack(1) <= window.centre(window.height)
             && low(2) - slack(2) < 0.0
     }
 }
@@ -123,7 +130,7 @@ impl Seen {
             x[i] = view.map(0, px[i], py[i], pz[i]);
             y[i] = view.map(1, px[i], py[i], pz[i]);
             z[i] = view.map(2, px[i], py[i], pz[i]);
-            key[i] = place(x[i], window.width) << 16 | place(y[i], window.height);
+            key[i] = place(x[i], window.width, window.margin) << 16 | place(y[i], window.height, window.margin);
         }
     }
 
@@ -141,43 +148,43 @@ impl Seen {
 }
 
 /// Where a coordinate lies among the pixel centres: twice the number of centres below it, plus one if it is on a
-/// centre itself. Coordinates with the same place have no centre between them; up to 2 * 8192 + margins, it fits 16
-/// bits.
+/// centre itself. Coordinates with the same place have no centre between them. Exact: taking off the whole part of a
+/// float leaves no rounding. With at most 8192 px and their margins it fits 16 bits.
 #[inline(always)]
-fn place(px: f32, size: usize) -> u32 {
-    // Shifted by one to stay positive, so that the truncating cast rounds down; NaN becomes 0.
-    let shifted = (px + 0.5).clamp(0.0, size as f32 + 1.0);
-    let whole = shifted as i32;
-    (2 * whole + i32::from(whole as f32 != shifted)) as u32
+fn place(px: f32, size: usize, margin: usize) -> u32 {
+    let margin = margin as i32;
+    // NaN stays NaN and becomes 0 in the cast.
+    let near = px.clamp((-margin - 1) as f32, (size as i32 - margin) as f32);
+    let whole = near.floor();
+    let rest = near - whole;
+    (2 * (whole as i32 + margin + 1) + i32::from(rest > 0.5) + i32::from(rest >= 0.5)) as u32
 }
 
-/// First and one past the last pixel whose centre lies within `min..=max`, cut to `0..size`.
+/// First and one past the last of the image's columns (or rows) whose centre lies within `min..=max`, cut to `0..end`.
 #[inline(always)]
-fn centres(min: f32, max: f32, size: usize) -> (usize, usize) {
-    let last = size as f32;
-    // Shifted by one to stay positive, so that the truncating cast rounds down.
-    let low = (min + 0.5).clamp(0.0, last + 1.0);
-    let high = (max + 0.5).clamp(0.0, last + 1.0);
-    let below = low as i32;
-    let first = below + i32::from((below as f32) < low) - 1;
-    let end = high as i32;
-    (first.max(0) as usize, end.clamp(0, size as i32) as usize)
+fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
+    let margin = margin as i32;
+    let cut = |px: f32| px.clamp((-margin - 1) as f32, (end as i32 - margin) as f32);
+    let (low, high) = (cut(min), cut(max));
+    let first = low.floor() as i32 + margin + i32::from(low - low.floor() > 0.5);
+    let last = high.floor() as i32 + margin + i32::from(high - high.floor() >= 0.5);
+    (first.max(0) as usize, last.clamp(0, end as i32) as usize)
 }
 
 /// Rasterises one triangle: corners in px, px, mm.
 #[inline(always)]
 fn triangle([a, b, c]: [[f32; 3]; 3], window: Window, heights: &mut Grid<f32>) {
-    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), window.width);
-    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), window.height);
+    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), window.width, window.margin);
+    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), window.height, window.margin);
     if x0 >= x1 || y0 >= y1 {
         return;
     }
     for y in y0..y1 {
-        let py = y as f32 + 0.5;
-        let (x0, x1) = if x1 - x0 <= 8 { (x0, x1) } else { span(a, b, c, py, x0, x1) };
+        let py = window.centre(y);
+        let (x0, x1) = if x1 - x0 <= 8 { (x0, x1) } else { span([a, b, c], py, (x0, x1), window.margin) };
         let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
         let row = &mut heights.data[y * window.width..][..window.width][x0..x1];
-        let mut x = x0 as f32 + 0.5;
+        let mut x = window.centre(x0);
         let mut eights = row.chunks_exact_mut(8);
         for eight in &mut eights {
             for (k, value) in eight.iter_mut().enumerate() {
@@ -209,7 +216,7 @@ fn at_pixel([a, b, c]: &[[f32; 3]; 3], x: f32) -> (bool, f32) {
 
 /// Columns of a row at height `py` that a triangle can cover, a little too many rather than one too few.
 #[inline(always)]
-fn span(a: [f32; 3], b: [f32; 3], c: [f32; 3], py: f32, x0: usize, x1: usize) -> (usize, usize) {
+fn span([a, b, c]: [[f32; 3]; 3], py: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
     let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
     for (p, q) in [(a, b), (b, c), (c, a)] {
         let (low, high) = (p[1].min(q[1]), p[1].max(q[1]));
@@ -224,7 +231,7 @@ fn span(a: [f32; 3], b: [f32; 3], c: [f32; 3], py: f32, x0: usize, x1: usize) ->
         max = max.max(from).max(to);
     }
     let slack = 1.0 + 1e-5 * (min.abs() + max.abs());
-    let (first, end) = centres(min - slack, max + slack, x1);
+    let (first, end) = centres(min - slack, max + slack, x1, margin);
     let first = first.max(x0);
     (first, end.max(first))
 }

@@ -185,6 +185,11 @@ fn check_dataset(check: &mut Check<'_>, job: &Job) {
     }
     check.number("dataset.seed", dataset.seed as f64, 0.0..=9_007_199_254_740_991.0, "");
     check.number("dataset.samples_per_shard", dataset.samples_per_shard as f64, 1.0..=1e6, "samples");
+    let shards = dataset.samples.unwrap_or(0).div_ceil(dataset.samples_per_shard.max(1));
+    if (1_000_000..=1_000_000_000).contains(&shards) {
+        let message = format!("{shards} shards are too many: their names count to 999999");
+        check.wrong("dataset.samples_per_shard", message, "raise samples_per_shard");
+    }
     let splits = dataset.splits;
     for (name, share) in [("train", splits.train), ("val", splits.val), ("test", splits.test)] {
         check.number(&format!("dataset.splits.{name}"), share, 0.0..=1.0, "");

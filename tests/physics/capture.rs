@@ -163,12 +163,12 @@ fn where_f32_is_exact_the_covered_pixels_are_exactly_those_of_the_plain_loop() {
     let mut random = Random::new(3);
     let camera = camera(48, 36, 1.0 / 32.0);
     let (mut covered, mut on_edges) = (0, 0);
-    for round in 0..80 {
-        // All corners on corners and centres of pixels: every edge function is exact.
+    for round in 0..400 {
+        // All corners on corners, centres and quarters of pixels, near each other and far: every edge function is exact.
         let r = &mut random;
         let shape = Shape::soup((0..15).map(|_| {
-            let a = on_lattice(r);
-            let mut other = || [0, 1, 2].map(|k| a[k] + (r.within(-24.0, 24.0)).round() / 64.0);
+            let (a, reach) = (on_lattice(r), [2.0, 6.0, 24.0, 96.0][r.below(4)]);
+            let mut other = || [0, 1, 2].map(|k| a[k] + r.within(-reach, reach).round() / 256.0);
             [a, other(), other()]
         }));
         let placement = Placement { rotation: quarter_turn(round), translation_mm: [0.0; 3] };
@@ -495,8 +495,11 @@ fn the_view_is_the_same_with_any_margin() {
             for margin in [1, 36, 57] {
                 let with = capture(&clusters, &placement, &camera, margin, 1.0);
                 assert_eq!(with.over_thickness_px, without.over_thickness_px, "{name}, margin {margin}");
-                let same = in_view(&with) == without.overlap;
-                assert!(same, "{name}: a margin of {margin} px changes the depth in view");
+                let found = in_view(&with);
+                let apart = found.data.iter().zip(&without.overlap.data).map(|(a, b)| (a - b).abs());
+                let differ = apart.clone().filter(|mm| *mm > 0.0).count();
+                let largest = apart.fold(0.0, f32::max);
+                assert_eq!(differ, 0, "{name}: a margin of {margin} px changes depths by up to {largest} mm");
             }
         }
     }

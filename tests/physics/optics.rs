@@ -322,6 +322,29 @@ fn hills([x, y]: [f64; 2]) -> f64 {
     0.6 + 0.2 * (2.1 * x + 0.4).sin() * (1.7 * y).cos() + 0.1 * (x + 3.0 * y).sin() + 0.05 * x
 }
 
+#[test]
+fn light_changes_up_to_one_pixel_beyond_where_the_surface_does() {
+    let sensor = sensor([40, 30], 0.1, four_coloured_leds());
+    let camera = camera_of(&sensor);
+    let rest = grey(&camera, 128);
+    // Without any blur the surface ends in a wall, whose slope the neighbouring pixels see.
+    let sharp = MeanBlur { kernel_px: 1, passes: 0 };
+    for (left, top) in [(15, 12), (0, 0), (33, 25)] {
+        let margin = margin_of(sharp);
+        let mut overlap = Grid::new(40 + 2 * margin, 30 + 2 * margin);
+        for y in margin + top..margin + top + 5 {
+            overlap.row_mut(y)[margin + left..margin + left + 7].fill(0.5);
+        }
+        let mut contact = press(sharp, &depth_of(overlap, margin));
+        let light = shade(Phong::default(), &sensor, &contact, &rest);
+        contact.region = Rect::whole(contact.surface.width, contact.surface.height);
+        let everywhere = shade(Phong::default(), &sensor, &contact, &rest);
+        let error = error(&light, &rest, |x, y| light_at(&everywhere, &rest, x, y));
+        assert!(error < 1e-6, "{error} for a wall at {left}, {top}");
+        assert!(light.region.area() < 100, "{:?}", light.region);
+    }
+}
+
 fn four_coloured_leds() -> Vec<Led> {
     let colors = [[1.0, 0.2, 0.1], [0.1, 1.0, 0.3], [0.2, 0.3, 1.0], [0.9, 0.8, 0.7]];
     (0..4)

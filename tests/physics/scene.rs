@@ -203,8 +203,8 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
             let rows = || touching.iter().map(|(_, row)| *row);
             let mean = |values: &mut dyn Iterator<Item = u32>| values.map(f64::from).sum::<f64>() / count;
             let centroid = position(&plan.camera, mean(&mut columns()), mean(&mut rows()));
-            for k in 0..2 {
-                assert!((contact.centroid_mm[k] - centroid[k]).abs() < 1e-9);
+            for (found, expected) in contact.centroid_mm.into_iter().zip(centroid) {
+                assert!((found - expected).abs() < 1e-9);
             }
             let bounds = [columns().min(), rows().min(), columns().max().map(|x| x + 1), rows().max().map(|y| y + 1)];
             assert_eq!(contact.bbox_px.map(Some), bounds);

@@ -99,7 +99,11 @@ impl Shape {
             let a = (j * (columns + 1) + i) as u32;
             let c = a + columns as u32 + 1;
             // The diagonal changes from cell to cell.
-            if (i + j) % 2 == 0 { [[a, a + 1, c], [a + 1, c + 1, c]] } else { [[a, a + 1, c + 1], [a, c + 1, c]] }
+            if (i + j).is_multiple_of(2) {
+                [[a, a + 1, c], [a + 1, c + 1, c]]
+            } else {
+                [[a, a + 1, c + 1], [a, c + 1, c]]
+            }
         };
         let triangles = (0..rows).flat_map(|j| (0..columns).flat_map(move |i| cell(i, j))).collect();
         Self { vertices, triangles }
@@ -162,8 +166,8 @@ pub fn capture(object: &Clusters, placement: &Placement, camera: &Camera, margin
 pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera: &Camera, margin: usize) -> Grid<f32> {
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut heights = Grid::new(width, height);
-    let view = View::new(placement, camera, margin, object.centre_mm());
-    depth::raster::raster(object, &view, Window { width, height }, &mut heights);
+    let view = View::new(placement, camera, object.centre_mm());
+    depth::raster::raster(object, &view, Window { width, height, margin }, &mut heights);
     heights
 }
 

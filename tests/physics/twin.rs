@@ -86,12 +86,13 @@ fn f32_stages_give_the_grey_levels_of_the_plain_f64_pipeline() {
             let expected = image(&plan, &shape, &Scene::draw(&plan, index).pose.placement());
             let (mut rounded_otherwise, mut changed, mut worst) = (0, 0, 0.0_f64);
             for (at, expected) in expected.iter().enumerate() {
-                for k in 0..3 {
-                    let found = sample.image.rgb[at * 3 + k];
-                    let off = (f64::from(found) - expected[k]).abs();
+                let rgb = at * 3..at * 3 + 3;
+                let rest = &plan.reference.rgb[rgb.clone()];
+                for ((found, rest), expected) in sample.image.rgb[rgb].iter().zip(rest).zip(expected) {
+                    let off = (f64::from(*found) - expected).abs();
                     worst = worst.max(off);
                     rounded_otherwise += usize::from(off > 0.5);
-                    changed += usize::from(found != plan.reference.rgb[at * 3 + k]);
+                    changed += usize::from(found != rest);
                 }
             }
             // The right level but for brightnesses that lie within 0.01 of the middle between two.
