@@ -62,36 +62,37 @@ pub fn capture(
         || raster::raster(object, &view, window, &mut overlap),
     );
 
-    let limited = limit(&mut overlap, camera, margin_px, thickness_mm as f32);
+    let (deepest_mm, over_thickness_px) = limit(&mut overlap, camera, margin_px, thickness_mm as f32);
     let touching = bounding_box(&overlap, |mm| mm > 0.0);
-    let view = touching.seen_from(margin_px, margin_px, width, height);
-    let mut deepest_mm = 0.0_f32;
-    for y in view.y0..view.y1 {
-        for mm in &overlap.row(y + margin_px)[margin_px + view.x0..margin_px + view.x1] {
-            deepest_mm = if *mm > deepest_mm { *mm } else { deepest_mm };
-        }
-    }
-    Depth { overlap, margin_px, touching, deepest_mm, over_thickness_px: limited }
+    Depth { overlap, margin_px, touching, deepest_mm, over_thickness_px }
 }
 
-/// Turns heights over the pad, cut at 0, into depths below it, cut at the pad's thickness. How many were cut in view.
-fn limit(heights: &mut Grid<f32>, camera: &Camera, margin_px: usize, thickness: f32) -> u64 {
+/// Turns heights over the pad, cut at 0, into depths below it, cut at the pad's thickness. The largest depth in view,
+/// and how many pixels in view were cut.
+fn limit(heights: &mut Grid<f32>, camera: &Camera, margin_px: usize, thickness: f32) -> (f32, u64) {
     let [width, height] = camera.resolution_px;
-    let mut limited = 0;
+    // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+    let (mut deepest_bits, mut cut) = (0, 0);
     wide(
         #[inline(always)]
         || {
             let columns = heights.width;
             for (y, row) in heights.data.chunks_exact_mut(columns).enumerate() {
-                if (margin_px..margin_px + height).contains(&y) {
+                let in_view = (margin_px..margin_px + height).contains(&y);
+                if in_view {
                     let view = &row[margin_px..margin_px + width];
-                    limited += u64::from(view.iter().map(|above| u32::from(-above > thickness)).sum::<u32>());
+                    cut += u64::from(view.iter().map(|above| u32::from(-above > thickness)).sum::<u32>());
                 }
-                for value in row {
+                for value in row.iter_mut() {
                     *value = (0.0 - *value).min(thickness);
+                }
+                if in_view {
+                    for depth in &row[margin_px..margin_px + width] {
+                        deepest_bits = depth.to_bits().max(deepest_bits);
+                    }
                 }
             }
         },
     );
-    limited
+    (f32::from_bits(deepest_bits), cut)
 }

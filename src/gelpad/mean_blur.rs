@@ -108,6 +108,10 @@ pub fn mean_blur(image: &mut Grid<f32>, kernel: usize, passes: usize) {
     }
     let mut row_means = Means::new(kernel, width, 1);
     for row in image.data.chunks_exact_mut(width) {
+        // Rows above, below and between contacts stay what they are.
+        if row.iter().all(|value| *value == 0.0) {
+            continue;
+        }
         row_means.cells().copy_from_slice(row);
         row_means.repeat(passes);
         row.copy_from_slice(row_means.cells());

@@ -71,6 +71,11 @@ fn capture(c: &mut Criterion) {
             b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, 36, 3.0));
         });
     }
+    let plan = plan("dots");
+    let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0).pose.placement() };
+    group.bench_function(BenchmarkId::new("bundled", "out of reach"), |b| {
+        b.iter(|| depth::capture(black_box(&plan.objects[0].clusters), &above, &CAMERA, 36, 3.0));
+    });
     group.finish();
 }
 
