@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::{Failure, JobOverrides, print_notes};
@@ -134,8 +134,13 @@ fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
 fn progress_bar(quiet: bool) -> ProgressBar {
     let visible = !quiet && std::io::stderr().is_terminal();
     let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let style = ProgressStyle::with_template("{bar:32} {human_pos}/{human_len} samples  {per_sec}  {eta} left");
-    ProgressBar::with_draw_target(None, target).with_style(style.unwrap_or(ProgressStyle::default_bar()))
+    let style = ProgressStyle::with_template("{bar:32} {human_pos}/{human_len} samples  {rate}  {eta} left")
+        .unwrap_or(ProgressStyle::default_bar())
+        .with_key("rate", |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+            // What cannot be written to the terminal is only not seen.
+            let _ = write!(out, "{:.0} samples/s", state.per_sec());
+        });
+    ProgressBar::with_draw_target(None, target).with_style(style)
 }
 
 fn summary(done: &Done, root: &str) -> String {
