@@ -200,7 +200,7 @@ struct Encoded {
 fn encode(plan: &Plan, index: u64) -> Encoded {
     let sample = render(plan, index);
     let clock = Instant::now();
-    let members = members(&sample, &plan.layers, plan.exr, &plan.camera, &plan.reference);
+    let members = members(plan, &sample);
     let seconds = Seconds { encode: clock.elapsed().as_secs_f64(), ..sample.seconds };
     Encoded { label: sample.label, members, seconds }
 }

@@ -32,6 +32,11 @@ impl<T: Copy + Default> Grid<T> {
         self.data[y * self.width + x]
     }
 
+    /// The part that is left when `border` pixels are taken off every side.
+    pub fn inner(&self, border: usize) -> Self {
+        self.crop(Rect { x0: border, y0: border, x1: self.width - border, y1: self.height - border })
+    }
+
     /// The part inside `rect`, which must lie within the image.
     pub fn crop(&self, rect: Rect) -> Self {
         let mut data = Vec::with_capacity(rect.area());

@@ -11,6 +11,7 @@ use crate::dataset::layout::Split;
 use crate::depth::Depth;
 use crate::gelpad::Contact;
 use crate::grid::{Rect, bounding_box};
+use crate::optics::Light;
 use crate::plan::Plan;
 use crate::scene::Scene;
 use crate::simd::wide;
@@ -187,7 +188,14 @@ pub fn key(index: u64) -> String {
 
 impl Label {
     /// Describes a rendered sample.
-    pub fn describe(plan: &Plan, scene: &Scene, depth: &Depth, contact: &Contact, image: &Image) -> Self {
+    pub fn describe(
+        plan: &Plan,
+        scene: &Scene,
+        depth: &Depth,
+        contact: &Contact,
+        light: &Light,
+        image: &Image,
+    ) -> Self {
         let object = &plan.objects[scene.object];
         let sensor = &plan.job.sensor;
         let [mm_x, mm_y] = plan.camera.mm_per_px;
@@ -242,7 +250,11 @@ impl Label {
             optics_model: plan.shader.name().to_owned(),
             effects: Effects {
                 deformation: Effect::new(changes, "the object reaches into the pad", "nothing reaches into the pad"),
-                shading: Effect::new(changes, "the surface is not flat", "the surface is flat"),
+                // Some equations add light to a flat pad too.
+                shading: match changes {
+                    true => Effect::new(true, "the surface is not flat", ""),
+                    false => Effect::new(!light.region.is_empty(), "a flat pad is shaded too", "the surface is flat"),
+                },
                 darkening: match plan.shader.darkens() {
                     true => Effect::new(changes, "the surface is pressed in", "the surface is flat"),
                     false => Effect::new(false, "", "the optics model has no darkening"),

@@ -15,7 +15,7 @@ use image::{Rgb, RgbImage};
 use crate::dataset::layout::Layout;
 use crate::dataset::shard::Paths;
 use crate::dataset::{exr, png};
-use crate::grid::{Grid, Rect};
+use crate::grid::Grid;
 use crate::label::{Label, key};
 use crate::plan::Plan;
 use crate::render::{Sample, render};
@@ -34,11 +34,14 @@ impl Tile {
     /// Renders sample `index` of a plan.
     pub fn rendered(plan: &Plan, index: u64) -> Self {
         let Sample { image, depth, contact, label, .. } = render(plan, index);
-        let margin = depth.margin_px;
-        let view = Rect { x0: margin, y0: margin, x1: margin + image.width, y1: margin + image.height };
         let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
         tactile.copy_from_slice(&image.rgb);
-        Self { tactile, depth: Some(depth.overlap.crop(view)), contact: Some(contact.mask), caption: caption(&label) }
+        Self {
+            tactile,
+            depth: Some(depth.overlap.inner(depth.margin_px)),
+            contact: Some(contact.mask),
+            caption: caption(&label),
+        }
     }
 
     /// Reads sample `index` from the shards of the dataset at `root`.

@@ -84,7 +84,7 @@ pub fn render(plan: &Plan, index: u64) -> Sample {
     let image = camera::expose(&light, &plan.reference);
     seconds.camera = clock.lap();
 
-    let label = Label::describe(plan, &scene, &depth, &contact, &image);
+    let label = Label::describe(plan, &scene, &depth, &contact, &light, &image);
     seconds.label = clock.lap();
 
     Sample { image, depth, contact, label, seconds }

@@ -5,14 +5,12 @@ use std::io;
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
-use crate::config::output::{Exr, Layer};
+use crate::config::output::Layer;
 use crate::dataset::{exr, png};
-use crate::depth::Camera;
 use crate::gelpad::SURFACE_BORDER;
-use crate::grid::Rect;
 use crate::label::Label;
-use crate::optics::background::Reference;
 use crate::optics::normals::normals;
+use crate::plan::Plan;
 use crate::render::Sample;
 
 /// One file of a sample.
@@ -24,31 +22,23 @@ pub struct Member {
 }
 
 /// Encodes the tactile image, the layers and the label.
-pub fn members(sample: &Sample, layers: &[Layer], storage: Exr, camera: &Camera, rest: &Reference) -> Vec<Member> {
+pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let image = &sample.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member { suffix: "tactile.png", bytes: png::encode_rgb(width, height, &image.rgb) }];
-    for layer in layers {
-        let single = |name, plane: &[f32]| exr::encode(width, height, &[(name, plane)], storage);
+    for layer in &plan.layers {
+        let single = |name, plane: &[f32]| exr::encode(width, height, &[(name, plane)], plan.exr);
         let bytes = match layer {
-            Layer::Depth => {
-                let margin = sample.depth.margin_px;
-                let view = Rect { x0: margin, y0: margin, x1: margin + width, y1: margin + height };
-                single("Z", &sample.depth.overlap.crop(view).data)
-            }
-            Layer::Surface => {
-                let border = SURFACE_BORDER;
-                let view = Rect { x0: border, y0: border, x1: border + width, y1: border + height };
-                single("Z", &sample.contact.surface.crop(view).data)
-            }
+            Layer::Depth => single("Z", &sample.depth.overlap.inner(sample.depth.margin_px).data),
+            Layer::Surface => single("Z", &sample.contact.surface.inner(SURFACE_BORDER).data),
             Layer::Contact => png::encode_grey(width, height, &sample.contact.mask.data),
             Layer::Normal => {
-                let normals = normals(&sample.contact, camera);
+                let normals = normals(&sample.contact, &plan.camera);
                 let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect::<Vec<f32>>();
                 let (x, y, z) = (plane(0), plane(1), plane(2));
-                exr::encode(width, height, &[("X", &x), ("Y", &y), ("Z", &z)], storage)
+                exr::encode(width, height, &[("X", &x), ("Y", &y), ("Z", &z)], plan.exr)
             }
-            Layer::Reference => png::encode_rgb(width, height, &rest.rgb),
+            Layer::Reference => png::encode_rgb(width, height, &plan.untouched),
             // The plan refuses layers that the models cannot give.
             Layer::Pressure | Layer::Markers => continue,
         };

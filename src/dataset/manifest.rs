@@ -112,7 +112,7 @@ impl Manifest {
             layers: plan.layers.iter().map(|layer| layer.suffix().to_owned()).collect(),
             splits: Split::ALL
                 .into_iter()
-                .map(|split| (split.name().to_owned(), plan.samples_in(split)))
+                .map(|split| (split.name().to_owned(), plan.layout.samples_in(split)))
                 .filter(|(_, samples)| *samples > 0)
                 .collect(),
             classes: plan.classes.iter().map(|name| Class { name: name.clone(), samples: samples_of(name) }).collect(),

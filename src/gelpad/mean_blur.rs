@@ -37,15 +37,13 @@ impl MeanBlur {
     }
 }
 
-const NUMERICS: Numerics = Numerics { converged: true, iterations: 0, residual_um: None, model_error_um: None };
-
 /// Presses the object into the pad.
 pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     let margin = depth.margin_px;
     let overlap = &depth.overlap;
     let (width, height) = (overlap.width - 2 * margin, overlap.height - 2 * margin);
     let touching = depth.touching;
-    let mut contact = untouched(width, height, None, NUMERICS);
+    let mut contact = untouched(width, height, None, Numerics::DIRECT);
     let area = touching.grown(blur.reach_px(), overlap.width, overlap.height);
     let corner = margin - SURFACE_BORDER;
     contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
@@ -67,8 +65,7 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
 /// rounding would decide.
 const TOUCHING_MM: f32 = 1e-3;
 
-/// Takes the deeper of hanging pad and object as the surface; they touch where the object is not the
-/// shallower.
+/// Takes the deeper of hanging pad and object as the surface; they touch where the object is not the shallower.
 #[inline(always)]
 fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
     let region = contact.region;

@@ -83,6 +83,11 @@ pub struct Numerics {
     pub model_error_um: Option<f64>,
 }
 
+impl Numerics {
+    /// Those of a model that does not iterate and knows no error of its own.
+    pub const DIRECT: Self = Self { converged: true, iterations: 0, residual_um: None, model_error_um: None };
+}
+
 /// What [`Contact`] is without any: a flat pad.
 pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Numerics) -> Contact {
     Contact {

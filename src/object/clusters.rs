@@ -112,11 +112,6 @@ impl Clusters {
         bounds
     }
 
-    /// Number of triangles.
-    pub fn triangle_count(&self) -> usize {
-        self.corners.len()
-    }
-
     /// The point of the object's own frame that all coordinates here are relative to, mm.
     pub fn centre_mm(&self) -> [f64; 3] {
         self.centre_mm

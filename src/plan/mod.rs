@@ -10,10 +10,10 @@ use crate::config::diagnostic::{Problem, Problems, Report};
 use crate::config::output::{Exr, Layer};
 use crate::config::quantity::Quantity;
 use crate::config::{self, Job, Overrides, Written, scene};
-use crate::dataset::layout::{Layout, Split};
+use crate::dataset::layout::Layout;
 use crate::depth::Camera;
 use crate::optics::background::Reference;
-use crate::{gelpad, optics};
+use crate::{camera, gelpad, optics};
 
 mod check;
 mod objects;
@@ -27,8 +27,6 @@ pub struct Plan {
     pub job: Job,
     /// SHA-256 over all that decides the bytes of the dataset; paths are not part of it, contents are.
     pub fingerprint: String,
-    /// Folder that the job file is in.
-    pub folder: PathBuf,
     /// Name of the dataset.
     pub name: String,
     /// Seed of all randomness.
@@ -39,13 +37,15 @@ pub struct Plan {
     pub camera: Camera,
     /// Thickness of the pad, mm.
     pub thickness_mm: f64,
-    /// The untouched pad's picture.
+    /// The background: what is seen of the untouched pad before any model adds to it.
     pub reference: Reference,
+    /// Row-major RGB of a sample without contact: the background, unless the model of the light adds to a flat pad.
+    pub untouched: Vec<u8>,
     /// The objects, in the order of the job.
     pub objects: Vec<Object>,
     /// Class names, sorted; an object's `class_index` counts here.
     pub classes: Vec<String>,
-    /// For each of [`Split::ALL`]: how its objects are drawn.
+    /// For each of [`crate::dataset::layout::Split::ALL`]: how its objects are drawn.
     pub draw: [Draw; 3],
     /// Laws of the pose.
     pub pose: scene::Pose,
@@ -96,7 +96,11 @@ impl Plan {
         };
         notes.extend(reference_note);
         let (gelpad, optics) = chosen_models(&job);
-        let camera = camera(&job);
+        let camera = view(&job);
+        let shader = optics::Shader::new(&optics, &job.sensor, &camera);
+        let [width, height] = camera.resolution_px;
+        let flat = gelpad::untouched(width, height, None, gelpad::Numerics::DIRECT);
+        let untouched = camera::expose(&shader.shade(&flat, &reference), &reference).rgb;
         let mut classes: Vec<String> = objects.iter().map(|object| object.class.clone()).collect();
         classes.sort();
         classes.dedup();
@@ -105,20 +109,20 @@ impl Plan {
         layers.dedup();
         Ok(Self {
             fingerprint: fingerprint(&job),
-            folder: document.sources[0].folder.clone(),
             name: job.dataset.name.clone().unwrap_or_default(),
             seed: job.dataset.seed,
             layout,
             camera,
             thickness_mm: job.sensor.gelpad_thickness_mm,
             reference,
+            untouched,
             objects,
             classes,
             draw,
             pose: job.pose.clone(),
             indentation_mm: job.indentation.depth_mm.clone().unwrap_or_default(),
             no_contact: job.indentation.no_contact,
-            shader: optics::Shader::new(&optics, &job.sensor, &camera),
+            shader,
             gelpad,
             layers,
             exr: job.output.exr,
@@ -135,11 +139,6 @@ impl Plan {
     /// Where the dataset goes unless the command line says otherwise.
     pub fn default_output(&self) -> PathBuf {
         Path::new("out").join(&self.name)
-    }
-
-    /// Samples of a split.
-    pub fn samples_in(&self, split: Split) -> u64 {
-        self.layout.samples_in(split)
     }
 }
 
@@ -158,7 +157,7 @@ fn chosen_models(job: &Job) -> (gelpad::Model, optics::Model) {
     (job.gelpad.clone().unwrap_or(choices.gelpad), job.optics.clone().unwrap_or(choices.optics))
 }
 
-fn camera(job: &Job) -> Camera {
+fn view(job: &Job) -> Camera {
     let resolution_px = job.sensor.resolution_px.map(|px| px as usize);
     let mm_per_px = std::array::from_fn(|k| job.sensor.field_of_view_mm[k] / resolution_px[k].max(1) as f64);
     Camera { resolution_px, mm_per_px }
@@ -290,7 +289,7 @@ fn check_models(check: &mut Check<'_>, job: &Job) {
 
 /// The untouched pad's picture, and a note where a photograph was resampled. `None` after a mistake.
 fn resolve_background(check: &mut Check<'_>, job: &mut Job) -> Option<(Reference, Option<String>)> {
-    let camera = camera(job);
+    let camera = view(job);
     let [width, height] = camera.resolution_px;
     let sizes = [width, height].iter().all(|size| (1..=8192).contains(size));
     let Some(written) = job.sensor.background.clone() else {

@@ -1,12 +1,12 @@
 //! Time of each stage at 640x480, one thread: `cargo bench --bench stages`.
 
+#[path = "../physics/plan.rs"]
+mod plan;
+
 use std::hint::black_box;
-use std::path::Path;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use gelsim::config::diagnostic::Problems;
 use gelsim::config::output::{Compression, Exr, Pixel};
-use gelsim::config::{self, Overrides};
 use gelsim::dataset::{encode, exr, png};
 use gelsim::depth::{self, Camera, Placement};
 use gelsim::gelpad::Model;
@@ -24,13 +24,7 @@ fn plan(object: &str) -> Plan {
         "[dataset]\nname = \"bench\"\nsamples = 1000\n[[object]]\npath = \"objects/{object}.obj\"\n\
          [pose]\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 3.0]\n[indentation]\ndepth_mm = 0.7\n"
     );
-    let mut problems = Problems::default();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let written = config::read_text("bench", text, folder, &Overrides::default(), &mut problems);
-    match Plan::resolve(written, problems) {
-        Ok(plan) => plan,
-        Err(report) => panic!("{report}"),
-    }
+    plan::plan(&text)
 }
 
 /// A wavy plate of about `triangles` triangles that fills the window.
@@ -101,16 +95,14 @@ fn stages(c: &mut Criterion) {
             [(Pixel::Half, Compression::Zip), (Pixel::Half, Compression::Rle), (Pixel::Float, Compression::Zip)]
         {
             let storage = Exr { pixel, compression };
-            let margin = sample.depth.margin_px;
-            let view = gelsim::grid::Rect { x0: margin, y0: margin, x1: margin + 640, y1: margin + 480 };
-            let depth = sample.depth.overlap.crop(view);
+            let depth = sample.depth.overlap.inner(sample.depth.margin_px);
             let id = BenchmarkId::new(format!("exr_{pixel:?}_{compression:?}").to_lowercase(), name);
             group.bench_function(id, |b| b.iter(|| exr::encode(640, 480, &[("Z", black_box(&depth.data))], storage)));
         }
         group.bench_function(BenchmarkId::new("sample_with_files", name), |b| {
             b.iter(|| {
                 let sample = render(black_box(&plan), 0);
-                encode::members(&sample, &plan.layers, plan.exr, &plan.camera, &plan.reference)
+                encode::members(&plan, &sample)
             });
         });
     }

@@ -1,13 +1,14 @@
-//! Whole-job throughput: samples per CPU-second, scaling over threads, peak memory, and time to the first sample.
+//! Whole-job throughput: samples per CPU-second, scaling over threads, peak memory, and time until the plan is ready.
 //!
 //! `cargo bench --bench throughput` prints a table. CPU seconds are the process' own (user + system), so that a busy
 //! machine does not count. Encoding and writing to disk are included.
 
+#[path = "../physics/plan.rs"]
+mod plan;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use gelsim::config::diagnostic::Problems;
-use gelsim::config::{self, Overrides};
 use gelsim::generate::{Request, Watch, generate};
 use gelsim::plan::Plan;
 
@@ -21,16 +22,6 @@ fn job(object: &str, resolution: [u32; 2], samples: u64) -> String {
          [indentation]\ndepth_mm = [0.4, 1.0]\n",
         resolution[0], resolution[1]
     )
-}
-
-fn plan(text: String) -> Plan {
-    let mut problems = Problems::default();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let written = config::read_text("bench", text, folder, &Overrides::default(), &mut problems);
-    match Plan::resolve(written, problems) {
-        Ok(plan) => plan,
-        Err(report) => panic!("{report}"),
-    }
 }
 
 /// User and system seconds of this process so far, from /proc.
@@ -83,7 +74,7 @@ fn main() {
     {
         let start = Instant::now();
         let samples = if resolution[0] == 640 { 400 } else { 1600 };
-        let plan = plan(job(object, resolution, samples));
+        let plan = plan::plan(&job(object, resolution, samples));
         let ready = start.elapsed().as_secs_f64();
         let mut single = 0.0;
         let mut threads = 1;

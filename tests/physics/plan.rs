@@ -1,4 +1,4 @@
-//! A job's text, resolved as the command line would; the golden images use it too.
+//! A job's text, resolved as the command line would; golden images and benches use it too.
 
 use std::path::Path;
 

@@ -173,9 +173,7 @@ pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera:
 
 /// The part of a depth map that is in view.
 pub fn in_view(depth: &Depth) -> Grid<f32> {
-    let margin = depth.margin_px;
-    let (x1, y1) = (depth.overlap.width - margin, depth.overlap.height - margin);
-    depth.overlap.crop(Rect { x0: margin, y0: margin, x1, y1 })
+    depth.overlap.inner(depth.margin_px)
 }
 
 /// A depth map made by hand.
@@ -276,7 +274,7 @@ pub fn expose(light: &Light, rest: &Reference) -> Image {
 
 /// The bytes of a sample's member, as it stands in a shard.
 pub fn member(plan: &Plan, sample: &Sample, suffix: &str) -> Vec<u8> {
-    let members = encode::members(sample, &plan.layers, plan.exr, &plan.camera, &plan.reference);
+    let members = encode::members(plan, sample);
     let found = members.into_iter().find(|member| member.suffix == suffix);
     found.map(|member| member.bytes).unwrap_or_else(|| panic!("the sample has no {suffix}"))
 }
