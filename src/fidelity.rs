@@ -3,7 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::gelpad::{self, mean_blur::MeanBlur};
+use crate::gelpad;
+use crate::gelpad::elastic::{Elastic, Resolution};
+use crate::gelpad::mean_blur::MeanBlur;
 use crate::optics::{self, phong::Phong};
 
 /// A named set of stage choices, from cheap to exact.
@@ -11,9 +13,65 @@ use crate::optics::{self, phong::Phong};
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Rung {
-    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, Phong for the light.
-    #[default]
+    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad.
     Paper,
+    /// Elastic pad, solved on every fourth pixel.
+    Draft,
+    /// Elastic pad, solved on every second pixel.
+    #[default]
+    Standard,
+    /// Elastic pad, solved on every pixel.
+    High,
+    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
+    Reference,
+}
+
+/// What a job asks for: a rung, or a bound by which one is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Fidelity {
+    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad.
+    Paper,
+    /// Elastic pad, solved on every fourth pixel.
+    Draft,
+    /// Elastic pad, solved on every second pixel.
+    Standard,
+    /// Elastic pad, solved on every pixel.
+    High,
+    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
+    Reference,
+    /// The cheapest rung whose surface is this close to the reference's, um (root mean square over the view, in the
+    /// worst of some samples of the job).
+    MaxErrorUm(f64),
+    /// The most exact rung that simulates a sample in this CPU time, ms (median of some samples of the job, one thread,
+    /// files not counted).
+    MaxMs(f64),
+}
+
+impl Fidelity {
+    /// The rung, if it is one.
+    pub fn rung(self) -> Option<Rung> {
+        match self {
+            Self::Paper => Some(Rung::Paper),
+            Self::Draft => Some(Rung::Draft),
+            Self::Standard => Some(Rung::Standard),
+            Self::High => Some(Rung::High),
+            Self::Reference => Some(Rung::Reference),
+            Self::MaxErrorUm(_) | Self::MaxMs(_) => None,
+        }
+    }
+}
+
+impl From<Rung> for Fidelity {
+    fn from(rung: Rung) -> Self {
+        match rung {
+            Rung::Paper => Self::Paper,
+            Rung::Draft => Self::Draft,
+            Rung::Standard => Self::Standard,
+            Rung::High => Self::High,
+            Rung::Reference => Self::Reference,
+        }
+    }
 }
 
 /// What a rung chooses for the stages that a job leaves open.
@@ -27,22 +85,33 @@ pub struct Choices {
 
 impl Rung {
     /// Every rung, from cheap to exact.
-    pub const ALL: [Self; 1] = [Self::Paper];
+    pub const ALL: [Self; 5] = [Self::Paper, Self::Draft, Self::Standard, Self::High, Self::Reference];
 
     /// Its name in jobs and labels.
     pub fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",
+            Self::Draft => "draft",
+            Self::Standard => "standard",
+            Self::High => "high",
+            Self::Reference => "reference",
         }
     }
 
     /// The stage choices it stands for.
     pub fn choices(self) -> Choices {
-        match self {
-            Self::Paper => Choices {
-                gelpad: gelpad::Model::MeanBlur(MeanBlur::default()),
-                optics: optics::Model::Phong(Phong::default()),
+        let elastic = |resolution, tolerance_um, max_iterations| {
+            gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations })
+        };
+        Choices {
+            gelpad: match self {
+                Self::Paper => gelpad::Model::MeanBlur(MeanBlur::default()),
+                Self::Draft => elastic(Resolution::Quarter, 3.0, 100),
+                Self::Standard => elastic(Resolution::Half, 1.0, 200),
+                Self::High => elastic(Resolution::Full, 1.0, 200),
+                Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
+            optics: optics::Model::Phong(Phong::default()),
         }
     }
 }

@@ -21,7 +21,7 @@ use crate::dataset::manifest::Manifest;
 use crate::dataset::shard::{Lock, Paths, Stats, Writer, write_whole};
 use crate::label::Label;
 use crate::plan::Plan;
-use crate::render::{Seconds, render};
+use crate::render::{Clock, Seconds, render};
 
 /// Samples that are rendered before the first of them is written: bounds memory, and keeps helping threads busy.
 const BLOCK: usize = 16;
@@ -199,9 +199,9 @@ struct Encoded {
 
 fn encode(plan: &Plan, index: u64) -> Encoded {
     let sample = render(plan, index);
-    let clock = Instant::now();
+    let mut clock = Clock::start();
     let members = members(plan, &sample);
-    let seconds = Seconds { encode: clock.elapsed().as_secs_f64(), ..sample.seconds };
+    let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
     Encoded { label: sample.label, members, seconds }
 }
 

@@ -17,6 +17,13 @@ impl<T: Copy + Default> Grid<T> {
         Self { width, height, data: vec![T::default(); width * height] }
     }
 
+    /// Makes it `width` x `height` and sets every value to the default, in the memory that it has.
+    pub fn reset(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.data.clear();
+        self.data.resize(width * height, T::default());
+    }
+
     /// One row.
     pub fn row(&self, y: usize) -> &[T] {
         &self.data[y * self.width..][..self.width]
@@ -44,6 +51,23 @@ impl<T: Copy + Default> Grid<T> {
             data.extend_from_slice(&self.row(y)[rect.x0..rect.x1]);
         }
         Self { width: rect.width(), height: rect.height(), data }
+    }
+
+    /// Copies `other` in where they overlap; `there` and `here` are the rectangles of a common image that `other` and
+    /// this one show.
+    pub fn paste(&mut self, other: &Self, there: Rect, here: Rect) {
+        let both = Rect {
+            x0: there.x0.max(here.x0),
+            y0: there.y0.max(here.y0),
+            x1: there.x1.min(here.x1),
+            y1: there.y1.min(here.y1),
+        };
+        for y in both.y0..both.y1 {
+            if both.x0 < both.x1 {
+                let from = &other.row(y - there.y0)[both.x0 - there.x0..both.x1 - there.x0];
+                self.row_mut(y - here.y0)[both.x0 - here.x0..both.x1 - here.x0].copy_from_slice(from);
+            }
+        }
     }
 }
 
@@ -96,6 +120,20 @@ impl Rect {
             y0: self.y0.saturating_sub(by),
             x1: (self.x1 + by).min(width),
             y1: (self.y1 + by).min(height),
+        }
+    }
+
+    /// The smallest rectangle that holds both.
+    pub fn united(self, other: Self) -> Self {
+        match (self.is_empty(), other.is_empty()) {
+            (true, _) => other,
+            (_, true) => self,
+            _ => Self {
+                x0: self.x0.min(other.x0),
+                y0: self.y0.min(other.y0),
+                x1: self.x1.max(other.x1),
+                y1: self.y1.max(other.y1),
+            },
         }
     }
 

@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Image;
 use crate::dataset::layout::Split;
 use crate::depth::Depth;
-use crate::gelpad::Contact;
+use crate::gelpad::elastic::LARGEST_STRAIN;
+use crate::gelpad::{Contact, Model};
 use crate::grid::{Rect, bounding_box};
 use crate::optics::Light;
 use crate::plan::Plan;
@@ -164,6 +165,8 @@ pub struct NumericsLabel {
     pub residual_um: Option<f64>,
     /// Indentation depth over pad thickness.
     pub strain: f64,
+    /// True if the strain is over 0.5, where the linear theory of the elastic pad has ended.
+    pub beyond_theory: bool,
     /// Predicted error of the model's theory, um; null if it is not known.
     pub model_error_um: Option<f64>,
 }
@@ -245,11 +248,14 @@ impl Label {
                 force_n: contact.force_n,
                 peak_pressure_kpa: contact.peak_pressure_kpa,
             },
-            fidelity: plan.job.fidelity.unwrap_or_default().name().to_owned(),
-            gelpad_model: plan.gelpad.name().to_owned(),
-            optics_model: plan.shader.name().to_owned(),
+            fidelity: plan.rung.name().to_owned(),
+            gelpad_model: plan.models.gelpad.name().to_owned(),
+            optics_model: plan.models.optics.name().to_owned(),
             effects: Effects {
-                deformation: Effect::new(changes, "the object reaches into the pad", "nothing reaches into the pad"),
+                deformation: match plan.models.gelpad {
+                    Model::None(_) => Effect::new(false, "", "the gelpad model has no deformation"),
+                    _ => Effect::new(changes, "the object reaches into the pad", "nothing reaches into the pad"),
+                },
                 // Some equations add light to a flat pad too.
                 shading: match changes {
                     true => Effect::new(true, "the surface is not flat", ""),
@@ -265,6 +271,7 @@ impl Label {
                 iterations: contact.numerics.iterations,
                 residual_um: contact.numerics.residual_um,
                 strain: scene.indentation_depth_mm / plan.thickness_mm,
+                beyond_theory: scene.indentation_depth_mm > LARGEST_STRAIN * plan.thickness_mm,
                 model_error_um: contact.numerics.model_error_um,
             },
             health: Health {

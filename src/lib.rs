@@ -38,6 +38,9 @@ pub mod dataset;
 pub mod generate;
 pub mod preview;
 
+pub mod metrics;
+pub mod tradeoff;
+
 pub mod cli;
 pub mod grid;
-mod simd;
+pub mod simd;

@@ -36,12 +36,7 @@ impl Tile {
         let Sample { image, depth, contact, label, .. } = render(plan, index);
         let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
         tactile.copy_from_slice(&image.rgb);
-        Self {
-            tactile,
-            depth: Some(depth.overlap.inner(depth.margin_px)),
-            contact: Some(contact.mask),
-            caption: caption(&label),
-        }
+        Self { tactile, depth: Some(depth.below_pad()), contact: Some(contact.mask), caption: caption(&label) }
     }
 
     /// Reads sample `index` from the shards of the dataset at `root`.

@@ -2,7 +2,7 @@
 //!
 //! It cannot fail: what depends on what the user wrote fails earlier, in [`crate::plan`].
 
-use std::time::Instant;
+use rustix::time::{ClockId, clock_gettime};
 
 use crate::camera::{self, Image};
 use crate::depth::{self, Depth};
@@ -21,11 +21,11 @@ pub struct Sample {
     pub contact: Contact,
     /// What is known about all of it.
     pub label: Label,
-    /// Seconds that each stage took; not part of the label, because they differ from run to run.
+    /// CPU seconds that each stage took; not part of the label, because they differ from run to run.
     pub seconds: Seconds,
 }
 
-/// Seconds per stage.
+/// CPU seconds of the thread per stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Seconds {
     /// Drawing the scene.
@@ -45,6 +45,11 @@ pub struct Seconds {
 }
 
 impl Seconds {
+    /// All stages but encoding.
+    pub fn simulation(&self) -> f64 {
+        self.scene + self.depth + self.gelpad + self.optics + self.camera + self.label
+    }
+
     /// Adds another sample's.
     pub fn add(&mut self, other: &Self) {
         self.scene += other.scene;
@@ -59,22 +64,28 @@ impl Seconds {
 
 /// Renders sample `index` of `plan`.
 pub fn render(plan: &Plan, index: u64) -> Sample {
-    let mut clock = Clock(Instant::now());
+    let mut clock = Clock::start();
     let mut seconds = Seconds::default();
 
     // Object, pose, indentation: all randomness of the sample.
     let scene = Scene::draw(plan, index);
     seconds.scene = clock.lap();
 
-    // How far the object reaches below the undeformed pad, at every pixel and a margin around the view.
     let object = &plan.objects[scene.object].clusters;
-    let margin_px = plan.gelpad.margin_px();
-    let depth = depth::capture(object, &scene.pose.placement(), &plan.camera, margin_px, plan.thickness_mm);
-    seconds.depth = clock.lap();
+    let mut window = plan.pad.window(scene.indentation_depth_mm);
+    let (depth, contact) = loop {
+        // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
+        let depth = depth::capture(object, &scene.pose.placement(), &plan.camera, window, plan.thickness_mm);
+        seconds.depth += clock.lap();
 
-    // The elastomer's surface and where it touches.
-    let contact = plan.gelpad.press(&depth);
-    seconds.gelpad = clock.lap();
+        // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
+        let contact = plan.pad.press(&depth);
+        seconds.gelpad += clock.lap();
+        match plan.pad.higher(window, &contact) {
+            Some(higher) => window = higher,
+            None => break (depth, contact),
+        }
+    };
 
     // The light that the surface sends to the camera.
     let light = plan.shader.shade(&contact, &plan.reference);
@@ -90,14 +101,25 @@ pub fn render(plan: &Plan, index: u64) -> Sample {
     Sample { image, depth, contact, label, seconds }
 }
 
-struct Clock(Instant);
+/// CPU time of this thread: what other threads and processes do does not count.
+pub struct Clock(f64);
 
 impl Clock {
+    /// Starts now.
+    pub fn start() -> Self {
+        Self(Self::now())
+    }
+
     /// Seconds since the last lap.
-    fn lap(&mut self) -> f64 {
-        let now = Instant::now();
-        let seconds = (now - self.0).as_secs_f64();
+    pub fn lap(&mut self) -> f64 {
+        let now = Self::now();
+        let seconds = now - self.0;
         self.0 = now;
         seconds
+    }
+
+    fn now() -> f64 {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
     }
 }

@@ -11,7 +11,8 @@ use clap::Args;
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use super::{Failure, JobOverrides, print_notes};
+use super::{Failure, JobOverrides, print_notes, settled};
+use crate::dataset::folder::recorded_rung;
 use crate::generate::{Done, Request, Stopped, Watch, generate};
 use crate::plan::{Plan, usage};
 
@@ -56,6 +57,14 @@ impl Generate {
         print_notes(&plan.notes, self.quiet);
         let shards = self.chosen_shards(plan.layout.shard_count())?;
         let root = self.out.clone().unwrap_or_else(|| plan.default_output());
+        let recorded = if self.overwrite { None } else { recorded_rung(&root) };
+        if shards.is_some() && recorded.is_none() && plan.open_choice().is_some() {
+            let message = "parts of a dataset cannot each choose their own fidelity";
+            let help = "name a rung with --fidelity (gelsim tradeoff shows them), or begin the dataset without --shards \
+                        and --partition";
+            return Err(usage(message, help).into());
+        }
+        let plan = settled(plan, recorded, self.quiet)?;
         let request = Request { root: root.clone(), shards, threads: self.threads, overwrite: self.overwrite };
 
         let watch = Arc::new(Watch::default());

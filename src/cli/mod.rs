@@ -7,13 +7,16 @@ use clap::{Args, Parser, Subcommand};
 use crate::config::Overrides;
 use crate::config::diagnostic::Report;
 use crate::fidelity::Rung;
+use crate::plan::Plan;
+use crate::tradeoff::choose::{Chosen, choose};
 
 mod completions;
 mod generate;
 mod init;
-mod list;
+pub mod list;
 mod preview;
 mod schema;
+mod tradeoff;
 
 /// Synthetic datasets for optical tactile sensors.
 #[derive(Debug, Parser)]
@@ -27,6 +30,8 @@ pub struct Arguments {
 enum Command {
     /// Generate the dataset that a job describes.
     Generate(generate::Generate),
+    /// Compare all rungs of the accuracy ladder on a job's samples: error and time.
+    Tradeoff(tradeoff::Tradeoff),
     /// Draw a contact sheet of a dataset or of a job's samples.
     Preview(preview::Preview),
     /// Write a commented job to start from.
@@ -65,12 +70,30 @@ impl From<Report> for Failure {
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Command::Generate(command) => command.run(),
+        Command::Tradeoff(command) => command.run(),
         Command::Preview(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),
         Command::Schema(command) => command.run(),
         Command::Completions(command) => command.run(),
     }
+}
+
+/// A plan whose rung is known: one that the job leaves to be chosen is the recorded one, or is found by probing.
+fn settled(plan: Plan, recorded: Option<Rung>, quiet: bool) -> Result<Plan, Failure> {
+    let Some(bound) = plan.open_choice() else { return Ok(plan) };
+    if let Some(rung) = recorded {
+        if !quiet {
+            eprintln!("note: fidelity {}, with which the dataset was begun", rung.name());
+        }
+        return Ok(plan.at(rung));
+    }
+    let chosen = choose(&plan, bound)?;
+    if !quiet {
+        let Chosen { rung, error_um, ms } = chosen;
+        eprintln!("note: fidelity {} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample", rung.name());
+    }
+    Ok(plan.at(chosen.rung))
 }
 
 /// What changes a job from the command line.

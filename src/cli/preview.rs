@@ -6,7 +6,7 @@ use clap::Args;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{Failure, JobOverrides, print_notes};
+use super::{Failure, JobOverrides, print_notes, settled};
 use crate::config;
 use crate::config::diagnostic::{Problems, Report};
 use crate::dataset::layout::Layout;
@@ -54,7 +54,7 @@ impl Preview {
     }
 
     fn job_tiles(&self) -> Result<Vec<Tile>, Failure> {
-        let plan = Plan::load(&self.source, &self.overrides.overrides())?;
+        let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, false)?;
         print_notes(&plan.notes, false);
         let indices = self.indices(plan.layout.samples(), false)?;
         Ok(indices.par_iter().map(|&index| Tile::rendered(&plan, index)).collect())

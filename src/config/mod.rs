@@ -20,15 +20,16 @@ pub mod sensor;
 use diagnostic::{Problem, Problems, Report, nearest};
 use document::{Document, Node, Place, Value};
 
-use crate::fidelity::Rung;
+use crate::fidelity::{Fidelity, Rung};
 use crate::{gelpad, optics};
 
 /// A job. Keys that are left out have the defaults named with each.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Job {
-    /// Rung of the accuracy ladder; fills the gelpad and optics choices that the job leaves open.
-    pub fidelity: Option<Rung>,
+    /// Rung of the accuracy ladder, or what it is to be chosen by; fills the gelpad and optics choices that the job leaves
+    /// open.
+    pub fidelity: Option<Fidelity>,
     /// Model of the gelpad's shape under the object.
     pub gelpad: Option<gelpad::Model>,
     /// Model of the light that the camera sees.
@@ -95,7 +96,7 @@ pub fn read_text(name: &str, text: String, folder: &Path, overrides: &Overrides,
     let sensor_known = lay_under_sensor(&mut document, problems);
     let mut job: Job = reader::read(&document.root, problems).unwrap_or_default();
     if let Some(rung) = overrides.fidelity {
-        job.fidelity = Some(rung);
+        job.fidelity = Some(rung.into());
         job.gelpad = None;
         job.optics = None;
     }

@@ -424,7 +424,10 @@ impl<'de> de::VariantAccess<'de> for Choice<'_> {
             Some(node) => seed.deserialize(Reader { node, context: self.context }),
             None => {
                 let empty = Node { place: self.node.place, value: Value::Table(Vec::new()) };
-                seed.deserialize(Reader { node: &empty, context: self.context })
+                seed.deserialize(Reader { node: &empty, context: self.context }).map_err(|_| {
+                    let help = Some(format!("write {{ {} = .. }}", self.name));
+                    Mistake { help, ..Mistake::new(format!("`{}` needs a value", self.name)) }.located(self.node.place)
+                })
             }
         }
     }

@@ -5,7 +5,7 @@ use std::io;
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
-use crate::config::output::Layer;
+use crate::config::output::{Exr, Layer, Pixel};
 use crate::dataset::{exr, png};
 use crate::gelpad::SURFACE_BORDER;
 use crate::label::Label;
@@ -29,7 +29,7 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     for layer in &plan.layers {
         let single = |name, plane: &[f32]| exr::encode(width, height, &[(name, plane)], plan.exr);
         let bytes = match layer {
-            Layer::Depth => single("Z", &sample.depth.overlap.inner(sample.depth.margin_px).data),
+            Layer::Depth => single("Z", &sample.depth.below_pad().data),
             Layer::Surface => single("Z", &sample.contact.surface.inner(SURFACE_BORDER).data),
             Layer::Contact => png::encode_grey(width, height, &sample.contact.mask.data),
             Layer::Normal => {
@@ -39,8 +39,15 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
                 exr::encode(width, height, &[("X", &x), ("Y", &y), ("Z", &z)], plan.exr)
             }
             Layer::Reference => png::encode_rgb(width, height, &plan.untouched),
+            Layer::Pressure => {
+                // Half floats end at 65504 kPa, which a stiff pad exceeds.
+                let storage = Exr { pixel: Pixel::Float, ..plan.exr };
+                let none = vec![0.0; width * height];
+                let pressure = sample.contact.pressure.as_ref().map_or(&none, |pressure| &pressure.data);
+                exr::encode(width, height, &[("P", pressure)], storage)
+            }
             // The plan refuses layers that the models cannot give.
-            Layer::Pressure | Layer::Markers => continue,
+            Layer::Markers => continue,
         };
         members.push(Member { suffix: layer.suffix(), bytes });
     }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::shard::{Lock, write_whole};
 use crate::config::Job;
 use crate::config::diagnostic::Report;
+use crate::fidelity::Rung;
 use crate::plan::{Plan, stem, usage};
 
 /// Names in a dataset's folder that are ours to write and, with `--overwrite`, to remove.
@@ -77,6 +78,14 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
         write_whole(&job_path, text.as_bytes()).map_err(io(&job_path))?;
     }
     Ok(())
+}
+
+/// The rung that the dataset in `root` was begun with, if there is one.
+pub fn recorded_rung(root: &Path) -> Option<Rung> {
+    let text = fs::read_to_string(root.join("job.toml")).ok().filter(|text| text.starts_with(TITLE))?;
+    let job: toml::Table = text.parse().ok()?;
+    let name = job.get("fidelity")?.as_str()?;
+    Rung::ALL.into_iter().find(|rung| rung.name() == name)
 }
 
 /// True if the folder has something in it that may not be a dataset's.

@@ -108,7 +108,7 @@ impl Manifest {
             label_schema_version: SCHEMA_VERSION,
             seed: plan.seed,
             samples: plan.layout.samples(),
-            fidelity: plan.job.fidelity.unwrap_or_default().name().to_owned(),
+            fidelity: plan.rung.name().to_owned(),
             layers: plan.layers.iter().map(|layer| layer.suffix().to_owned()).collect(),
             splits: Split::ALL
                 .into_iter()

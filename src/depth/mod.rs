@@ -10,12 +10,13 @@ use crate::simd::wide;
 
 pub mod raster;
 
-use raster::{View, Window};
+use raster::{Frame, View};
 
 /// The depth map of a press.
 #[derive(Clone, Debug)]
 pub struct Depth {
-    /// mm below the undeformed pad surface, 0 where the object does not reach it; the view and a margin around it.
+    /// mm below the undeformed pad surface, in the view and a margin around it. Where the object stays above, minus its
+    /// height over the pad, but no less than minus [`Window::above_mm`]; that also where there is no object.
     pub overlap: Grid<f32>,
     /// Pixels around the view on every side.
     pub margin_px: usize,
@@ -25,6 +26,26 @@ pub struct Depth {
     pub deepest_mm: f32,
     /// Pixels in view where the object would go through the shell and was limited to the pad's thickness.
     pub over_thickness_px: u64,
+}
+
+/// What of an object a model of the gelpad has to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Pixels around the view on every side.
+    pub margin_px: usize,
+    /// Height over the undeformed pad up to which the object counts, mm.
+    pub above_mm: f64,
+}
+
+impl Depth {
+    /// How far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
+    pub fn below_pad(&self) -> Grid<f32> {
+        let mut view = self.overlap.inner(self.margin_px);
+        for value in &mut view.data {
+            *value = value.max(0.0);
+        }
+        view
+    }
 }
 
 /// What the camera sees of the pad.
@@ -45,21 +66,22 @@ pub struct Placement {
     pub translation_mm: [f64; 3],
 }
 
-/// Captures `object` at `placement`, `margin_px` beyond the view, limited to a pad of `thickness_mm`.
-pub fn capture(
-    object: &Clusters,
-    placement: &Placement,
-    camera: &Camera,
-    margin_px: usize,
-    thickness_mm: f64,
-) -> Depth {
+/// Captures `object` at `placement` in `window`, limited to a pad of `thickness_mm`.
+pub fn capture(object: &Clusters, placement: &Placement, camera: &Camera, window: Window, thickness_mm: f64) -> Depth {
     let [width, height] = camera.resolution_px;
-    let window = Window { width: width + 2 * margin_px, height: height + 2 * margin_px, margin: margin_px };
+    let margin_px = window.margin_px;
+    let frame = Frame {
+        width: width + 2 * margin_px,
+        height: height + 2 * margin_px,
+        margin: margin_px,
+        ceiling: window.above_mm as f32,
+    };
     let view = View::new(placement, camera, object.centre_mm());
-    let mut overlap = Grid::new(window.width, window.height);
+    let mut overlap = Grid { width: frame.width, height: frame.height, data: Vec::new() };
+    overlap.data.resize(frame.width * frame.height, frame.ceiling);
     wide(
         #[inline(always)]
-        || raster::raster(object, &view, window, &mut overlap),
+        || raster::raster(object, &view, frame, &mut overlap),
     );
 
     let (deepest_mm, over_thickness_px) = limit(&mut overlap, camera, margin_px, thickness_mm as f32);
@@ -67,8 +89,8 @@ pub fn capture(
     Depth { overlap, margin_px, touching, deepest_mm, over_thickness_px }
 }
 
-/// Turns heights over the pad, cut at 0, into depths below it, cut at the pad's thickness. The largest depth in view,
-/// and how many pixels in view were cut.
+/// Turns heights over the pad into depths below it, cut at the pad's thickness. The largest depth in view, and how many
+/// pixels in view were cut.
 fn limit(heights: &mut Grid<f32>, camera: &Camera, margin_px: usize, thickness: f32) -> (f32, u64) {
     let [width, height] = camera.resolution_px;
     // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
@@ -88,7 +110,7 @@ fn limit(heights: &mut Grid<f32>, camera: &Camera, margin_px: usize, thickness: 
                 }
                 if in_view {
                     for depth in &row[margin_px..margin_px + width] {
-                        deepest_bits = depth.to_bits().max(deepest_bits);
+                        deepest_bits = depth.max(0.0).to_bits().max(deepest_bits);
                     }
                 }
             }

@@ -4,45 +4,99 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::output::Layer;
-use crate::depth::Depth;
+use crate::config::sensor::Sensor;
+use crate::depth::{Camera, Depth, Window};
 use crate::grid::{Grid, Rect};
 
+pub mod elastic;
+pub mod gaussian;
 pub mod mean_blur;
+pub mod none;
+
+use elastic::Elastic;
+use gaussian::Gaussian;
+use mean_blur::MeanBlur;
+use none::NoDeformation;
 
 /// The models of the gelpad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
+    /// The object's own shape where it reaches into the pad, flat elsewhere.
+    None(NoDeformation),
     /// Repeated mean blur of the depth map (Gomes, Wilson and Luo 2019).
-    MeanBlur(mean_blur::MeanBlur),
+    MeanBlur(MeanBlur),
+    /// Pyramid of Gaussian blurs with the contact restored (Si and Yuan 2022).
+    Gaussian(Gaussian),
+    /// Bonded elastic layer in frictionless contact.
+    Elastic(Elastic),
 }
 
 impl Model {
     /// Its name in jobs and labels.
     pub fn name(&self) -> &'static str {
         match self {
+            Self::None(_) => "none",
             Self::MeanBlur(_) => "mean_blur",
-        }
-    }
-
-    /// Pixels beyond the view in which an object can still change the surface in view or one pixel around it.
-    pub fn margin_px(&self) -> usize {
-        match self {
-            Self::MeanBlur(blur) => blur.reach_px() + SURFACE_BORDER,
+            Self::Gaussian(_) => "gaussian",
+            Self::Elastic(_) => "elastic",
         }
     }
 
     /// True if the model knows what `layer` shows.
     pub fn gives(&self, layer: Layer) -> bool {
-        match self {
-            Self::MeanBlur(_) => !matches!(layer, Layer::Pressure),
+        layer != Layer::Pressure || matches!(self, Self::Elastic(_))
+    }
+}
+
+/// A model made ready for one sensor: everything that is the same for every sample.
+pub enum Pad {
+    /// See [`Model::None`].
+    None,
+    /// See [`Model::MeanBlur`].
+    MeanBlur(MeanBlur),
+    /// See [`Model::Gaussian`].
+    Gaussian(Gaussian),
+    /// See [`Model::Elastic`].
+    Elastic(Box<elastic::Pad>),
+}
+
+impl Pad {
+    /// Prepares `model` for `sensor`.
+    pub fn new(model: &Model, sensor: &Sensor, camera: &Camera) -> Self {
+        match model {
+            Model::None(_) => Self::None,
+            Model::MeanBlur(blur) => Self::MeanBlur(*blur),
+            Model::Gaussian(gaussian) => Self::Gaussian(gaussian.clone()),
+            Model::Elastic(elastic) => Self::Elastic(Box::new(elastic::Pad::new(elastic, sensor, camera))),
         }
     }
 
-    /// Presses the object into the pad: `depth` is the overlap in the view and [`Model::margin_px`] around it.
+    /// What of an object pressed in by `depth_mm` the model has to know.
+    pub fn window(&self, depth_mm: f64) -> Window {
+        match self {
+            Self::None => Window { margin_px: SURFACE_BORDER, above_mm: 0.0 },
+            Self::MeanBlur(blur) => Window { margin_px: blur.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
+            Self::Gaussian(gaussian) => Window { margin_px: gaussian.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
+            Self::Elastic(pad) => pad.window(depth_mm),
+        }
+    }
+
+    /// A window that reaches higher, if the pad bulged up to where nothing is known of the object.
+    pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
+        match self {
+            Self::Elastic(pad) => pad.higher(window, contact),
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
+    /// Presses the object into the pad: `depth` is the overlap in [`Pad::window`].
     pub fn press(&self, depth: &Depth) -> Contact {
         match self {
+            Self::None => none::press(depth),
             Self::MeanBlur(blur) => mean_blur::press(blur, depth),
+            Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
+            Self::Elastic(pad) => pad.press(depth),
         }
     }
 }
@@ -58,13 +112,17 @@ pub struct Contact {
     pub surface: Grid<f32>,
     /// Where, in `surface`, it may differ from 0: outside it is 0 exactly. Empty without contact.
     pub region: Rect,
+    /// How high the pad bulges over its undeformed surface, in view or beyond, mm.
+    pub bulge_mm: f32,
     /// True if every number in `surface` is finite.
     pub finite: bool,
     /// 255 where the pad touches the object, in the view.
     pub mask: Grid<u8>,
-    /// Normal force, N, if the model knows it.
+    /// Pressure between pad and object, kPa, in the view, if the model knows it and there is any contact.
+    pub pressure: Option<Grid<f32>>,
+    /// Normal force on the part in view, N, if the model knows it.
     pub force_n: Option<f64>,
-    /// Largest pressure, kPa, if the model knows it.
+    /// Largest pressure in view, kPa, if the model knows it.
     pub peak_pressure_kpa: Option<f64>,
     /// What the model says of its own solution.
     pub numerics: Numerics,
@@ -93,8 +151,10 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
     Contact {
         surface: Grid::new(width + 2 * SURFACE_BORDER, height + 2 * SURFACE_BORDER),
         region: Rect::default(),
+        bulge_mm: 0.0,
         finite: true,
         mask: Grid::new(width, height),
+        pressure: None,
         force_n,
         peak_pressure_kpa: force_n,
         numerics,

@@ -22,6 +22,15 @@ pub enum Model {
     Phong(phong::Phong),
 }
 
+impl Model {
+    /// Its name in jobs and labels.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Phong(_) => "phong",
+        }
+    }
+}
+
 /// A model made ready for one sensor: everything that is the same for every sample.
 pub enum Shader {
     /// See [`Model::Phong`].
@@ -33,13 +42,6 @@ impl Shader {
     pub fn new(model: &Model, sensor: &Sensor, camera: &Camera) -> Self {
         match model {
             Model::Phong(phong) => Self::Phong(phong::Shader::new(phong, sensor, camera)),
-        }
-    }
-
-    /// The model's name in labels.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Phong(_) => "phong",
         }
     }
 

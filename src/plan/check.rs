@@ -69,6 +69,15 @@ impl Check<'_> {
         }
     }
 
+    /// The width of a kernel, px: odd, 1 to 255.
+    pub fn odd(&mut self, path: &str, width: u32) {
+        self.number(path, f64::from(width), 1.0..=255.0, "px, odd");
+        if width.is_multiple_of(2) && (1..=255).contains(&width) {
+            let help = format!("write {} or {}", width - 1, width + 1);
+            self.wrong(path, format!("{} must be odd: a kernel has a middle pixel", key(path)), help);
+        }
+    }
+
     /// A random quantity: a sound law whose values all lie in a range.
     pub fn quantity(&mut self, path: &str, quantity: &Quantity, range: RangeInclusive<f64>, unit: &str) {
         if let Some((message, help)) = quantity.mistake() {

@@ -3,6 +3,7 @@
 //! After this nothing that depends on what the user wrote can fail: stages get a [`Plan`] and never see the job.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
@@ -12,6 +13,8 @@ use crate::config::quantity::Quantity;
 use crate::config::{self, Job, Overrides, Written, scene};
 use crate::dataset::layout::Layout;
 use crate::depth::Camera;
+use crate::fidelity::{Choices, Fidelity, Rung};
+use crate::gelpad::elastic::LARGEST_STRAIN;
 use crate::optics::background::Reference;
 use crate::{camera, gelpad, optics};
 
@@ -42,7 +45,7 @@ pub struct Plan {
     /// Row-major RGB of a sample without contact: the background, unless the model of the light adds to a flat pad.
     pub untouched: Vec<u8>,
     /// The objects, in the order of the job.
-    pub objects: Vec<Object>,
+    pub objects: Arc<[Object]>,
     /// Class names, sorted; an object's `class_index` counts here.
     pub classes: Vec<String>,
     /// For each of [`crate::dataset::layout::Split::ALL`]: how its objects are drawn.
@@ -53,8 +56,14 @@ pub struct Plan {
     pub indentation_mm: Quantity,
     /// Share of samples without contact.
     pub no_contact: f64,
-    /// Model of the gelpad.
-    pub gelpad: gelpad::Model,
+    /// Rung of the accuracy ladder. While it is still to be chosen, the most exact one.
+    pub rung: Rung,
+    /// The models that were chosen.
+    pub models: Choices,
+    /// The job itself names its model of the light, which then stays whatever rung is tried.
+    pub optics_named: bool,
+    /// Model of the gelpad, made ready.
+    pub pad: gelpad::Pad,
     /// Model of the light, made ready.
     pub shader: optics::Shader,
     /// Layers to be written, in the order of [`Layer::ALL`].
@@ -80,6 +89,7 @@ impl Plan {
             return Err(Report::new(&problems, &document.sources));
         }
         let mut check = Check { document: &document, problems: &mut problems };
+        let optics_named = job.optics.is_some();
         fill(&mut job);
         check_dataset(&mut check, &job);
         check_sensor(&mut check, &job);
@@ -90,17 +100,16 @@ impl Plan {
         let found = objects::load(&mut check, &mut job, &mut notes);
         let layout = Layout::new(job.dataset.samples.unwrap_or(1), job.dataset.samples_per_shard, job.dataset.splits);
         let draw = objects::divide(&mut check, &job, &found);
-        let objects = found.objects;
+        let objects: Arc<[Object]> = found.objects.into();
         let (Some(draw), Some((reference, reference_note)), true) = (draw, reference, problems.is_empty()) else {
             return Err(Report::new(&problems, &document.sources));
         };
         notes.extend(reference_note);
-        let (gelpad, optics) = chosen_models(&job);
+        notes.extend(strain_note(&job));
+        let models = chosen_models(&job);
         let camera = view(&job);
-        let shader = optics::Shader::new(&optics, &job.sensor, &camera);
-        let [width, height] = camera.resolution_px;
-        let flat = gelpad::untouched(width, height, None, gelpad::Numerics::DIRECT);
-        let untouched = camera::expose(&shader.shade(&flat, &reference), &reference).rgb;
+        let pad = gelpad::Pad::new(&models.gelpad, &job.sensor, &camera);
+        let shader = optics::Shader::new(&models.optics, &job.sensor, &camera);
         let mut classes: Vec<String> = objects.iter().map(|object| object.class.clone()).collect();
         classes.sort();
         classes.dedup();
@@ -114,21 +123,77 @@ impl Plan {
             layout,
             camera,
             thickness_mm: job.sensor.gelpad_thickness_mm,
+            untouched: untouched(&shader, &camera, &reference),
             reference,
-            untouched,
             objects,
             classes,
             draw,
             pose: job.pose.clone(),
             indentation_mm: job.indentation.depth_mm.clone().unwrap_or_default(),
             no_contact: job.indentation.no_contact,
+            rung: rung(&job),
+            models,
+            optics_named,
+            pad,
             shader,
-            gelpad,
             layers,
             exr: job.output.exr,
             notes,
             job,
         })
+    }
+
+    /// The bound by which the job's rung is still to be chosen.
+    pub fn open_choice(&self) -> Option<Fidelity> {
+        self.job.fidelity.filter(|fidelity| fidelity.rung().is_none())
+    }
+
+    /// The same with other models under the same rung's name, for comparisons.
+    pub fn with_models(&self, models: Choices) -> Self {
+        self.with(self.job.clone(), self.rung, models)
+    }
+
+    /// The same with the models of `rung`, whatever gelpad the job chose; a light that the job names stays.
+    pub fn at(&self, rung: Rung) -> Self {
+        let mut models = rung.choices();
+        if self.optics_named {
+            models.optics = self.models.optics.clone();
+        }
+        let mut job = self.job.clone();
+        job.fidelity = Some(rung.into());
+        job.gelpad = Some(models.gelpad.clone());
+        job.optics = Some(models.optics.clone());
+        self.with(job, rung, models)
+    }
+
+    fn with(&self, job: Job, rung: Rung, models: Choices) -> Self {
+        let pad = gelpad::Pad::new(&models.gelpad, &job.sensor, &self.camera);
+        let shader = optics::Shader::new(&models.optics, &job.sensor, &self.camera);
+        Self {
+            fingerprint: fingerprint(&job),
+            name: self.name.clone(),
+            seed: self.seed,
+            layout: self.layout.clone(),
+            camera: self.camera,
+            thickness_mm: self.thickness_mm,
+            untouched: untouched(&shader, &self.camera, &self.reference),
+            reference: self.reference.clone(),
+            objects: Arc::clone(&self.objects),
+            classes: self.classes.clone(),
+            draw: self.draw.clone(),
+            pose: self.pose.clone(),
+            indentation_mm: self.indentation_mm.clone(),
+            no_contact: self.no_contact,
+            rung,
+            models,
+            optics_named: self.optics_named,
+            pad,
+            shader,
+            layers: self.layers.clone(),
+            exr: self.exr,
+            notes: self.notes.clone(),
+            job,
+        }
     }
 
     /// Number of an object's class in [`Plan::classes`].
@@ -144,17 +209,32 @@ impl Plan {
 
 /// Writes out the defaults that depend on other keys.
 fn fill(job: &mut Job) {
-    let rung = *job.fidelity.get_or_insert_default();
-    let choices = rung.choices();
+    job.fidelity.get_or_insert(Rung::default().into());
+    let choices = rung(job).choices();
     job.gelpad.get_or_insert(choices.gelpad);
     job.optics.get_or_insert(choices.optics);
     job.sensor.preset = None;
     job.sensor.file = None;
 }
 
-fn chosen_models(job: &Job) -> (gelpad::Model, optics::Model) {
-    let choices = job.fidelity.unwrap_or_default().choices();
-    (job.gelpad.clone().unwrap_or(choices.gelpad), job.optics.clone().unwrap_or(choices.optics))
+/// The rung of a job; the most exact one while it is still to be chosen.
+fn rung(job: &Job) -> Rung {
+    job.fidelity.map_or(Rung::default(), |fidelity| fidelity.rung().unwrap_or(Rung::Reference))
+}
+
+fn chosen_models(job: &Job) -> Choices {
+    let choices = rung(job).choices();
+    Choices {
+        gelpad: job.gelpad.clone().unwrap_or(choices.gelpad),
+        optics: job.optics.clone().unwrap_or(choices.optics),
+    }
+}
+
+/// What the camera sees without contact.
+fn untouched(shader: &optics::Shader, camera: &Camera, reference: &Reference) -> Vec<u8> {
+    let [width, height] = camera.resolution_px;
+    let flat = gelpad::untouched(width, height, None, gelpad::Numerics::DIRECT);
+    camera::expose(&shader.shade(&flat, reference), reference).rgb
 }
 
 fn view(job: &Job) -> Camera {
@@ -246,6 +326,10 @@ fn check_scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
         Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") => {
             let thickness = job.sensor.gelpad_thickness_mm;
             check.quantity("indentation.depth_mm", depth, 0.0..=thickness, "mm, the thickness of the gelpad");
+            if depth.support().1 == thickness {
+                let message = format!("depth_mm may be {thickness}, which presses the pad flat to the shell");
+                check.wrong("indentation.depth_mm", message, format!("stay below the pad's thickness, {thickness} mm"));
+            }
         }
         // The thickness is not known.
         Some(depth) => check.quantity("indentation.depth_mm", depth, 0.0..=1e3, "mm"),
@@ -253,16 +337,50 @@ fn check_scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
     check.number("indentation.no_contact", job.indentation.no_contact, 0.0..=1.0, "");
 }
 
+/// A word of warning where the elastic pad is pressed beyond what its theory holds for.
+fn strain_note(job: &Job) -> Option<String> {
+    let deepest = job.indentation.depth_mm.as_ref()?.support().1;
+    let thickness = job.sensor.gelpad_thickness_mm;
+    let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
+    (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
+        format!(
+            "indentation.depth_mm may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
+             there; such samples have numerics.beyond_theory in their labels"
+        )
+    })
+}
+
 fn check_models(check: &mut Check<'_>, job: &Job) {
-    let (gelpad, optics) = chosen_models(job);
+    match job.fidelity {
+        Some(Fidelity::MaxErrorUm(um)) => check.number("fidelity.max_error_um", um, 1e-3..=1e5, "um"),
+        Some(Fidelity::MaxMs(ms)) => check.number("fidelity.max_ms", ms, 1e-3..=1e6, "ms"),
+        _ => {}
+    }
+    if job.fidelity.is_some_and(|fidelity| fidelity.rung().is_none()) && check.document.get("gelpad").is_some() {
+        let message = "`gelpad` leaves nothing to choose for `fidelity`";
+        check.wrong("gelpad", message, "leave `gelpad` out, or name a rung in `fidelity`");
+    }
+    let Choices { gelpad, optics } = chosen_models(job);
     match &gelpad {
+        gelpad::Model::None(_) => {}
         gelpad::Model::MeanBlur(blur) => {
-            check.number("gelpad.mean_blur.kernel_px", f64::from(blur.kernel_px), 1.0..=255.0, "px, odd");
-            if blur.kernel_px.is_multiple_of(2) && (1..=255).contains(&blur.kernel_px) {
-                let help = format!("write {} or {}", blur.kernel_px - 1, blur.kernel_px + 1);
-                check.wrong("gelpad.mean_blur.kernel_px", "kernel_px must be odd: a mean has a middle pixel", help);
-            }
+            check.odd("gelpad.mean_blur.kernel_px", blur.kernel_px);
             check.number("gelpad.mean_blur.passes", f64::from(blur.passes), 0.0..=64.0, "");
+        }
+        gelpad::Model::Gaussian(gaussian) => {
+            for (i, width) in gaussian.kernels_px.iter().enumerate() {
+                check.odd(&format!("gelpad.gaussian.kernels_px.{i}"), *width);
+            }
+            if gaussian.kernels_px.len() > 8 {
+                let message = format!("{} blurs are too many", gaussian.kernels_px.len());
+                check.wrong("gelpad.gaussian.kernels_px", message, "allowed: up to 8");
+            }
+            check.odd("gelpad.gaussian.smoothing_px", gaussian.smoothing_px);
+        }
+        gelpad::Model::Elastic(elastic) => {
+            check.number("gelpad.elastic.tolerance_um", elastic.tolerance_um, 0.01..=1e3, "um");
+            let most = f64::from(elastic.max_iterations);
+            check.number("gelpad.elastic.max_iterations", most, 1.0..=1e4, "iterations");
         }
     }
     match &optics {

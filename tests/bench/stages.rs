@@ -8,8 +8,8 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use gelsim::config::output::{Compression, Exr, Pixel};
 use gelsim::dataset::{encode, exr, png};
-use gelsim::depth::{self, Camera, Placement};
-use gelsim::gelpad::Model;
+use gelsim::depth::{self, Camera, Placement, Window};
+use gelsim::gelpad::Pad;
 use gelsim::gelpad::mean_blur::MeanBlur;
 use gelsim::object::clusters::Clusters;
 use gelsim::object::mesh::Mesh;
@@ -18,6 +18,9 @@ use gelsim::render::render;
 use gelsim::{camera, scene::Scene};
 
 const CAMERA: Camera = Camera { resolution_px: [640, 480], mm_per_px: [0.03125, 0.03125] };
+
+/// What the default model of the pad asks for at a depth of 0.7 mm.
+const WINDOW: Window = Window { margin_px: 144, above_mm: 0.28 };
 
 fn plan(object: &str) -> Plan {
     let text = format!(
@@ -54,7 +57,7 @@ fn capture(c: &mut Criterion) {
         let object = plate(triangles);
         let placement = Placement { rotation: turned, translation_mm: [-5.0, -14.0, -0.2] };
         group.bench_function(BenchmarkId::new("plate", name), |b| {
-            b.iter(|| depth::capture(black_box(&object), &placement, &CAMERA, 36, 3.0));
+            b.iter(|| depth::capture(black_box(&object), &placement, &CAMERA, WINDOW, 3.0));
         });
     }
     for name in ["dots", "sphere"] {
@@ -62,20 +65,20 @@ fn capture(c: &mut Criterion) {
         let pose = Scene::draw(&plan, 0).pose.placement();
         let object = &plan.objects[0].clusters;
         group.bench_function(BenchmarkId::new("bundled", name), |b| {
-            b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, 36, 3.0));
+            b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, WINDOW, 3.0));
         });
     }
     let plan = plan("dots");
     let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0).pose.placement() };
     group.bench_function(BenchmarkId::new("bundled", "out of reach"), |b| {
-        b.iter(|| depth::capture(black_box(&plan.objects[0].clusters), &above, &CAMERA, 36, 3.0));
+        b.iter(|| depth::capture(black_box(&plan.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
     });
     group.finish();
 }
 
 fn stages(c: &mut Criterion) {
     let mut group = c.benchmark_group("stage");
-    let blur = Model::MeanBlur(MeanBlur::default());
+    let blur = Pad::MeanBlur(MeanBlur::default());
     for name in ["dots", "sphere", "flat_face"] {
         let plan = plan(name);
         let sample = render(&plan, 0);
@@ -95,7 +98,7 @@ fn stages(c: &mut Criterion) {
             [(Pixel::Half, Compression::Zip), (Pixel::Half, Compression::Rle), (Pixel::Float, Compression::Zip)]
         {
             let storage = Exr { pixel, compression };
-            let depth = sample.depth.overlap.inner(sample.depth.margin_px);
+            let depth = sample.depth.below_pad();
             let id = BenchmarkId::new(format!("exr_{pixel:?}_{compression:?}").to_lowercase(), name);
             group.bench_function(id, |b| b.iter(|| exr::encode(640, 480, &[("Z", black_box(&depth.data))], storage)));
         }

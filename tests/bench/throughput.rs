@@ -12,10 +12,10 @@ use std::time::Instant;
 use gelsim::generate::{Request, Watch, generate};
 use gelsim::plan::Plan;
 
-/// A job with one object in many poses.
-fn job(object: &str, resolution: [u32; 2], samples: u64) -> String {
+/// A job with one object in many poses at one rung.
+fn job(rung: &str, object: &str, resolution: [u32; 2], samples: u64) -> String {
     format!(
-        "[dataset]\nname = \"bench\"\nsamples = {samples}\nseed = 1\nsamples_per_shard = 50\n\
+        "fidelity = \"{rung}\"\n[dataset]\nname = \"bench\"\nsamples = {samples}\nseed = 1\nsamples_per_shard = 50\n\
          [sensor]\nresolution_px = [{}, {}]\n\
          [[object]]\npath = \"objects/{object}.obj\"\n\
          [pose]\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 3.0]\nx_mm = [-2.0, 2.0]\ny_mm = [-2.0, 2.0]\n\
@@ -66,15 +66,20 @@ fn main() {
     let root: PathBuf = std::env::temp_dir().join(format!("gelsim-throughput-{}", std::process::id()));
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     println!(
-        "{:<10} {:>9} {:>8} {:>14} {:>12} {:>8}",
-        "object", "px", "threads", "per CPU-second", "per second", "scaling"
+        "{:<10} {:<10} {:>9} {:>8} {:>14} {:>12} {:>8}",
+        "rung", "object", "px", "threads", "per CPU-second", "per second", "scaling"
     );
-    for (object, resolution) in
-        [("dots", [640, 480]), ("dots", [320, 240]), ("sphere", [640, 480]), ("flat_face", [640, 480])]
-    {
+    for (rung, object, resolution) in [
+        ("paper", "dots", [640, 480]),
+        ("paper", "dots", [320, 240]),
+        ("standard", "dots", [640, 480]),
+        ("standard", "dots", [320, 240]),
+        ("standard", "sphere", [640, 480]),
+        ("standard", "flat_face", [640, 480]),
+    ] {
         let start = Instant::now();
-        let samples = if resolution[0] == 640 { 400 } else { 1600 };
-        let plan = plan::plan(&job(object, resolution, samples));
+        let samples = if resolution[0] == 640 { 300 } else { 1200 };
+        let plan = plan::plan(&job(rung, object, resolution, samples));
         let ready = start.elapsed().as_secs_f64();
         let mut single = 0.0;
         let mut threads = 1;
@@ -84,7 +89,7 @@ fn main() {
                 single = measured.per_second;
             }
             println!(
-                "{object:<10} {:>9} {threads:>8} {:>14.1} {:>12.1} {:>8.2}",
+                "{rung:<10} {object:<10} {:>9} {threads:>8} {:>14.1} {:>12.1} {:>8.2}",
                 format!("{}x{}", resolution[0], resolution[1]),
                 measured.per_cpu_second,
                 measured.per_second,
@@ -92,6 +97,10 @@ fn main() {
             );
             threads *= 2;
         }
-        println!("{object:<10} plan ready after {:.0} ms; peak memory so far {:.0} MB", ready * 1e3, peak_memory_mb());
+        println!(
+            "{rung:<10} {object:<10} plan ready after {:.0} ms; peak memory so far {:.0} MB",
+            ready * 1e3,
+            peak_memory_mb()
+        );
     }
 }

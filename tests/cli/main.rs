@@ -4,6 +4,7 @@
 //! sensor file, one command brings the committed schemas up to date: `UPDATE=1 cargo test --test cli schema`.
 
 mod determinism;
+mod fidelity;
 mod generate;
 mod messages;
 mod preview;
@@ -11,3 +12,4 @@ mod properties;
 mod resume;
 mod schema;
 mod support;
+mod tradeoff;

@@ -169,6 +169,10 @@ fn an_unknown_choice_is_refused_with_the_ones_there_are() {
     let start = "\n[dataset]";
     one_mistake(start, "\nfidelity = «\"papr\"»\n[dataset]", "unknown choice `papr`", "did you mean `paper`?");
     one_mistake(start, "\ngelpad = «\"men_blur\"»\n[dataset]", "unknown choice `men_blur`", "`mean_blur`");
+    one_mistake(start, "\ngelpad = «\"elastik\"»\n[dataset]", "unknown choice `elastik`", "did you mean `elastic`?");
+    one_mistake(start, "\n[gelpad.elastic]\nresolution = «\"double\"»\n[dataset]", "`double`", "`quarter`");
+    one_mistake(start, "\n[gelpad.elastic]\n«tolerance_mm» = 1.0\n[dataset]", "`tolerance_mm`", "`tolerance_um`");
+    one_mistake(start, "\n[gelpad.none]\n«passes» = 1\n[dataset]", "unknown key `passes`", "");
     one_mistake(start, "\n[optics.«fong»]\n[dataset]", "unknown choice `fong`", "did you mean `phong`?");
     one_mistake("seed = 7", "split_by = «\"objects\"»", "unknown choice `objects`", "did you mean `object`?");
     one_mistake("y_mm =", "face = «\"z\"»\ny_mm =", "unknown choice `z`", "`-z`");
@@ -312,6 +316,12 @@ fn numbers_out_of_their_range_are_refused_with_the_range() {
     more("[gelpad.mean_blur]\nkernel_px = «14»", "kernel_px must be odd", "write 13 or 15");
     more("[gelpad.mean_blur]\nkernel_px = «0»", "kernel_px = 0 is out of range", "allowed: 1 to 255");
     more("[gelpad.mean_blur]\nkernel_px = «300»", "kernel_px = 300 is out of range", "allowed: 1 to 255");
+    more("[gelpad.gaussian]\nkernels_px = [5, «4»]", "kernels_px must be odd", "write 3 or 5");
+    more("[gelpad.gaussian]\nkernels_px = «[1, 1, 1, 1, 1, 1, 1, 1, 1]»", "9 blurs are too many", "allowed: up to 8");
+    more("[gelpad.gaussian]\nsmoothing_px = «0»", "smoothing_px = 0 is out of range", "allowed: 1 to 255");
+    more("[gelpad.elastic]\ntolerance_um = «0.009»", "tolerance_um = 0.009 is out of range", "0.01 to 1000 um");
+    more("[gelpad.elastic]\ntolerance_um = «nan»", "tolerance_um = NaN is out of range", "0.01 to 1000 um");
+    more("[gelpad.elastic]\nmax_iterations = «0»", "max_iterations = 0 is out of range", "1 to 10000 iterations");
     more("[optics.phong]\nshininess = «-1.0»", "shininess = -1 is out of range", "allowed: 0 to 1000");
 }
 
@@ -368,6 +378,70 @@ fn nothing_is_said_about_the_depth_while_the_thickness_is_unknown() {
 }
 
 #[test]
+fn a_depth_that_presses_the_pad_flat_to_the_shell_is_refused() {
+    let title = "depth_mm may be 3, which presses the pad flat";
+    one_mistake("{ log_uniform = [0.3, 1.2] }", "«[0.3, 3.0]»", title, "stay below the pad's thickness, 3 mm");
+    one_mistake("{ log_uniform = [0.3, 1.2] }", "«3.0»", title, "stay below the pad's thickness, 3 mm");
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet --samples 1 --set indentation.depth_mm=2.999");
+}
+
+#[test]
+fn a_press_beyond_linear_theory_is_noted_where_the_pad_is_elastic() {
+    let folder = Folder::with_job(JOB);
+    let said = |flags: &str| folder.succeed(&format!("generate job.toml --overwrite --samples 1 --out out {flags}"));
+    let words = "note: indentation.depth_mm may be 1.6, over half of the pad's 3 mm";
+    assert!(said("--set indentation.depth_mm=1.6").contains(words));
+    assert!(!said("--set indentation.depth_mm=1.5").contains("note:"));
+    assert!(!said("--set indentation.depth_mm=1.6 --fidelity paper").contains("note:"));
+    assert_eq!(folder.labels("out")["000000000"]["numerics"]["beyond_theory"], true);
+}
+
+#[test]
+fn a_bound_beside_a_gelpad_is_one_problem_at_the_gelpad() {
+    let title = "`gelpad` leaves nothing to choose for `fidelity`";
+    let help = "leave `gelpad` out, or name a rung in `fidelity`";
+    for bound in ["max_error_um = 5.0", "max_ms = 20"] {
+        let name = format!("\nfidelity = {{ {bound} }}\ngelpad = «\"elastic\"»\n[dataset]");
+        one_mistake("\n[dataset]", &name, title, help);
+        let table = format!("\nfidelity = {{ {bound} }}\n[«gelpad».mean_blur]\npasses = 1\n[dataset]");
+        one_mistake("\n[dataset]", &table, title, help);
+    }
+    let text = edited(JOB, &[("\n[dataset]", "\nfidelity = { max_ms = 20 }\ngelpad = \"elastic\"\n[dataset]")]);
+    Folder::with_job(&text).succeed("generate job.toml --quiet --samples 1 --fidelity draft");
+}
+
+#[test]
+fn a_bound_out_of_its_range_is_refused_with_the_range() {
+    for value in ["0", "-1.0", "0.0009", "100001.0", "nan", "inf"] {
+        let to = format!("\nfidelity = {{ max_error_um = «{value}» }}\n[dataset]");
+        one_mistake("\n[dataset]", &to, "max_error_um = ", "allowed: 0.001 to 100000 um");
+    }
+    for value in ["0.0", "-1", "0.0009", "1000001", "nan", "-inf"] {
+        let to = format!("\nfidelity = {{ max_ms = «{value}» }}\n[dataset]");
+        one_mistake("\n[dataset]", &to, "max_ms = ", "allowed: 0.001 to 1000000 ms");
+    }
+}
+
+#[test]
+fn a_fidelity_of_the_wrong_form_is_refused() {
+    let start = "\n[dataset]";
+    let wrong = |value: &str, title: &str, help: &str| {
+        one_mistake(start, &format!("\nfidelity = {value}\n[dataset]"), title, help);
+    };
+    wrong("«5»", "expected", "");
+    wrong("{ max_error_um = «\"small\"» }", "expected a number, found the text \"small\"", "");
+    wrong("{ max_error_um = «[1, 2]» }", "expected a number, found a list", "");
+    wrong("{ «max_error» = 5 }", "unknown choice `max_error`", "did you mean `max_error_um`?");
+    wrong("«\"stanard\"»", "unknown choice `stanard`", "did you mean `standard`?");
+    wrong("«\"reverence\"»", "unknown choice `reverence`", "did you mean `reference`?");
+    wrong("«{}»", "`max_error_um` or `max_ms` belongs here, found none", "");
+    wrong("«{ max_error_um = 5, max_ms = 2 }»", "belongs here, found max_error_um and max_ms", "");
+    wrong("«\"max_ms\"»", "`max_ms` needs a value", "write { max_ms = .. }");
+    wrong("{ draft = «1» }", "`draft` takes no parameters", "");
+}
+
+#[test]
 fn splits_that_do_not_sum_to_one_are_refused() {
     let splits = |to: &str, title: &str, help: &str| {
         let from = "splits = { train = 0.5, val = 0.25, test = 0.25 }";
@@ -398,12 +472,16 @@ fn more_splits_than_objects_are_refused_where_objects_are_split() {
 
 #[test]
 fn a_layer_that_the_model_cannot_give_is_refused() {
-    one_mistake(
-        "\"contact\"]",
-        "«\"pressure\"»]",
-        "the gelpad model `mean_blur` knows no pressure",
-        "leave `pressure` out",
-    );
+    for model in ["mean_blur", "gaussian", "none"] {
+        let job = edited(
+            JOB,
+            &[("\"contact\"]", "\"pressure\"]"), ("[dataset]", &format!("gelpad = \"{model}\"\n[dataset]"))],
+        );
+        let folder = Folder::with_job(&job);
+        let text = folder.fail("generate job.toml", 2);
+        assert!(text.contains(&format!("the gelpad model `{model}` knows no pressure")), "{text}");
+        assert!(text.contains("leave `pressure` out"), "{text}");
+    }
     one_mistake("\"contact\"]", "«\"markers\"»]", "no printed markers", "leave `markers` out");
 }
 

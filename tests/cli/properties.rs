@@ -115,15 +115,36 @@ fn scene() -> impl Strategy<Value = String> {
     )
 }
 
+fn gelpad() -> impl Strategy<Value = String> {
+    let odd = || (0..8_u32).prop_map(|half| 2 * half + 1);
+    let elastic = (one_of(&["full", "half", "quarter"]), number(0.05..=1000.0), 1..100_u32);
+    prop_oneof![
+        Just(String::from("[gelpad.none]\n")),
+        (odd(), 0..6_u32)
+            .prop_map(|(kernel, passes)| format!("[gelpad.mean_blur]\nkernel_px = {kernel}\npasses = {passes}\n")),
+        (proptest::collection::vec(odd(), 0..4), odd()).prop_map(|(kernels, smoothing)| {
+            format!("[gelpad.gaussian]\nkernels_px = {kernels:?}\nsmoothing_px = {smoothing}\n")
+        }),
+        elastic.prop_map(|(resolution, tolerance, most)| {
+            format!(
+                "[gelpad.elastic]\nresolution = \"{resolution}\"\ntolerance_um = {tolerance}\n\
+                 max_iterations = {most}\n"
+            )
+        }),
+    ]
+}
+
 fn models_and_output() -> impl Strategy<Value = String> {
-    let blur = (0..8_u32, 0..6_u32).prop_map(|(half, passes)| (2 * half + 1, passes));
     let light = (number(0.0..=1.0), number(0.0..=10.0), number(0.0..=10.0), number(0.0..=1000.0), number(0.0..=1.0));
     let layers = proptest::sample::subsequence(vec!["depth", "surface", "contact", "normal", "reference"], 0..=5);
     let storage = (one_of(&["half", "float"]), one_of(&["none", "rle", "zip"]));
-    (blur, light, layers, storage).prop_map(|((kernel, passes), light, layers, (pixel, compression))| {
+    (gelpad(), light, layers, storage).prop_map(|(gelpad, light, mut layers, (pixel, compression))| {
         let (ambient, diffuse, specular, shininess, darkening) = light;
+        if gelpad.contains("elastic") {
+            layers.push("pressure");
+        }
         format!(
-            "[gelpad.mean_blur]\nkernel_px = {kernel}\npasses = {passes}\n\
+            "{gelpad}\
              [optics.phong]\nambient = {ambient}\ndiffuse = {diffuse}\nspecular = {specular}\n\
              shininess = {shininess}\ndarkening = {darkening}\n\
              [output]\nlayers = {layers:?}\nexr = {{ pixel = \"{pixel}\", compression = \"{compression}\" }}\n"
@@ -177,6 +198,12 @@ const NUMBERS: &[&str] = &[
     "indentation.no_contact",
     "gelpad.mean_blur.kernel_px",
     "gelpad.mean_blur.passes",
+    "gelpad.gaussian.kernels_px.0",
+    "gelpad.gaussian.smoothing_px",
+    "gelpad.elastic.tolerance_um",
+    "gelpad.elastic.max_iterations",
+    "fidelity.max_error_um",
+    "fidelity.max_ms",
     "optics.phong.ambient",
     "optics.phong.diffuse",
     "optics.phong.specular",

@@ -199,7 +199,10 @@ fn the_folder_of_another_job_is_refused_by_the_key_that_differs() {
         ("--set object.1.weight=3", "object.1.weight is 2.0 there and 3.0 here"),
         ("--set object.0.path=\"cone.obj\"", "object.0.sha256 is "),
         ("--set object=[{path=\"cube.obj\"}]", "object has 2 elements there and 1 here"),
-        ("--set gelpad.mean_blur.passes=3", "gelpad.mean_blur.passes is 5 there and 3 here"),
+        (
+            "--set gelpad.elastic={resolution=\"half\",tolerance_um=2.0}",
+            "gelpad.elastic.tolerance_um is 1.0 there and 2.0 here",
+        ),
     ] {
         let text = folder.fail(&format!("generate job.toml --out out {flags}"), 2);
         assert!(text.contains("out holds a dataset of another job") && text.contains(words), "{words:?} in\n{text}");

@@ -6,6 +6,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
+use exr::prelude::{ReadChannels, ReadLayers};
 use tempfile::TempDir;
 
 /// A job of 8 small samples; every test that needs another one edits it.
@@ -189,4 +190,22 @@ pub fn members(path: &Path) -> Vec<Member> {
 /// The JSON file `name` of a folder.
 pub fn json(folder: &Folder, name: &str) -> serde_json::Value {
     serde_json::from_str(&folder.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// The channels of an EXR picture of 48x36 px by name.
+pub fn exr_planes(bytes: &[u8]) -> Vec<(String, Vec<f32>)> {
+    let picture = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(std::io::Cursor::new(bytes))
+        .expect("an EXR picture");
+    let layer = picture.layer_data;
+    assert_eq!((layer.size.width(), layer.size.height()), (48, 36));
+    let plane = |channel: &exr::prelude::AnyChannel<exr::prelude::FlatSamples>| {
+        (channel.name.to_string(), channel.sample_data.values_as_f32().collect())
+    };
+    layer.channel_data.list.iter().map(plane).collect()
 }

@@ -36,6 +36,8 @@ enum Show {
     Contact,
     /// -1 to 1 as 0 to 255.
     Normal,
+    /// White at the largest.
+    Pressure,
 }
 
 struct Case {
@@ -60,7 +62,7 @@ macro_rules! fine {
     };
 }
 
-const CASES: [Case; 15] = [
+const CASES: [Case; 20] = [
     Case {
         name: "gelsight_2014_sphere",
         object: "sphere",
@@ -77,7 +79,7 @@ const CASES: [Case; 15] = [
         name: "gelsight_2014_rope_with_the_papers_blur",
         object: "rope",
         show: Show::Image,
-        job: "sensor.resolution_px = [64, 48]\nindentation.depth_mm = 1.0\npose.yaw_deg = 70.0",
+        job: "fidelity = \"paper\"\nsensor.resolution_px = [64, 48]\nindentation.depth_mm = 1.0\npose.yaw_deg = 70.0",
     },
     Case {
         name: "gelsight_2014_hexagon_nut_literal",
@@ -171,6 +173,36 @@ const CASES: [Case; 15] = [
         show: Show::Normal,
         job: fine!("gelsight-2014", "[64, 48]", "indentation.depth_mm = 1.4"),
     },
+    Case {
+        name: "high_gear",
+        object: "gear",
+        show: Show::Image,
+        job: "fidelity = \"high\"\nsensor.resolution_px = [64, 48]\nindentation.depth_mm = 0.9\npose.tilt_deg = 2.0\npose.tilt_azimuth_deg = 30.0",
+    },
+    Case {
+        name: "standard_torus_across_the_border",
+        object: "torus",
+        show: Show::Image,
+        job: "sensor.resolution_px = [64, 48]\nindentation.depth_mm = 1.2\npose.x_mm = 6.0\npose.y_mm = -3.0",
+    },
+    Case {
+        name: "draft_surface_under_a_cone",
+        object: "cone",
+        show: Show::Surface,
+        job: "fidelity = \"draft\"\nsensor.resolution_px = [64, 48]\nindentation.depth_mm = 2.0",
+    },
+    Case {
+        name: "pressure_under_crossed_ridges",
+        object: "crossed_ridges",
+        show: Show::Pressure,
+        job: "fidelity = \"high\"\nsensor.resolution_px = [64, 48]\nindentation.depth_mm = 0.8\npose.yaw_deg = 15.0",
+    },
+    Case {
+        name: "gaussian_brick",
+        object: "brick",
+        show: Show::Image,
+        job: "gelpad.gaussian = { kernels_px = [11, 5], smoothing_px = 3 }\nsensor.resolution_px = [64, 48]\nindentation.depth_mm = 0.7",
+    },
 ];
 
 fn plan_of(case: &Case) -> Plan {
@@ -193,6 +225,11 @@ fn picture(case: &Case) -> RgbImage {
         Show::Depth => grey(&sample.depth.overlap),
         Show::Surface => grey(&sample.contact.surface),
         Show::Contact => sample.contact.mask.data.iter().flat_map(|value| [*value; 3]).collect(),
+        Show::Pressure => {
+            let pressure = sample.contact.pressure.expect("the model knows it").data;
+            let peak = pressure.iter().fold(f32::MIN_POSITIVE, |peak, kpa| peak.max(*kpa));
+            pressure.iter().flat_map(|kpa| [level(f64::from(kpa / peak)); 3]).collect()
+        }
         Show::Normal => {
             let normals = normals(&sample.contact, &plan.camera);
             normals.iter().flatten().map(|n| level((f64::from(*n) + 1.0) / 2.0)).collect()

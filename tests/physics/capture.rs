@@ -398,7 +398,7 @@ fn the_papers_cube_of_5_mm_measures_5_mm_over_the_pitch_in_every_row_and_column(
         ([320, 240], [20.0, 30.0], [0.0, 0.0], [80, 40]),
     ] {
         let plan = plan(&format!(
-            "[dataset]\nname = \"cube\"\nsamples = 1\n[[object]]\npath = \"objects/cube.obj\"\n[sensor]\n\
+            "fidelity = \"high\"\n[dataset]\nname = \"cube\"\nsamples = 1\n[[object]]\npath = \"objects/cube.obj\"\n[sensor]\n\
              resolution_px = {resolution:?}\nfield_of_view_mm = {field:?}\n[pose]\nx_mm = {:?}\ny_mm = {:?}\n\
              [indentation]\ndepth_mm = 0.8\n",
             shift[0], shift[1],

@@ -1,13 +1,29 @@
 //! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow twins in f64.
 //!
-//! `capture` the depth map against plain loops and rays; `gelpad` the surface; `optics` normals and light against
-//! closed forms; `scene` labels against what they describe; `twin` whole samples against a plain f64 pipeline.
+//! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
+//! and light against closed forms; `scene` labels against what they describe; `twin` whole samples against a plain f64
+//! pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
+//! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
+//! border and the pixels' size cost; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
 
+mod border;
 mod capture;
+mod contact;
+mod convolution;
+mod gaussian;
 mod gelpad;
+mod greens;
+mod grids;
+mod hard_cases;
+mod kernel;
+mod ladder;
 mod optics;
 mod oracle;
 mod plan;
+mod reference_solutions;
+mod rig;
 mod scene;
+mod solutions;
 mod support;
+mod symmetry;
 mod twin;

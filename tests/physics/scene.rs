@@ -23,7 +23,7 @@ const FACES: [(&str, [f64; 3]); 6] = [
 
 fn job(object: &str, pose: &str, depth_mm: f64) -> Plan {
     plan(&format!(
-        "[dataset]\nname = \"a\"\nsamples = 50\nseed = 3\n[[object]]\npath = \"objects/{object}.obj\"\n[sensor]\n\
+        "fidelity = \"high\"\n[dataset]\nname = \"a\"\nsamples = 50\nseed = 3\n[[object]]\npath = \"objects/{object}.obj\"\n[sensor]\n\
          resolution_px = [96, 72]\n[pose]\n{pose}\n[indentation]\ndepth_mm = {depth_mm:?}\n[output]\n\
          layers = [\"depth\", \"contact\"]\n"
     ))
@@ -65,7 +65,7 @@ fn the_labels_pose_puts_the_mesh_where_the_depth_map_shows_it() {
             let mut touching = 0;
             for y in (0..depth.height).step_by(3) {
                 for x in (0..depth.width).step_by(2) {
-                    let found = -f64::from(depth.at(x, y));
+                    let found = -f64::from(depth.at(x, y).max(0.0));
                     touching += usize::from(found < 0.0);
                     assert!(truth.agrees(x, y, found), "{object} {index}: {found} at {x}, {y}");
                 }
@@ -208,10 +208,10 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
             }
             let bounds = [columns().min(), rows().min(), columns().max().map(|x| x + 1), rows().max().map(|y| y + 1)];
             assert_eq!(contact.bbox_px.map(Some), bounds);
-            // The pad touches the object only where the object is below the undeformed pad.
+            // The pad touches the object only where the object is below the undeformed pad, or as high as it bulges.
             let margin = sample.depth.margin_px;
             let depth = |(column, row)| sample.depth.overlap.at(column as usize + margin, row as usize + margin);
-            assert!(touching.iter().all(|at| depth(*at) > 0.0));
+            assert!(touching.iter().all(|at| depth(*at) > 0.0 || -depth(*at) <= sample.contact.bulge_mm + 1e-3));
             let deepest = touching.iter().map(|at| f64::from(depth(*at))).fold(0.0, f64::max);
             let found = contact.max_depth_mm;
             // serde_json reads floats to within their last bit.

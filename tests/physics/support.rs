@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use gelsim::camera::{self, Image};
 use gelsim::config::sensor::{Led, Sensor};
 use gelsim::dataset::encode;
-use gelsim::depth::raster::{View, Window};
-use gelsim::depth::{self, Camera, Depth, Placement};
+use gelsim::depth::raster::{Frame, View};
+use gelsim::depth::{self, Camera, Depth, Placement, Window};
 use gelsim::gelpad::mean_blur::{self, MeanBlur};
-use gelsim::gelpad::{self, Contact, Model, Numerics, SURFACE_BORDER};
+use gelsim::gelpad::{self, Contact, Numerics, Pad, SURFACE_BORDER};
 use gelsim::grid::{Grid, Rect, bounding_box};
 use gelsim::object::clusters::Clusters;
 use gelsim::object::{self, Mesh};
@@ -158,7 +158,7 @@ pub fn bundled_objects() -> Vec<PathBuf> {
 }
 
 pub fn capture(object: &Clusters, placement: &Placement, camera: &Camera, margin_px: usize, thickness: f64) -> Depth {
-    depth::capture(object, placement, camera, margin_px, thickness)
+    depth::capture(object, placement, camera, Window { margin_px, above_mm: 0.0 }, thickness)
 }
 
 /// The rasteriser as this test binary compiles it, without the wide instructions that [`capture`] picks at run time.
@@ -167,13 +167,13 @@ pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera:
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut heights = Grid::new(width, height);
     let view = View::new(placement, camera, object.centre_mm());
-    depth::raster::raster(object, &view, Window { width, height, margin }, &mut heights);
+    depth::raster::raster(object, &view, Frame { width, height, ceiling: 0.0, margin }, &mut heights);
     heights
 }
 
 /// The part of a depth map that is in view.
 pub fn in_view(depth: &Depth) -> Grid<f32> {
-    depth.overlap.inner(depth.margin_px)
+    depth.below_pad()
 }
 
 /// A depth map made by hand.
@@ -190,12 +190,12 @@ pub fn deepest_in_view(depth: &Depth) -> f32 {
 }
 
 pub fn press(blur: MeanBlur, depth: &Depth) -> Contact {
-    Model::MeanBlur(blur).press(depth)
+    Pad::MeanBlur(blur).press(depth)
 }
 
 /// Pixels of margin that [`press`] asks for.
 pub fn margin_of(blur: MeanBlur) -> usize {
-    Model::MeanBlur(blur).margin_px()
+    Pad::MeanBlur(blur).window(0.0).margin_px
 }
 
 /// The blur as this test binary compiles it.

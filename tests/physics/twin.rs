@@ -76,7 +76,7 @@ fn image(plan: &Plan, shape: &Shape, placement: &Placement) -> Vec<[f64; 3]> {
 fn f32_stages_give_the_grey_levels_of_the_plain_f64_pipeline() {
     for (object, depth_mm) in [("sphere", 1.1), ("gear", 0.7), ("crossed_ridges", 0.45)] {
         let plan = plan(&format!(
-            "[dataset]\nname = \"a\"\nsamples = 10\n[[object]]\npath = \"objects/{object}.obj\"\n[sensor]\n\
+            "fidelity = \"paper\"\n[dataset]\nname = \"a\"\nsamples = 10\n[[object]]\npath = \"objects/{object}.obj\"\n[sensor]\n\
              resolution_px = [96, 72]\nfield_of_view_mm = [18.0, 14.0]\n[pose]\nyaw_deg = [0.0, 360.0]\n\
              tilt_deg = [2.0, 6.0]\nx_mm = [-3.0, 3.0]\ny_mm = [-3.0, 3.0]\n[indentation]\ndepth_mm = {depth_mm:?}\n"
         ));
