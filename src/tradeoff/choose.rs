@@ -35,7 +35,8 @@ pub fn choose(plan: &Plan, bound: Fidelity) -> Result<Chosen, Report> {
     let indices = spread(plan.layout.samples(), PROBES);
     let fits = |rung: &Rung| plan.layers.iter().all(|layer| rung.choices().gelpad.gives(*layer));
     let rungs: Vec<Rung> = Rung::ALL.into_iter().filter(fits).collect();
-    let exact: Vec<_> = indices.iter().map(|index| render(&plan.at(Rung::Reference), *index).contact.surface).collect();
+    let reference = plan.at(Rung::Reference);
+    let exact: Vec<_> = indices.iter().map(|index| render(&reference, *index).contact.surface).collect();
     let mut measured = Vec::new();
     for rung in rungs {
         let plan = plan.at(rung);

@@ -106,10 +106,10 @@ pub fn linear_error_mm(depth_mm: f64, thickness_mm: f64) -> f64 {
 pub struct Pad {
     elastic: Elastic,
     youngs_modulus_kpa: f64,
-    thickness_mm: f64,
     margin_px: usize,
-    /// Of the camera and of the solver.
+    /// Of the camera.
     mm_per_px: [f64; 2],
+    /// Of the solver's grid.
     coarse_mm_per_px: [f64; 2],
     layer: Layer,
     softest: f64,
@@ -144,7 +144,7 @@ impl Pad {
         let [dx, dy] = camera.mm_per_px;
         // On a pad much thicker than the view is wide, no margin would do; one of half a view is not too slow.
         let widest = (width.max(height) / 2).max(16);
-        let margin_px = ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest.max(8));
+        let margin_px = ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest);
         let lattice = elastic.resolution.lattice();
         let coarse_mm_per_px = camera.mm_per_px.map(|pitch| pitch * lattice.factor as f64);
         let window = [width, height].map(|size| lattice.count(size + 2 * margin_px));
@@ -157,7 +157,6 @@ impl Pad {
         Self {
             elastic: *elastic,
             youngs_modulus_kpa: sensor.gelpad_youngs_modulus_kpa,
-            thickness_mm: layer.thickness_mm,
             margin_px,
             mm_per_px: camera.mm_per_px,
             coarse_mm_per_px,
@@ -180,14 +179,14 @@ impl Pad {
     pub fn window(&self, depth_mm: f64) -> Window {
         // Some tolerances more, because nobody can tell within them whether a bulge got there.
         let above_mm = (BULGE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
-        Window { margin_px: self.margin_px, above_mm: above_mm.min(self.thickness_mm) }
+        Window { margin_px: self.margin_px, above_mm: above_mm.min(self.layer.thickness_mm) }
     }
 
     /// See [`super::Pad::higher`]. Over a pad's thickness above it nothing is looked for: linear theory has ended long
     /// before.
     pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
         let reached = f64::from(contact.bulge_mm) + 2e-3 * self.elastic.tolerance_um >= window.above_mm;
-        let higher = Window { above_mm: (2.0 * window.above_mm).min(self.thickness_mm), ..window };
+        let higher = Window { above_mm: (2.0 * window.above_mm).min(self.layer.thickness_mm), ..window };
         (reached && higher.above_mm > window.above_mm).then_some(higher)
     }
 
@@ -222,7 +221,7 @@ impl Pad {
             converged: solution.converged,
             iterations: solution.iterations,
             residual_um: Some(f64::from(solution.residual_mm) * 1e3),
-            model_error_um: Some(1e3 * linear_error_mm(f64::from(depth.deepest_mm), self.thickness_mm)),
+            model_error_um: Some(1e3 * linear_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm)),
         };
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
         self.fill(&solution, depth, seen, lattice, contact);

@@ -56,11 +56,8 @@ impl Lattice {
         Rect { x0, y0, x1: x1.max(x0), y1: y1.max(y0) }
     }
 
-    /// The fine pixels that lie nearer to a coarse box than to the pixels around it.
+    /// The fine pixels that lie nearer to a coarse box (of a pixel at least) than to the pixels around it.
     pub fn covered_by(self, part: Rect, fine: [usize; 2]) -> Rect {
-        if part.is_empty() {
-            return part;
-        }
         let along = |from: usize, to: usize, fine: usize| {
             let at = |x: usize| self.first(fine) + x * self.factor;
             (at(from).saturating_sub(self.factor / 2), (at(to - 1) + self.factor / 2 + 1).min(fine))

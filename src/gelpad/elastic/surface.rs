@@ -28,13 +28,9 @@ impl Pad {
             _ if solution.contact_box.is_empty() => (Rect::default(), Cow::Borrowed(&solution.pressure)),
             _ => {
                 let fine = [depth.overlap.width, depth.overlap.height];
-                let cubic = Shape::Cubic;
-                contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, fine, cubic);
+                contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, fine, Shape::Cubic);
                 let area = lattice.covered_by(solution.contact_box, fine);
-                let pressure = match area.is_empty() {
-                    true => Grid::default(),
-                    false => self.enlarge_pressure(solution, depth, area, seen, &mut contact.surface),
-                };
+                let pressure = self.enlarge_pressure(solution, depth, area, seen, &mut contact.surface);
                 (area, Cow::Owned(pressure))
             }
         };
