@@ -6,14 +6,15 @@ use serde::{Deserialize, Serialize};
 use crate::gelpad;
 use crate::gelpad::elastic::{Elastic, Resolution};
 use crate::gelpad::mean_blur::MeanBlur;
-use crate::optics::{self, phong::Phong};
+use crate::optics;
+use crate::optics::phong::{Phong, Shadows};
 
 /// A named set of stage choices, from cheap to exact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]
 pub enum Rung {
-    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad.
+    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,
     /// Elastic pad, solved on every fourth pixel.
     Draft,
@@ -30,7 +31,7 @@ pub enum Rung {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Fidelity {
-    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad.
+    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,
     /// Elastic pad, solved on every fourth pixel.
     Draft,
@@ -111,7 +112,10 @@ impl Rung {
                 Self::High => elastic(Resolution::Full, 1.0, 200),
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
-            optics: optics::Model::Phong(Phong::default()),
+            optics: optics::Model::Phong(match self {
+                Self::Paper => Phong { shadows: Shadows::None, ..Phong::default() },
+                _ => Phong::default(),
+            }),
         }
     }
 }

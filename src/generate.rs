@@ -19,6 +19,7 @@ use crate::dataset::folder::{self, Refused, prepare};
 use crate::dataset::layout::Shard;
 use crate::dataset::manifest::Manifest;
 use crate::dataset::shard::{Lock, Paths, Stats, Writer, write_whole};
+use crate::effects::PerEffect;
 use crate::label::Label;
 use crate::plan::Plan;
 use crate::render::{Clock, Seconds, render};
@@ -185,7 +186,7 @@ fn write_shard(plan: &Plan, root: &Path, shard: &Shard, watch: &Watch, failed: &
             .collect();
         for sample in encoded {
             let sample = sample.ok_or(Stopped::Interrupted)?;
-            writer.append(&sample.label, &sample.members, &sample.seconds).map_err(io)?;
+            writer.append(&sample.label, &sample.members, &sample.seconds, &sample.effects).map_err(io)?;
         }
     }
     writer.finish().map_err(io)
@@ -195,6 +196,7 @@ struct Encoded {
     label: Label,
     members: Vec<Member>,
     seconds: Seconds,
+    effects: PerEffect<f64>,
 }
 
 fn encode(plan: &Plan, index: u64) -> Encoded {
@@ -202,7 +204,7 @@ fn encode(plan: &Plan, index: u64) -> Encoded {
     let mut clock = Clock::start();
     let members = members(plan, &sample);
     let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
-    Encoded { label: sample.label, members, seconds }
+    Encoded { label: sample.label, members, seconds, effects: sample.effects }
 }
 
 /// Writes manifest, index and card once all shards are there. False while some are missing.

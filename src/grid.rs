@@ -71,6 +71,22 @@ impl<T: Copy + Default> Grid<T> {
     }
 }
 
+impl Grid<f32> {
+    /// The value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between pixel
+    /// centres, the border's values beyond them.
+    pub fn stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
+        let place = |at: usize, to: usize, own: usize| {
+            let at = ((at as f64 + 0.5) * own as f64 / to as f64 - 0.5).clamp(0.0, own as f64 - 1.0);
+            let whole = (at as usize).min(own.saturating_sub(2));
+            (whole, (whole + 1).min(own - 1), (at - whole as f64) as f32)
+        };
+        let ((x0, x1, u), (y0, y1, v)) = (place(x, width, self.width), place(y, height, self.height));
+        let above = self.at(x0, y0) * (1.0 - u) + self.at(x1, y0) * u;
+        let below = self.at(x0, y1) * (1.0 - u) + self.at(x1, y1) * u;
+        above * (1.0 - v) + below * v
+    }
+}
+
 /// Half-open rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rect {

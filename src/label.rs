@@ -7,12 +7,14 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Image;
+use crate::camera::lens::Lens;
+use crate::camera::print::Ink;
 use crate::dataset::layout::Split;
 use crate::depth::Depth;
+use crate::effects::{Ledger, Note, PerEffect};
 use crate::gelpad::elastic::LARGEST_STRAIN;
-use crate::gelpad::{Contact, Model};
-use crate::grid::{Rect, bounding_box};
-use crate::optics::Light;
+use crate::gelpad::{Contact, Drag};
+use crate::grid::{Grid, Rect, bounding_box};
 use crate::plan::Plan;
 use crate::scene::Scene;
 use crate::simd::wide;
@@ -39,12 +41,18 @@ pub struct Label {
     pub pose: PoseLabel,
     /// How deep the object's lowest point reaches below the undeformed pad, mm.
     pub indentation_depth_mm: f64,
-    /// Micro relief added to the object.
+    /// Micro relief of the object.
     pub texture: TextureLabel,
+    /// How the object was moved in the pad's plane.
+    pub shear: ShearLabel,
     /// The sensor.
     pub sensor: SensorLabel,
     /// The contact, as far as it is in view.
     pub contact: ContactLabel,
+    /// The pad's markers.
+    pub markers: MarkersLabel,
+    /// The camera.
+    pub camera: CameraLabel,
     /// Rung of the accuracy ladder.
     pub fidelity: String,
     /// Model of the gelpad.
@@ -52,7 +60,7 @@ pub struct Label {
     /// Model of the light.
     pub optics_model: String,
     /// For each effect whether it ran and why or why not.
-    pub effects: Effects,
+    pub effects: PerEffect<Note>,
     /// How well the gelpad model solved its problem.
     pub numerics: NumericsLabel,
     /// What a check of the sample found.
@@ -87,11 +95,63 @@ pub struct PoseLabel {
     pub tilt_azimuth_deg: f64,
 }
 
-/// Micro relief added to the object.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// Micro relief of the object. Without texture the pattern is empty and every number 0.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TextureLabel {
-    /// Height of the relief, mm; 0.0 without texture.
+    /// Name of the pattern.
+    pub pattern: String,
+    /// How far valleys lie below peaks, mm.
     pub amplitude_mm: f64,
+    /// The pattern's scale, mm.
+    pub scale_mm: f64,
+    /// The pattern's direction on the object, degrees.
+    pub angle_deg: f64,
+}
+
+/// How the object was moved in the pad's plane after it was pressed in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ShearLabel {
+    /// Along x and y, mm.
+    pub shift_mm: [f64; 2],
+    /// From x towards y, degrees.
+    pub twist_deg: f64,
+    /// Point that it was turned about, mm from the middle of the image.
+    pub about_mm: [f64; 2],
+    /// Force on the pad along x and y, N; null if the job moves objects but
+    /// the sensor has no markers to show it, or the gelpad model knows no tractions.
+    pub force_n: Option<[f64; 2]>,
+    /// Torque on the pad about that point, from x towards y, N mm; null likewise.
+    pub torque_nmm: Option<f64>,
+    /// Share of the contact that slips; null likewise.
+    pub slipping: Option<f64>,
+}
+
+/// The pad's markers, as far as they are in view.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MarkersLabel {
+    /// How many there are.
+    pub count: u32,
+    /// Mean distance from where they rest, px.
+    pub mean_motion_px: f64,
+    /// Largest distance from where they rest, px.
+    pub max_motion_px: f64,
+}
+
+/// The camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CameraLabel {
+    /// Radial distortion k1 and k2.
+    pub distortion: [f64; 2],
+    /// Share of the light that is lost in the corners.
+    pub vignette: f64,
+    /// Standard deviation of the blur, mm on the pad.
+    pub defocus_mm: f64,
+    /// Factors on red, green and blue.
+    pub gains: [f64; 3],
+    /// Standard deviation of a white pixel's shot noise, grey levels.
+    pub shot_noise_levels: f64,
+    /// Standard deviation of the read noise, grey levels.
+    pub read_noise_levels: f64,
 }
 
 /// The sensor.
@@ -132,26 +192,6 @@ pub struct ContactLabel {
     pub force_n: Option<f64>,
     /// Largest pressure, kPa; null if the model knows none.
     pub peak_pressure_kpa: Option<f64>,
-}
-
-/// Every effect.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Effects {
-    /// The pad's shape under and around the object.
-    pub deformation: Effect,
-    /// Light from the LEDs on the deformed surface.
-    pub shading: Effect,
-    /// Loss of light where the pad is pressed in.
-    pub darkening: Effect,
-}
-
-/// Whether an effect ran.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Effect {
-    /// True if it was computed.
-    pub ran: bool,
-    /// Why, or why not.
-    pub reason: String,
 }
 
 /// How well the gelpad model solved its problem.
@@ -196,17 +236,20 @@ impl Label {
         scene: &Scene,
         depth: &Depth,
         contact: &Contact,
-        light: &Light,
+        ink: Option<&Ink>,
         image: &Image,
+        effects: &Ledger,
     ) -> Self {
         let object = &plan.objects[scene.object];
         let sensor = &plan.job.sensor;
         let [mm_x, mm_y] = plan.camera.mm_per_px;
         let (width, height) = (image.width, image.height);
-        let extent = extent(contact, &plan.camera.mm_per_px);
+        let lens = scene.shot.lens(&plan.camera);
+        let extent = extent(&contact.mask, &plan.camera.mm_per_px);
+        let seen = lens.as_ref().map(|lens| bounding_box(&lens.warp_mask(&contact.mask), |value| value > 0));
+        let bbox = seen.unwrap_or(extent.bbox);
         let in_contact = extent.pixels > 0;
         let view = Rect::whole(width, height);
-        let changes = !contact.region.is_empty();
         let finite = image.finite && contact.finite;
         Self {
             schema_version: SCHEMA_VERSION,
@@ -228,7 +271,13 @@ impl Label {
                 tilt_azimuth_deg: scene.pose.angles.tilt_azimuth_deg,
             },
             indentation_depth_mm: scene.indentation_depth_mm,
-            texture: TextureLabel { amplitude_mm: 0.0 },
+            texture: scene.cut.map_or_else(TextureLabel::default, |cut| TextureLabel {
+                pattern: plan.job.texture.patterns[cut.pattern].name().to_owned(),
+                amplitude_mm: cut.amplitude_mm,
+                scale_mm: cut.scale_mm,
+                angle_deg: cut.angle_deg,
+            }),
+            shear: shear(plan, scene, contact.drag.as_ref()),
             sensor: SensorLabel {
                 name: sensor.name.clone(),
                 width_px: width as u32,
@@ -243,29 +292,24 @@ impl Label {
                 area_mm2: extent.pixels as f64 * mm_x * mm_y,
                 fraction: extent.pixels as f64 / view.area() as f64,
                 centroid_mm: extent.centroid_mm,
-                bbox_px: [extent.bbox.x0, extent.bbox.y0, extent.bbox.x1, extent.bbox.y1].map(|px| px as u32),
+                bbox_px: [bbox.x0, bbox.y0, bbox.x1, bbox.y1].map(|px| px as u32),
                 max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
                 force_n: contact.force_n,
                 peak_pressure_kpa: contact.peak_pressure_kpa,
             },
+            markers: ink.map_or_else(MarkersLabel::default, |ink| markers(ink, lens, [width, height])),
+            camera: CameraLabel {
+                distortion: scene.shot.distortion,
+                vignette: scene.shot.vignette,
+                defocus_mm: scene.shot.defocus_mm,
+                gains: scene.shot.gains,
+                shot_noise_levels: scene.shot.shot_noise_levels,
+                read_noise_levels: scene.shot.read_noise_levels,
+            },
             fidelity: plan.rung.name().to_owned(),
             gelpad_model: plan.models.gelpad.name().to_owned(),
             optics_model: plan.models.optics.name().to_owned(),
-            effects: Effects {
-                deformation: match plan.models.gelpad {
-                    Model::None(_) => Effect::new(false, "", "the gelpad model has no deformation"),
-                    _ => Effect::new(changes, "the object reaches into the pad", "nothing reaches into the pad"),
-                },
-                // Some equations add light to a flat pad too.
-                shading: match changes {
-                    true => Effect::new(true, "the surface is not flat", ""),
-                    false => Effect::new(!light.region.is_empty(), "a flat pad is shaded too", "the surface is flat"),
-                },
-                darkening: match plan.shader.darkens() {
-                    true => Effect::new(changes, "the surface is pressed in", "the surface is flat"),
-                    false => Effect::new(false, "", "the optics model has no darkening"),
-                },
-            },
+            effects: effects.notes.clone(),
             numerics: NumericsLabel {
                 converged: contact.numerics.converged,
                 iterations: contact.numerics.iterations,
@@ -284,21 +328,43 @@ impl Label {
     }
 }
 
-impl Effect {
-    fn new(ran: bool, why: &str, why_not: &str) -> Self {
-        Self { ran, reason: if ran { why } else { why_not }.to_owned() }
-    }
-}
-
 struct Extent {
     pixels: u64,
     centroid_mm: [f64; 2],
     bbox: Rect,
 }
 
+fn shear(plan: &Plan, scene: &Scene, drag: Option<&Drag>) -> ShearLabel {
+    // Without any push there is no traction; else nothing is known of one sample only if nothing is known of any.
+    let known = plan.ready.in_plane.is_some() || !plan.job.shear.any();
+    let outcome = drag.and_then(|drag| drag.shear.as_ref());
+    let youngs_modulus_kpa = plan.job.sensor.gelpad_youngs_modulus_kpa;
+    // kPa mm^2 are mN.
+    let newtons = |per_modulus: f64| 1e-3 * youngs_modulus_kpa * per_modulus;
+    ShearLabel {
+        shift_mm: scene.motion.shift_mm,
+        twist_deg: scene.motion.twist_rad.to_degrees(),
+        about_mm: scene.motion.about_mm,
+        force_n: known.then(|| outcome.map_or([0.0; 2], |outcome| outcome.force.map(newtons))),
+        torque_nmm: known.then(|| outcome.map_or(0.0, |outcome| newtons(outcome.moment))),
+        slipping: known.then(|| outcome.map_or(0.0, |outcome| outcome.slipping)),
+    }
+}
+
+fn markers(ink: &Ink, lens: Option<Lens>, size: [usize; 2]) -> MarkersLabel {
+    let (mut label, mut sum) = (MarkersLabel::default(), 0.0);
+    for (rest, moved) in ink.seen(lens.as_ref(), size) {
+        let distance = libm::hypot(moved[0] - rest[0], moved[1] - rest[1]);
+        label.count += 1;
+        sum += distance;
+        label.max_motion_px = label.max_motion_px.max(distance);
+    }
+    label.mean_motion_px = sum / f64::from(label.count.max(1));
+    label
+}
+
 /// Size and place of the contact in view.
-fn extent(contact: &Contact, mm_per_px: &[f64; 2]) -> Extent {
-    let mask = &contact.mask;
+fn extent(mask: &Grid<u8>, mm_per_px: &[f64; 2]) -> Extent {
     let bbox = bounding_box(mask, |value| value > 0);
     let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
     wide(

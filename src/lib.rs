@@ -15,6 +15,8 @@
 
 pub mod render;
 
+pub mod effects;
+
 pub mod config;
 pub mod fidelity;
 pub mod plan;

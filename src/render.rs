@@ -4,11 +4,14 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::camera::{self, Image};
+use crate::camera::Image;
+use crate::camera::lens::Lens;
+use crate::camera::print::{self, Ink};
 use crate::depth::{self, Depth};
-use crate::gelpad::Contact;
+use crate::effects::{Ledger, PerEffect};
+use crate::gelpad::{self, Contact};
 use crate::label::Label;
-use crate::plan::Plan;
+use crate::plan::{Plan, Ready};
 use crate::scene::Scene;
 
 /// One sample of a dataset.
@@ -19,10 +22,16 @@ pub struct Sample {
     pub depth: Depth,
     /// The pad under it.
     pub contact: Contact,
+    /// The pad's markers, if it has any.
+    pub ink: Option<Ink>,
+    /// Distortion of the lens, if it has any: `depth` and `contact` are as the pad is, not as the camera sees it.
+    pub lens: Option<Lens>,
     /// What is known about all of it.
     pub label: Label,
     /// CPU seconds that each stage took; not part of the label, because they differ from run to run.
     pub seconds: Seconds,
+    /// CPU seconds that each effect took; part of its stage's.
+    pub effects: PerEffect<f64>,
 }
 
 /// CPU seconds of the thread per stage.
@@ -66,39 +75,45 @@ impl Seconds {
 pub fn render(plan: &Plan, index: u64) -> Sample {
     let mut clock = Clock::start();
     let mut seconds = Seconds::default();
+    let mut effects = Ledger::new(plan.gate);
+    let Ready { pad, shader, body, .. } = &plan.ready;
 
     // Object, pose, indentation: all randomness of the sample.
     let scene = Scene::draw(plan, index);
     seconds.scene = clock.lap();
 
-    let object = &plan.objects[scene.object].clusters;
-    let mut window = plan.pad.window(scene.indentation_depth_mm);
-    let (depth, contact) = loop {
+    let mut window = pad.window(scene.indentation_depth_mm);
+    let (depth, mut contact) = loop {
         // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
-        let depth = depth::capture(object, &scene.pose.placement(), &plan.camera, window, plan.thickness_mm);
+        let depth = depth::overlap(plan, &scene, window, &mut effects);
         seconds.depth += clock.lap();
 
         // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
-        let contact = plan.pad.press(&depth);
+        let contact = gelpad::deform(pad, &depth, &mut effects);
         seconds.gelpad += clock.lap();
-        match plan.pad.higher(window, &contact) {
+        match pad.higher(window, &contact) {
             Some(higher) => window = higher,
             None => break (depth, contact),
         }
     };
+    // The motion of the elastomer in its own plane, where markers show it.
+    contact.drag = gelpad::drag(plan, &scene, &contact, &mut effects);
+    seconds.gelpad += clock.lap();
 
     // The light that the surface sends to the camera.
-    let light = plan.shader.shade(&contact, &plan.reference);
+    let light = shader.shade(&contact, &plan.reference, &mut effects);
     seconds.optics = clock.lap();
 
     // 8-bit RGB.
-    let image = camera::expose(&light, &plan.reference);
+    let ink = print::ink(plan, &scene, contact.drag.as_ref(), &mut effects);
+    let image = body.expose(light, ink.as_ref(), &scene.shot, &mut effects);
     seconds.camera = clock.lap();
 
-    let label = Label::describe(plan, &scene, &depth, &contact, &light, &image);
+    let label = Label::describe(plan, &scene, &depth, &contact, ink.as_ref(), &image, &effects);
     seconds.label = clock.lap();
 
-    Sample { image, depth, contact, label, seconds }
+    let lens = scene.shot.lens(&plan.camera);
+    Sample { image, depth, contact, ink, lens, label, seconds, effects: effects.seconds }
 }
 
 /// CPU time of this thread: what other threads and processes do does not count.

@@ -17,6 +17,10 @@ pub enum Stage {
     Splits,
     /// The grain of a rendered background.
     Grain,
+    /// The random parts of a texture's pattern, the same in every job.
+    Relief,
+    /// The grain of the pad's coating.
+    Coating,
     /// Which object.
     Object,
     /// Which side of it faces the pad.
@@ -35,6 +39,48 @@ pub enum Stage {
     Contact,
     /// How deep it is pressed.
     Indentation,
+    /// The pattern of its texture.
+    TexturePattern,
+    /// How high its texture is.
+    TextureAmplitude,
+    /// How coarse its texture is.
+    TextureScale,
+    /// The direction of its texture.
+    TextureAngle,
+    /// Which part of its texture.
+    TextureOffset,
+    /// By how much it is pushed along x.
+    ShearX,
+    /// By how much it is pushed along y.
+    ShearY,
+    /// By how much it is twisted.
+    Twist,
+    /// How far apart the pad's markers are.
+    MarkerPitch,
+    /// How large they are.
+    MarkerDiameter,
+    /// How far they lie from the grid.
+    MarkerJitter,
+    /// Distortion of the lens.
+    DistortionK1,
+    /// Distortion of the lens.
+    DistortionK2,
+    /// Loss of light towards the corners.
+    Vignette,
+    /// Blur of the lens.
+    Defocus,
+    /// Factor on all brightness.
+    Exposure,
+    /// Factor on red.
+    RedGain,
+    /// Factor on blue.
+    BlueGain,
+    /// How strong the shot noise is.
+    ShotNoise,
+    /// How strong the read noise is.
+    ReadNoise,
+    /// The noise itself.
+    Noise,
 }
 
 impl Stage {
@@ -42,6 +88,8 @@ impl Stage {
         match self {
             Self::Splits => b"splits",
             Self::Grain => b"grain",
+            Self::Relief => b"relief",
+            Self::Coating => b"coating",
             Self::Object => b"object",
             Self::Face => b"face",
             Self::Yaw => b"yaw",
@@ -51,6 +99,27 @@ impl Stage {
             Self::Y => b"y",
             Self::Contact => b"contact",
             Self::Indentation => b"indentation",
+            Self::TexturePattern => b"texture pattern",
+            Self::TextureAmplitude => b"texture amplitude",
+            Self::TextureScale => b"texture scale",
+            Self::TextureAngle => b"texture angle",
+            Self::TextureOffset => b"texture offset",
+            Self::ShearX => b"shear x",
+            Self::ShearY => b"shear y",
+            Self::Twist => b"twist",
+            Self::MarkerPitch => b"marker pitch",
+            Self::MarkerDiameter => b"marker diameter",
+            Self::MarkerJitter => b"marker jitter",
+            Self::DistortionK1 => b"distortion k1",
+            Self::DistortionK2 => b"distortion k2",
+            Self::Vignette => b"vignette",
+            Self::Defocus => b"defocus",
+            Self::Exposure => b"exposure",
+            Self::RedGain => b"red gain",
+            Self::BlueGain => b"blue gain",
+            Self::ShotNoise => b"shot noise",
+            Self::ReadNoise => b"read noise",
+            Self::Noise => b"noise",
         }
     }
 }
@@ -78,6 +147,11 @@ impl Stream {
     /// Uniform among 0 .. `count` - 1; 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
+    }
+
+    /// 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0.next_u64()
     }
 
     /// A standard normal number (Box and Muller 1958).

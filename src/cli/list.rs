@@ -4,14 +4,8 @@ use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
 use crate::config::sensor::{PRESETS, Sensor};
+use crate::effects::Effect;
 use crate::fidelity::Rung;
-
-/// Effects, with what calls for them.
-pub const EFFECTS: [(&str, &str); 3] = [
-    ("deformation", "the pad's shape under and around the object; runs where the object reaches into the pad"),
-    ("shading", "light of the LEDs on the deformed surface; runs where the surface is not flat"),
-    ("darkening", "loss of light with depth; runs where the surface is pressed in and the optics model has it"),
-];
 
 /// The meshes in the project's `objects` folder.
 pub const OBJECTS: [&str; 27] = [
@@ -91,7 +85,9 @@ impl List {
                 };
                 Rung::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
-            What::Effects => EFFECTS.iter().map(|(name, what)| format!("{name:<12} {what}")).collect(),
+            What::Effects => {
+                Effect::ALL.into_iter().map(|effect| format!("{:<12} {}", effect.name(), effect.summary())).collect()
+            }
             What::Objects => OBJECTS.iter().map(|name| format!("objects/{name}.obj")).collect(),
         };
         print(&(lines.join("\n") + "\n"))

@@ -108,6 +108,9 @@ struct JobOverrides {
     /// Rung of the accuracy ladder; replaces the job's gelpad and optics
     #[arg(long, value_name = "RUNG")]
     fidelity: Option<Rung>,
+    /// Run every effect that the job and the sensor have, also where it changes nothing
+    #[arg(long)]
+    all_effects: bool,
     /// Any key of the job: dotted.path=TOML-VALUE; paths in it are relative to the current folder
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
@@ -115,7 +118,8 @@ struct JobOverrides {
 
 impl JobOverrides {
     fn any(&self) -> bool {
-        self.samples.is_some() || self.seed.is_some() || self.fidelity.is_some() || !self.set.is_empty()
+        let any = self.samples.is_some() || self.seed.is_some() || self.fidelity.is_some();
+        any || self.all_effects || !self.set.is_empty()
     }
 
     fn overrides(&self) -> Overrides {
@@ -123,6 +127,9 @@ impl JobOverrides {
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         for (flag, key, value) in [("--samples", "samples", self.samples), ("--seed", "seed", self.seed)] {
             set.extend(value.map(|value| (flag.to_owned(), format!("dataset.{key} = {value}"))));
+        }
+        if self.all_effects {
+            set.push((String::from("--all-effects"), String::from("effects = \"all\"")));
         }
         Overrides { set, fidelity: self.fidelity }
     }

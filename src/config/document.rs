@@ -193,6 +193,20 @@ impl Document {
         Ok(())
     }
 
+    /// Lays the table `name` in the top-level table `from` under the top-level table of the same name, and removes it.
+    pub fn move_up(&mut self, from: &str, name: &str) {
+        let Value::Table(root) = &mut self.root.value else { return };
+        let Some(Entry { node: Node { value: Value::Table(inner), .. }, .. }) =
+            root.iter_mut().find(|entry| entry.key == from)
+        else {
+            return;
+        };
+        if let Some(at) = inner.iter().position(|entry| entry.key == name) {
+            let entry = inner.remove(at);
+            lay_under(root, entry);
+        }
+    }
+
     /// Lays the keys of `below` under the table at the top-level key `name`: a key that the table has already wins,
     /// and tables in it are laid over each other in the same way.
     pub fn underlay(&mut self, name: &str, below: Node) {

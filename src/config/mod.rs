@@ -20,7 +20,11 @@ pub mod sensor;
 use diagnostic::{Problem, Problems, Report, nearest};
 use document::{Document, Node, Place, Value};
 
+use crate::camera::{self, print::Markers};
+use crate::depth::texture::{Pattern, Texture};
+use crate::effects::Gate;
 use crate::fidelity::{Fidelity, Rung};
+use crate::gelpad::rest::RestShape;
 use crate::{gelpad, optics};
 
 /// A job. Keys that are left out have the defaults named with each.
@@ -30,6 +34,8 @@ pub struct Job {
     /// Rung of the accuracy ladder, or what it is to be chosen by; fills the gelpad and optics choices that the job leaves
     /// open.
     pub fidelity: Option<Fidelity>,
+    /// Which effects run: those that a sample calls for, or all that there are.
+    pub effects: Gate,
     /// Model of the gelpad's shape under the object.
     pub gelpad: Option<gelpad::Model>,
     /// Model of the light that the camera sees.
@@ -45,8 +51,33 @@ pub struct Job {
     pub pose: scene::Pose,
     /// How deep it is pressed.
     pub indentation: scene::Indentation,
+    /// How the object moves in the pad's plane after it was pressed in.
+    pub shear: scene::Shear,
+    /// Micro relief of the object.
+    pub texture: Texture,
+    /// Dots printed on the pad; keys that are left out are the sensor's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub markers: Option<Markers>,
+    /// The camera; keys that are left out are the sensor's.
+    pub camera: camera::Settings,
     /// What is written.
     pub output: output::Output,
+}
+
+impl Job {
+    /// The paths of all files that it names.
+    pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
+        let objects = self.object.iter_mut().filter_map(|object| object.path.as_mut());
+        let textures = self.texture.patterns.iter_mut().filter_map(|pattern| match pattern {
+            Pattern::Image(image) => Some(&mut image.path),
+            _ => None,
+        });
+        let shape = match &mut self.sensor.rest_shape {
+            Some(RestShape::HeightMap(map)) => Some(&mut map.path),
+            _ => None,
+        };
+        objects.chain(textures).chain(shape).chain(&mut self.sensor.background)
+    }
 }
 
 /// What the command line changes in a job.
@@ -94,6 +125,9 @@ pub fn read_text(name: &str, text: String, folder: &Path, overrides: &Overrides,
         apply_override(&mut document, flag, assignment, problems);
     }
     let sensor_known = lay_under_sensor(&mut document, problems);
+    for table in ["markers", "camera"] {
+        document.move_up("sensor", table);
+    }
     let mut job: Job = reader::read(&document.root, problems).unwrap_or_default();
     if let Some(rung) = overrides.fidelity {
         job.fidelity = Some(rung.into());

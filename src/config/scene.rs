@@ -1,9 +1,10 @@
-//! `[pose]` and `[indentation]`: how the object meets the pad.
+//! `[pose]`, `[indentation]` and `[shear]`: how the object meets the pad.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::quantity::Quantity;
+use crate::gelpad::elastic::shear::Friction;
 
 /// The `[pose]` table. The frame is the camera's: x right, y down, z out of the pad towards the object.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -88,4 +89,25 @@ pub struct Indentation {
     pub depth_mm: Option<Quantity>,
     /// Share of samples in which the object stays just above the pad, 0 to 1.
     pub no_contact: f64,
+}
+
+/// The `[shear]` table: how the object moves in the pad's plane after it was pressed in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Shear {
+    /// Along x, mm.
+    pub x_mm: Quantity,
+    /// Along y, mm.
+    pub y_mm: Quantity,
+    /// About the point that the pose places, degrees, from x towards y.
+    pub twist_deg: Quantity,
+    /// What the pad does under it.
+    pub friction: Friction,
+}
+
+impl Shear {
+    /// True if any sample may move its object.
+    pub fn any(&self) -> bool {
+        [&self.x_mm, &self.y_mm, &self.twist_deg].iter().any(|quantity| quantity.support() != (0.0, 0.0))
+    }
 }

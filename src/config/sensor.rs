@@ -3,6 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::camera::{self, print::Markers};
+use crate::gelpad::rest::{Grain, RestShape};
+
 /// The presets that are inside the binary: name and text of the sensor file.
 pub const PRESETS: [(&str, &str); 4] = [
     ("gelsight-2014", include_str!("../../configs/sensors/gelsight-2014.toml")),
@@ -39,6 +42,18 @@ pub struct Sensor {
     /// SHA-256 of the background file in lower-case hex; if given, another content is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub background_sha256: Option<String>,
+    /// Shape of a pad that is not flat.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rest_shape: Option<RestShape>,
+    /// Relief of the pad's coating.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grain: Option<Grain>,
+    /// Dots printed on the pad. A job's `[markers]` table overrides single keys of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub markers: Option<Markers>,
+    /// The camera. A job's `[camera]` table overrides single keys of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<camera::Settings>,
     /// How the untouched pad looks where there is no `background`.
     pub rendered_background: RenderedBackground,
     /// The LEDs.
@@ -65,6 +80,10 @@ impl Default for Sensor {
             gelpad_poisson_ratio: 0.48,
             background: None,
             background_sha256: None,
+            rest_shape: None,
+            grain: None,
+            markers: None,
+            camera: None,
             rendered_background: RenderedBackground::default(),
             led: vec![
                 led("white", 0.0, [1.0, 1.0, 1.0], 0.5),
@@ -76,7 +95,7 @@ impl Default for Sensor {
     }
 }
 
-/// A light at infinity.
+/// An LED.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Led {
@@ -86,6 +105,10 @@ pub struct Led {
     pub azimuth_deg: f64,
     /// Angle of the LED over the pad's plane on the camera's side, degrees, 0 to 90.
     pub elevation_deg: f64,
+    /// Angle under which the pad sees the LED, degrees, 0 to 90: how soft its shadows are.
+    pub angular_size_deg: f64,
+    /// Distance from the middle of the image, mm; used by the optics model `led`.
+    pub distance_mm: f64,
     /// Red, green and blue share of the light, 0 to 1.
     pub color: [f64; 3],
     /// Brightness that a surface facing the LED gains, as a share of full scale before k_d and k_s; 0 or more.
@@ -96,7 +119,15 @@ impl Default for Led {
     fn default() -> Self {
         // The paper's L rises by 0.15 over a horizontal length of 1.
         let elevation_deg = 8.530_765_609_948_133;
-        Self { name: String::from("led"), azimuth_deg: 0.0, elevation_deg, color: [1.0; 3], intensity: 1.0 }
+        Self {
+            name: String::from("led"),
+            azimuth_deg: 0.0,
+            elevation_deg,
+            angular_size_deg: 10.0,
+            distance_mm: 20.0,
+            color: [1.0; 3],
+            intensity: 1.0,
+        }
     }
 }
 

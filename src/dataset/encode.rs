@@ -8,7 +8,7 @@ use serde_json::ser::{CompactFormatter, Formatter};
 use crate::config::output::{Exr, Layer, Pixel};
 use crate::dataset::{exr, png};
 use crate::gelpad::SURFACE_BORDER;
-use crate::label::Label;
+use crate::grid::Grid;
 use crate::optics::normals::normals;
 use crate::plan::Plan;
 use crate::render::Sample;
@@ -26,28 +26,44 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let image = &sample.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member { suffix: "tactile.png", bytes: png::encode_rgb(width, height, &image.rgb) }];
+    // Layers have the image's geometry.
+    let seen = |plane: Vec<f32>| match &sample.lens {
+        Some(lens) => lens.warp_plane(&Grid { width, height, data: plane }).data,
+        None => plane,
+    };
     for layer in &plan.layers {
-        let single = |name, plane: &[f32]| exr::encode(width, height, &[(name, plane)], plan.exr);
+        let single = |name, plane: Vec<f32>| exr::encode(width, height, &[(name, &seen(plane))], plan.exr);
         let bytes = match layer {
-            Layer::Depth => single("Z", &sample.depth.below_pad().data),
-            Layer::Surface => single("Z", &sample.contact.surface.inner(SURFACE_BORDER).data),
-            Layer::Contact => png::encode_grey(width, height, &sample.contact.mask.data),
+            Layer::Depth => single("Z", sample.depth.below_pad().data),
+            Layer::Surface => single("Z", sample.contact.surface.inner(SURFACE_BORDER).data),
+            Layer::Contact => match &sample.lens {
+                Some(lens) => png::encode_grey(width, height, &lens.warp_mask(&sample.contact.mask).data),
+                None => png::encode_grey(width, height, &sample.contact.mask.data),
+            },
             Layer::Normal => {
-                let normals = normals(&sample.contact, &plan.camera);
+                let mut normals = normals(&sample.contact, &plan.camera);
+                if sample.lens.is_some() {
+                    let plane = |k: usize| seen(normals.iter().map(|normal| normal[k]).collect());
+                    let [x, y, z] = std::array::from_fn(plane);
+                    for (k, normal) in normals.iter_mut().enumerate() {
+                        // Interpolated normals are a little short.
+                        let length = (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt();
+                        *normal = [x[k] / length, y[k] / length, z[k] / length];
+                    }
+                }
                 let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect::<Vec<f32>>();
                 let (x, y, z) = (plane(0), plane(1), plane(2));
                 exr::encode(width, height, &[("X", &x), ("Y", &y), ("Z", &z)], plan.exr)
             }
-            Layer::Reference => png::encode_rgb(width, height, &plan.untouched),
+            Layer::Reference => png::encode_rgb(width, height, &plan.ready.body.untouched.rgb),
             Layer::Pressure => {
                 // Half floats end at 65504 kPa, which a stiff pad exceeds.
                 let storage = Exr { pixel: Pixel::Float, ..plan.exr };
-                let none = vec![0.0; width * height];
-                let pressure = sample.contact.pressure.as_ref().map_or(&none, |pressure| &pressure.data);
-                exr::encode(width, height, &[("P", pressure)], storage)
+                let pressure = sample.contact.pressure.as_ref().map(|pressure| seen(pressure.data.clone()));
+                let pressure = pressure.unwrap_or_else(|| vec![0.0; width * height]);
+                exr::encode(width, height, &[("P", &pressure)], storage)
             }
-            // The plan refuses layers that the models cannot give.
-            Layer::Markers => continue,
+            Layer::Markers => markers(sample),
         };
         members.push(Member { suffix: layer.suffix(), bytes });
     }
@@ -55,10 +71,25 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     members
 }
 
-fn json(label: &Label) -> Vec<u8> {
+/// The markers' positions, px, at rest and moved: two lists of pairs.
+fn markers(sample: &Sample) -> Vec<u8> {
+    #[derive(Default, Serialize)]
+    struct Positions {
+        rest_px: Vec<[f64; 2]>,
+        moved_px: Vec<[f64; 2]>,
+    }
+    let size = [sample.image.width, sample.image.height];
+    let mut positions = Positions::default();
+    if let Some(ink) = &sample.ink {
+        (positions.rest_px, positions.moved_px) = ink.seen(sample.lens.as_ref(), size).unzip();
+    }
+    json(&positions)
+}
+
+fn json(value: &impl Serialize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, DecimalPoints);
-    label.serialize(&mut serializer).expect("a label has string keys and finite or null numbers");
+    value.serialize(&mut serializer).expect("labels have string keys and finite or null numbers");
     bytes
 }
 

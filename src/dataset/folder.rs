@@ -164,10 +164,9 @@ fn resolved_job(root: &Path, plan: &Plan) -> io::Result<String> {
         Ok(relative.to_string_lossy().replace('\\', "/"))
     };
     let mut job = plan.job.clone();
-    for object in &mut job.object {
-        object.path = object.path.as_deref().map(relative).transpose()?;
+    for path in job.paths_mut() {
+        *path = relative(path)?;
     }
-    job.sensor.background = job.sensor.background.as_deref().map(relative).transpose()?;
     let text = toml::to_string(&job).map_err(io::Error::other)?;
     Ok(format!("{TITLE} {}.\n\n{text}", env!("CARGO_PKG_VERSION")))
 }
@@ -202,7 +201,8 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
             let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
             for key in keys {
                 let path = below(key);
-                if path == "sensor.background" {
+                let image = path.ends_with(".path") && !path.starts_with("object.");
+                if image || path == "sensor.background" {
                     continue;
                 }
                 match (a.get(key), b.get(key)) {

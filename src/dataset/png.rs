@@ -3,6 +3,8 @@
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageEncoder, RgbImage};
 
+use crate::grid::Grid;
+
 /// Encodes row-major RGB.
 pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
     encode(width, height, rgb, ExtendedColorType::Rgb8)
@@ -23,14 +25,30 @@ fn encode(width: usize, height: usize, pixels: &[u8], color: ExtendedColorType) 
     bytes
 }
 
-/// Decodes an image of any depth to 8-bit RGB. Larger than 8192 px on a side is refused before it is unpacked.
+/// Decodes an image of any depth to 8-bit RGB.
 pub fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, String> {
+    decode(bytes).map(DynamicImage::into_rgb8)
+}
+
+/// Decodes a grey image of heights: 0 where it is black, 1 where it is white.
+pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let image = decode(bytes)?;
+    if !matches!(image, DynamicImage::ImageLuma8(_) | DynamicImage::ImageLuma16(_)) {
+        return Err(String::from("not a grey image"));
+    }
+    let grey = image.into_luma16();
+    let (width, height) = (grey.width() as usize, grey.height() as usize);
+    Ok(Grid { width, height, data: grey.pixels().map(|pixel| f32::from(pixel.0[0]) / 65535.0).collect() })
+}
+
+/// Larger than 8192 px on a side is refused before it is unpacked.
+fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(8192);
     limits.max_image_height = Some(8192);
     limits.max_alloc = Some(1 << 30);
     let decoder = PngDecoder::with_limits(std::io::Cursor::new(bytes), limits).map_err(|error| error.to_string())?;
-    DynamicImage::from_decoder(decoder).map(|image| image.into_rgb8()).map_err(|error| error.to_string())
+    DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())
 }
 
 /// Encodes a picture for people: slowly, and as small as it gets.
@@ -41,4 +59,26 @@ pub fn encode_small(picture: &RgbImage) -> Vec<u8> {
         .write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)
         .expect("writing to memory, with as many bytes as the picture has");
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_are_a_grey_png_of_8_or_16_bits() {
+        let png = |image: DynamicImage| {
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            image.write_to(&mut bytes, image::ImageFormat::Png).expect("encoded");
+            bytes.into_inner()
+        };
+        let grey = image::GrayImage::from_raw(2, 1, vec![0, 255]).expect("two pixels");
+        let deep = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(1, 2, vec![0, 13_107]).expect("two pixels");
+        let read = decode_heights(&png(DynamicImage::ImageLuma8(grey)));
+        assert_eq!(read, Ok(Grid { width: 2, height: 1, data: vec![0.0, 1.0] }));
+        let read = decode_heights(&png(DynamicImage::ImageLuma16(deep)));
+        assert_eq!(read, Ok(Grid { width: 1, height: 2, data: vec![0.0, 0.2] }));
+        assert!(decode_heights(&png(DynamicImage::new_rgb8(2, 2))).is_err());
+        assert!(decode_heights(b"no image").is_err());
+    }
 }

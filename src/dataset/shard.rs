@@ -13,7 +13,8 @@ use sha2::{Digest, Sha256};
 
 use super::encode::Member;
 use super::layout::Shard;
-use crate::label::{Effects, Label};
+use crate::effects::{Effect, PerEffect};
+use crate::label::Label;
 use crate::plan::hex;
 use crate::render::Seconds;
 
@@ -39,41 +40,26 @@ pub struct Stats {
     pub classes: std::collections::BTreeMap<String, u64>,
     /// Seconds per stage, summed over the samples.
     pub seconds: Seconds,
-    /// How many samples each effect ran in.
-    pub effects: EffectCounts,
-}
-
-/// How many samples each effect ran in; in the others it was skipped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct EffectCounts {
-    /// See [`Effects::deformation`].
-    pub deformation: Count,
-    /// See [`Effects::shading`].
-    pub shading: Count,
-    /// See [`Effects::darkening`].
-    pub darkening: Count,
+    /// How many samples each effect ran in, and for how long.
+    pub effects: PerEffect<Count>,
 }
 
 /// Samples with and without an effect.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Count {
     /// Samples in which it ran.
     pub ran: u64,
     /// Samples in which it was skipped.
     pub skipped: u64,
+    /// CPU seconds that it took; part of its stage's.
+    pub seconds: f64,
 }
 
-impl EffectCounts {
-    fn add(&mut self, effects: &Effects) {
-        let pairs = [
-            (&mut self.deformation, &effects.deformation),
-            (&mut self.shading, &effects.shading),
-            (&mut self.darkening, &effects.darkening),
-        ];
-        for (count, effect) in pairs {
-            count.ran += u64::from(effect.ran);
-            count.skipped += u64::from(!effect.ran);
-        }
+impl Count {
+    fn add(&mut self, ran: bool, seconds: f64) {
+        self.ran += u64::from(ran);
+        self.skipped += u64::from(!ran);
+        self.seconds += seconds;
     }
 }
 
@@ -223,14 +209,20 @@ impl Writer {
             sha256: String::new(),
             classes: std::collections::BTreeMap::new(),
             seconds: Seconds::default(),
-            effects: EffectCounts::default(),
+            effects: PerEffect::default(),
         };
         let tar = tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed));
         Ok(Self { paths, tar, stats, finished: false, _lock: lock })
     }
 
     /// Appends a sample. Samples must come in the order of the shard.
-    pub fn append(&mut self, label: &Label, members: &[Member], seconds: &Seconds) -> io::Result<()> {
+    pub fn append(
+        &mut self,
+        label: &Label,
+        members: &[Member],
+        seconds: &Seconds,
+        effects: &PerEffect<f64>,
+    ) -> io::Result<()> {
         for member in members {
             let mut header = tar::Header::new_ustar();
             header.set_path(format!("{}.{}", label.key, member.suffix))?;
@@ -244,7 +236,9 @@ impl Writer {
         }
         self.stats.samples += 1;
         *self.stats.classes.entry(label.object.class.clone()).or_default() += 1;
-        self.stats.effects.add(&label.effects);
+        for effect in Effect::ALL {
+            self.stats.effects[effect].add(label.effects[effect].ran, effects[effect]);
+        }
         self.stats.seconds.add(seconds);
         Ok(())
     }

@@ -4,11 +4,19 @@
 //! pixel's centre. Rays would give the same (they are the oracle in the tests); rasterising the triangles that a
 //! bounding-volume query finds above the window is 8 to 25 times quicker and leaves no hole.
 
+use crate::effects::{Effect, Ledger, Need};
+use crate::gelpad::rest;
 use crate::grid::{Grid, Rect, bounding_box};
 use crate::object::clusters::Clusters;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use crate::scene::pose::Pose;
 use crate::simd::wide;
 
+pub mod patterns;
 pub mod raster;
+pub mod relief;
+pub mod texture;
 
 use raster::{Frame, View};
 
@@ -38,6 +46,32 @@ pub struct Window {
 }
 
 impl Depth {
+    /// That of an object which stays above the pad.
+    pub fn clear(camera: &Camera) -> Self {
+        let [width, height] = camera.resolution_px;
+        let overlap = Grid::new(width, height);
+        Self { overlap, margin_px: 0, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 }
+    }
+
+    /// Finds the touching rectangle and the largest overlap anew, after the overlap was changed.
+    pub fn measure(&mut self) {
+        self.touching = bounding_box(&self.overlap, |mm| mm > 0.0);
+        let view = Rect::whole(self.overlap.width - 2 * self.margin_px, self.overlap.height - 2 * self.margin_px);
+        // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+        let mut deepest_bits = 0;
+        wide(
+            #[inline(always)]
+            || {
+                for y in 0..view.height() {
+                    for mm in &self.overlap.row(y + self.margin_px)[self.margin_px..][..view.width()] {
+                        deepest_bits = mm.max(0.0).to_bits().max(deepest_bits);
+                    }
+                }
+            },
+        );
+        self.deepest_mm = f32::from_bits(deepest_bits);
+    }
+
     /// How far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
     pub fn below_pad(&self) -> Grid<f32> {
         let mut view = self.overlap.inner(self.margin_px);
@@ -57,6 +91,18 @@ pub struct Camera {
     pub mm_per_px: [f64; 2],
 }
 
+impl Camera {
+    /// Where a point of the image is, mm from its middle; the first pixel's centre is at (0.5, 0.5) px.
+    pub fn point_mm(&self, px: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|k| (px[k] - self.resolution_px[k] as f64 / 2.0) * self.mm_per_px[k])
+    }
+
+    /// The point of the image at a place on the pad; see [`Camera::point_mm`].
+    pub fn point_px(&self, mm: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|k| mm[k] / self.mm_per_px[k] + self.resolution_px[k] as f64 / 2.0)
+    }
+}
+
 /// Where an object is: `sensor = rotation * object + translation`, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
@@ -64,6 +110,47 @@ pub struct Placement {
     pub rotation: [[f64; 3]; 3],
     /// In the sensor's frame, mm.
     pub translation_mm: [f64; 3],
+}
+
+/// The overlap of a sample's object with the undeformed pad: captured, its texture cut in, the pad's curvature taken off.
+pub fn overlap(plan: &Plan, scene: &Scene, window: Window, effects: &mut Ledger) -> Depth {
+    // Its lowest point is known: an object above the pad need not be looked at.
+    let mut depth = match scene.indentation_depth_mm > 0.0 || effects.everywhere() {
+        true => {
+            let object = &plan.objects[scene.object].clusters;
+            capture(object, &scene.pose.placement(), &plan.camera, window, plan.thickness_mm)
+        }
+        false => Depth::clear(&plan.camera),
+    };
+
+    let if_touching = |depth: &Depth, why| match depth.touching.is_empty() {
+        true => Need::Idle("nothing reaches into the pad"),
+        false => Need::Called(why),
+    };
+    let need = match &scene.cut {
+        None => Need::Absent("the job has none"),
+        Some(cut) if cut.amplitude_mm == 0.0 => Need::Idle("its amplitude is 0"),
+        Some(_) => if_touching(&depth, "a textured object reaches into the pad"),
+    };
+    effects.run(Effect::Texture, need, || {
+        if let Some(cut) = &scene.cut {
+            let Pose { translation_mm, angles, .. } = scene.pose;
+            let origin_mm = [translation_mm.x, translation_mm.y];
+            let relief = &plan.textures[cut.pattern];
+            relief.cut(cut, origin_mm, angles.yaw_deg, &plan.camera, window.above_mm, &mut depth);
+        }
+    });
+
+    let need = match &plan.drop_mm {
+        None => Need::Absent("the pad is flat"),
+        Some(_) => if_touching(&depth, "the pad is curved under the object"),
+    };
+    effects.run(Effect::RestShape, need, || {
+        if let Some(drop_mm) = &plan.drop_mm {
+            rest::lower(&mut depth, drop_mm);
+        }
+    });
+    depth
 }
 
 /// Captures `object` at `placement` in `window`, limited to a pad of `thickness_mm`.

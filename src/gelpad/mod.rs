@@ -6,14 +6,20 @@ use serde::{Deserialize, Serialize};
 use crate::config::output::Layer;
 use crate::config::sensor::Sensor;
 use crate::depth::{Camera, Depth, Window};
+use crate::effects::{Effect, Ledger, Need};
 use crate::grid::{Grid, Rect};
 
 pub mod elastic;
 pub mod gaussian;
 pub mod mean_blur;
 pub mod none;
+pub mod rest;
 
+use crate::plan::Plan;
+use crate::scene::Scene;
 use elastic::Elastic;
+use elastic::inplane::{Field, InPlane, Load};
+use elastic::shear;
 use gaussian::Gaussian;
 use mean_blur::MeanBlur;
 use none::NoDeformation;
@@ -90,6 +96,16 @@ impl Pad {
         }
     }
 
+    /// In-plane motion of the pad, if the model knows the pressures that cause it.
+    pub fn in_plane(&self, sensor: &Sensor, camera: &Camera) -> Option<InPlane> {
+        match self {
+            Self::Elastic(_) => {
+                Some(InPlane::new(elastic::layer::Layer::of(sensor), sensor.field_of_view_mm, camera.mm_per_px))
+            }
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
     /// Presses the object into the pad: `depth` is the overlap in [`Pad::window`].
     pub fn press(&self, depth: &Depth) -> Contact {
         match self {
@@ -99,6 +115,55 @@ impl Pad {
             Self::Elastic(pad) => pad.press(depth),
         }
     }
+}
+
+/// The pad under an object that overlaps it.
+pub fn deform(pad: &Pad, depth: &Depth, effects: &mut Ledger) -> Contact {
+    let need = match pad {
+        Pad::None => Need::Absent("the gelpad model has none"),
+        _ if depth.touching.is_empty() => Need::Idle("nothing reaches into the pad"),
+        _ => Need::Called("the object reaches into the pad"),
+    };
+    // What a model makes of nothing is its own business: it knows which numbers it would give.
+    match effects.calls(Effect::Deformation, need) || depth.touching.is_empty() {
+        true => effects.timed(Effect::Deformation, || pad.press(depth)),
+        false => none::press(depth),
+    }
+}
+
+/// Motion of the pad's surface in its own plane.
+#[derive(Clone, Debug)]
+pub struct Drag {
+    /// The motion.
+    pub field: Field,
+    /// What pushing and turning the object did, if it was.
+    pub shear: Option<shear::Outcome>,
+}
+
+/// How a press moves the pad in its plane. `None` where nothing would show it, or no model knows.
+pub fn drag(plan: &Plan, scene: &Scene, contact: &Contact, effects: &mut Ledger) -> Option<Drag> {
+    let in_plane = plan.ready.in_plane.as_ref();
+    let still = scene.motion.shift_mm == [0.0; 2] && scene.motion.twist_rad == 0.0;
+    let need = match (in_plane, &contact.load) {
+        _ if !plan.job.shear.any() => Need::Absent("the job moves no object"),
+        (None, _) => Need::Absent("no marker shows it, or the gelpad model knows no traction"),
+        (_, None) => Need::Idle("nothing touches the pad"),
+        _ if still => Need::Idle("this sample's object is not moved"),
+        _ => Need::Called("markers follow the object"),
+    };
+    let moves = effects.calls(Effect::Shear, need);
+    let (in_plane, load) = in_plane.zip(contact.load.as_ref())?;
+    let mut field = effects.timed(Effect::Markers, || in_plane.under_pressure(load));
+    let shear = moves.then(|| {
+        effects.timed(Effect::Shear, || {
+            let sensor = &plan.job.sensor;
+            let (traction, outcome) =
+                shear::shear(elastic::layer::Layer::of(sensor), load, scene.motion, plan.job.shear.friction);
+            field.add(&in_plane.under_traction(&traction));
+            outcome
+        })
+    });
+    Some(Drag { field, shear })
 }
 
 /// Pixels that [`Contact::surface`] is wider than the view on every side, so that slopes at the image's border are
@@ -118,6 +183,11 @@ pub struct Contact {
     pub finite: bool,
     /// 255 where the pad touches the object, in the view.
     pub mask: Grid<u8>,
+    /// Pressure over Young's modulus on the solver's own grid, in view and beyond, if the model knows it and there is any
+    /// contact.
+    pub load: Option<Load>,
+    /// How the press moved the surface in its own plane, if something shows it and the model knows.
+    pub drag: Option<Drag>,
     /// Pressure between pad and object, kPa, in the view, if the model knows it and there is any contact.
     pub pressure: Option<Grid<f32>>,
     /// Normal force on the part in view, N, if the model knows it.
@@ -154,6 +224,8 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
         bulge_mm: 0.0,
         finite: true,
         mask: Grid::new(width, height),
+        load: None,
+        drag: None,
         pressure: None,
         force_n,
         peak_pressure_kpa: force_n,

@@ -53,7 +53,7 @@ impl Reference {
         let look = &sensor.rendered_background;
         let half = sensor.field_of_view_mm.map(|mm| mm / 2.0);
         let corner = half[0] * half[0] + half[1] * half[1];
-        let grain = grain(width, height, look.grain_size_mm, camera);
+        let grain = grain(width, height, look.grain_size_mm, camera, Stage::Grain);
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
             for i in 0..width {
@@ -89,13 +89,13 @@ pub fn quantise(brightness: f32) -> u8 {
 }
 
 /// Noise of mean 0 and standard deviation 1 with a given grain size: bilinear between random knots, at two scales.
-fn grain(width: usize, height: usize, size_mm: f64, camera: &Camera) -> Grid<f32> {
+pub fn grain(width: usize, height: usize, size_mm: f64, camera: &Camera, stage: Stage) -> Grid<f32> {
     let mut grid = Grid::new(width, height);
     for octave in 0..2_u64 {
         let spacing = camera.mm_per_px.map(|pitch| f64::max(size_mm / pitch / f64::from(1 << octave), 1.0));
         let columns = (width as f64 / spacing[0]) as usize + 2;
         let rows = (height as f64 / spacing[1]) as usize + 2;
-        let mut random = stream(0, Stage::Grain, octave);
+        let mut random = stream(0, stage, octave);
         let knots: Vec<f64> = (0..columns * rows).map(|_| random.normal()).collect();
         for j in 0..height {
             let (row, v) = knot((j as f64 + 0.5) / spacing[1]);

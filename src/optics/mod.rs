@@ -1,25 +1,37 @@
 //! From surface to light: what brightness each pixel sends to the camera.
 
+use std::cell::RefCell;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::sensor::Sensor;
 use crate::depth::Camera;
-use crate::gelpad::Contact;
-use crate::grid::Rect;
+use crate::effects::{Effect, Ledger, Need};
+use crate::gelpad::{Contact, SURFACE_BORDER};
+use crate::grid::{Grid, Rect};
 
 pub mod background;
+mod lamp;
 pub mod normals;
 pub mod phong;
+pub mod shadow;
+mod visible;
 
 use background::Reference;
+use lamp::{Lamp, Row};
+use phong::{Equation, Lit, Phong, Shadows};
+use shadow::{Caster, Scratch, Steepest};
+use visible::Threshold;
 
 /// The models of the light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
     /// LEDs at infinity, diffuse and specular reflection (Phong 1975, as used by Gomes, Wilson and Luo 2019).
-    Phong(phong::Phong),
+    Phong(Phong),
+    /// The same with LEDs at their distance: direction and brightness differ from pixel to pixel.
+    Led(Phong),
 }
 
 impl Model {
@@ -27,37 +39,53 @@ impl Model {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Phong(_) => "phong",
+            Self::Led(_) => "led",
+        }
+    }
+
+    /// Its parameters.
+    pub fn phong(&self) -> &Phong {
+        match self {
+            Self::Phong(phong) | Self::Led(phong) => phong,
         }
     }
 }
 
 /// A model made ready for one sensor: everything that is the same for every sample.
-pub enum Shader {
-    /// See [`Model::Phong`].
-    Phong(phong::Shader),
+pub struct Shader {
+    phong: Phong,
+    lamps: Vec<Lamp>,
+    /// What each LED gives at a flat pad, to be taken off; empty if nothing is.
+    flat: Vec<Flat>,
+    relief: Option<Relief>,
+    threshold: Threshold,
+    /// Share of the light lost per mm of displacement.
+    darkening_per_mm: f32,
+    camera: Camera,
 }
 
-impl Shader {
-    /// Prepares `model` for `sensor`.
-    pub fn new(model: &Model, sensor: &Sensor, camera: &Camera) -> Self {
-        match model {
-            Model::Phong(phong) => Self::Phong(phong::Shader::new(phong, sensor, camera)),
-        }
-    }
+/// A pad that is not smooth and flat at rest.
+struct Relief {
+    /// mm towards the camera, on the grid of [`Contact::surface`].
+    shape: Grid<f32>,
+    /// What each LED gives there, to be taken off; empty if nothing is.
+    at_rest: Vec<Flat>,
+}
 
-    /// True if depth alone takes light away.
-    pub fn darkens(&self) -> bool {
-        match self {
-            Self::Phong(shader) => shader.darkens(),
-        }
+impl Relief {
+    /// Its shape when the pad is displaced.
+    fn under(&self, surface: &Grid<f32>) -> Grid<f32> {
+        let data = surface.data.iter().zip(&self.shape.data).map(|(w, relief)| w + relief).collect();
+        Grid { width: surface.width, height: surface.height, data }
     }
+}
 
-    /// The light from the pad: `rest` is what the camera sees of it untouched.
-    pub fn shade(&self, contact: &Contact, rest: &Reference) -> Light {
-        match self {
-            Self::Phong(shader) => shader.shade(contact, rest),
-        }
-    }
+/// What an LED gives at the untouched pad.
+enum Flat {
+    /// The same at every pixel.
+    Even(f32),
+    /// At each pixel of the view.
+    Map(Grid<f32>),
 }
 
 /// Brightness where the press can change it, 1 = full scale; it may leave 0 .. 1. Outside `region` the picture is the
@@ -68,4 +96,158 @@ pub struct Light {
     pub region: Rect,
     /// Red, green and blue of the region's pixels, row-major.
     pub planes: [Vec<f32>; 3],
+}
+
+impl Shader {
+    /// Prepares `model` for `sensor`, whose pad has `relief` at rest.
+    pub fn new(model: &Model, sensor: &Sensor, camera: &Camera, relief: Option<Grid<f32>>) -> Self {
+        let phong = *model.phong();
+        let near = matches!(model, Model::Led(_));
+        let lamps: Vec<Lamp> = sensor.led.iter().map(|led| Lamp::new(led, near)).collect();
+        let mut shader = Self {
+            threshold: Threshold::new(&phong, &lamps, relief.is_some(), sensor),
+            phong,
+            lamps,
+            flat: Vec::new(),
+            relief: None,
+            darkening_per_mm: (phong.darkening / sensor.gelpad_thickness_mm) as f32,
+            camera: *camera,
+        };
+        let relative = phong.equation == Equation::Relative;
+        if relative {
+            // By the same instructions as in the picture, so that an untouched pixel loses exactly what it gains.
+            shader.flat = phong::at_rest(&shader, &shader.level(), true);
+        }
+        shader.relief = relief.map(|shape| Relief {
+            at_rest: if relative { phong::at_rest(&shader, &shape, false) } else { Vec::new() },
+            shape,
+        });
+        shader
+    }
+
+    /// A flat pad.
+    fn level(&self) -> Grid<f32> {
+        let [width, height] = self.camera.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
+        Grid::new(width, height)
+    }
+
+    /// Where the pixels of a row are.
+    #[inline(always)]
+    fn row(&self, part: Rect, row: usize) -> Row {
+        let Camera { resolution_px: [width, height], mm_per_px: [pitch_x, pitch_y] } = self.camera;
+        Row {
+            x_mm: ((part.x0 as f64 + 0.5 - width as f64 / 2.0) * pitch_x) as f32,
+            y_mm: (((part.y0 + row) as f64 + 0.5 - height as f64 / 2.0) * pitch_y) as f32,
+            pitch_mm: pitch_x as f32,
+        }
+    }
+
+    /// The light of the untouched pad: its picture, unless the equation adds to a flat pad.
+    pub fn untouched(&self, rest: &Reference) -> Light {
+        let level = self.level();
+        let (shape, at_rest) = match &self.relief {
+            Some(relief) => (&relief.shape, &relief.at_rest),
+            None => (&level, &self.flat),
+        };
+        let lit = Lit { shape, displacement: &level, at_rest, visible: &[], darkening_per_mm: 0.0 };
+        phong::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
+    }
+
+    /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
+    pub fn shade(&self, contact: &Contact, rest: &Reference, effects: &mut Ledger) -> Light {
+        let (surface, everywhere) = (&contact.surface, effects.everywhere());
+        let bent = effects.timed(Effect::Shading, || self.threshold.region(contact, &self.camera));
+        let if_bent = |why| if bent.is_empty() { Need::Idle("the surface is flat") } else { Need::Called(why) };
+        let shades = effects.calls(Effect::Shading, if_bent("the surface is not flat"));
+
+        let need = match self.relief {
+            None => Need::Absent("the pad is smooth and flat"),
+            Some(_) => if_bent("a rough or curved pad is deformed"),
+        };
+        let under = |relief: &Relief| relief.under(surface);
+        let rough = effects.run(Effect::Grain, need, || self.relief.as_ref().map(under)).flatten();
+        let (shape, at_rest) = match (&rough, &self.relief) {
+            (Some(shape), Some(relief)) => (shape, &relief.at_rest),
+            _ => (surface, &self.flat),
+        };
+
+        let casters = effects.timed(Effect::Shadows, || self.casters(surface, bent, everywhere));
+        let need = match self.phong.shadows {
+            Shadows::None => Need::Absent("the optics model has no shadows"),
+            Shadows::Soft if !bent.is_empty() && casters.iter().all(Option::is_none) => {
+                Need::Idle("no slope rises above an LED")
+            }
+            Shadows::Soft => if_bent("a slope rises above an LED"),
+        };
+        let casters = if effects.calls(Effect::Shadows, need) { casters } else { Vec::new() };
+
+        let need = match self.darkening_per_mm > 0.0 {
+            true => if_bent("the surface is pressed in"),
+            false => Need::Absent("the optics model has no darkening"),
+        };
+        let darkening_per_mm = if effects.calls(Effect::Darkening, need) { self.darkening_per_mm } else { 0.0 };
+        if !shades {
+            return Light::default();
+        }
+
+        let (region, visible) = effects.timed(Effect::Shadows, || {
+            let shadows = casters.iter().flatten().map(|caster| self.shadow_of(bent, caster, surface));
+            let region = match everywhere {
+                true => Rect::whole(rest.width, rest.height),
+                false => shadows.fold(bent, Rect::united),
+            };
+            (region, visible_shares(&casters, surface, region))
+        });
+        let lit = Lit { shape, displacement: surface, at_rest, visible: &visible, darkening_per_mm };
+        effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
+    }
+
+    /// For each LED what casts its shadows, if it may cast any. A near LED is taken to shine on all of the press from
+    /// the direction in which it is seen from the press's middle.
+    fn casters(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Vec<Option<Caster>> {
+        let skipped = bent.is_empty() && !everywhere;
+        if self.phong.shadows == Shadows::None || skipped {
+            return Vec::new();
+        }
+        let steepest = Steepest::of(surface, self.camera.mm_per_px);
+        let middle = self.camera.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
+        let caster = |lamp: &Lamp| {
+            let caster = lamp.caster(middle, self.camera.mm_per_px);
+            (everywhere || caster.casts(&steepest)).then_some(caster)
+        };
+        self.lamps.iter().map(caster).collect()
+    }
+
+    /// The part of the view that what stands in `bent` can shadow.
+    fn shadow_of(&self, bent: Rect, caster: &Caster, surface: &Grid<f32>) -> Rect {
+        let [width, height] = self.camera.resolution_px;
+        let (low, high) = surface.data.iter().fold((0.0_f32, 0.0_f32), |(low, high), w| (low.min(*w), high.max(*w)));
+        let [x, y] = caster.shadow_px(high - low);
+        let moved = |start: usize, end: usize, by: f64, size: usize| {
+            // Interpolation carries a trace one pixel further.
+            let (ahead, behind) = (by.max(0.0).ceil() as usize + 1, (-by).max(0.0).ceil() as usize + 1);
+            (start.saturating_sub(behind), end.saturating_add(ahead).min(size))
+        };
+        let ((x0, x1), (y0, y1)) = (moved(bent.x0, bent.x1, x, width), moved(bent.y0, bent.y1, y, height));
+        Rect { x0, y0, x1, y1 }
+    }
+}
+
+thread_local! {
+    /// Memory that a thread's samples share.
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
+/// The share of each LED that the pixels of `region` see; nothing where all of it is seen everywhere.
+fn visible_shares(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect) -> Vec<Vec<f32>> {
+    SCRATCH.with_borrow_mut(|scratch| {
+        let shares = |caster: &Option<Caster>| {
+            let mut shares = Vec::new();
+            if let Some(caster) = caster {
+                caster.visible(surface, region, &mut shares, scratch);
+            }
+            shares
+        };
+        casters.iter().map(shares).collect()
+    })
 }

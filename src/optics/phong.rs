@@ -1,4 +1,4 @@
-//! LEDs at infinity with diffuse and specular reflection, over the picture of the untouched pad.
+//! LEDs with diffuse and specular reflection, over the picture of the untouched pad.
 //!
 //! Source: Phong (1975); constants and lights of Gomes, Wilson and Luo (2019). With N the surface normal, l the
 //! direction to the LED, R = 2 (N.l) N - l and V = (0, 0, -1) towards the camera, an LED gives
@@ -7,16 +7,16 @@
 //! untouched pad is the background exactly (`equation = "literal"` gives the paper's sum). The law of the darkening by
 //! depth is ours: a share of the light that grows in proportion to the displacement.
 //!
-//! Valid for low relief without shadows and interreflection; light is added in display values, as in the paper.
+//! Valid for low relief without interreflection; light is added in display values, as in the paper.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Light, background::Reference};
-use crate::config::sensor::Sensor;
-use crate::depth::Camera;
-use crate::gelpad::{Contact, SURFACE_BORDER};
-use crate::scene::pose::sin_cos_deg;
+use super::background::Reference;
+use super::lamp::Normals;
+use super::{Flat, Light, Shader};
+use crate::gelpad::SURFACE_BORDER;
+use crate::grid::{Grid, Rect};
 use crate::simd::wide;
 
 /// Parameters of Phong shading.
@@ -35,6 +35,8 @@ pub struct Phong {
     pub darkening: f64,
     /// What is added to the background.
     pub equation: Equation,
+    /// Shadows that the surface casts on itself. Not in the paper.
+    pub shadows: Shadows,
 }
 
 impl Default for Phong {
@@ -46,6 +48,7 @@ impl Default for Phong {
             shininess: 5.0,
             darkening: 0.35,
             equation: Equation::Relative,
+            shadows: Shadows::Soft,
         }
     }
 }
@@ -60,82 +63,14 @@ pub enum Equation {
     Literal,
 }
 
-/// One LED in the shader's numbers.
-#[derive(Clone, Copy, Debug)]
-struct Lamp {
-    /// Unit vector to the LED.
-    to_led: [f32; 3],
-    /// Colour times intensity.
-    color: [f32; 3],
-    /// What a flat pad gives, to be taken off.
-    flat: f32,
-}
-
-/// Phong shading made ready for a sensor.
-pub struct Shader {
-    phong: Phong,
-    lamps: Vec<Lamp>,
-    /// 1 / (2 r) along x and y, 1/mm.
-    per_slope: [f32; 2],
-    /// Share of the light lost per mm of displacement.
-    darkening_per_mm: f32,
-    width: usize,
-    height: usize,
-}
-
-impl Shader {
-    /// Prepares the sensor's LEDs.
-    pub fn new(phong: &Phong, sensor: &Sensor, camera: &Camera) -> Self {
-        let [width, height] = camera.resolution_px;
-        let lamps = sensor.led.iter().map(|led| {
-            let (sin_azimuth, cos_azimuth) = sin_cos_deg(led.azimuth_deg);
-            let (sin_elevation, cos_elevation) = sin_cos_deg(led.elevation_deg);
-            let to_led = [cos_azimuth * cos_elevation, sin_azimuth * cos_elevation, -sin_elevation];
-            let mut lamp = Lamp {
-                to_led: to_led.map(|v| v as f32),
-                color: led.color.map(|share| (share * led.intensity) as f32),
-                flat: 0.0,
-            };
-            if phong.equation == Equation::Relative {
-                // By the same instructions as in the picture, so that a flat pixel loses exactly what it gains.
-                lamp.flat = with_power(phong.shininess, Reflect { lamp: &lamp, normal: [0.0, 0.0, -1.0], phong });
-            }
-            lamp
-        });
-        Self {
-            phong: *phong,
-            lamps: lamps.collect(),
-            per_slope: camera.mm_per_px.map(|pitch| (0.5 / pitch) as f32),
-            darkening_per_mm: (phong.darkening / sensor.gelpad_thickness_mm) as f32,
-            width,
-            height,
-        }
-    }
-
-    /// True if depth alone takes light away.
-    pub fn darkens(&self) -> bool {
-        self.darkening_per_mm > 0.0
-    }
-
-    /// True if an untouched pad is the background itself.
-    fn rests_on_background(&self) -> bool {
-        self.phong.equation == Equation::Relative && self.phong.ambient == 1.0
-    }
-
-    /// See [`super::Shader::shade`].
-    pub fn shade(&self, contact: &Contact, rest: &Reference) -> Light {
-        let region = if self.rests_on_background() {
-            // A pixel's slopes reach one pixel further than the displacement itself.
-            let padded = contact.region.grown(1, contact.surface.width, contact.surface.height);
-            padded.seen_from(SURFACE_BORDER, SURFACE_BORDER, self.width, self.height)
-        } else {
-            crate::grid::Rect::whole(self.width, self.height)
-        };
-        let planes = std::array::from_fn(|_| Vec::with_capacity(region.area()));
-        let mut light = Light { region, planes };
-        with_power(self.phong.shininess, Picture { shader: self, contact, rest, light: &mut light });
-        light
-    }
+/// Shadows that the surface casts on itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Shadows {
+    /// None.
+    None,
+    /// Of every LED, as soft as its angular size makes them.
+    Soft,
 }
 
 /// Something to be computed with a power function that is chosen once, outside the loop over pixels.
@@ -163,34 +98,70 @@ fn with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
     }
 }
 
-struct Reflect<'a> {
-    lamp: &'a Lamp,
-    normal: [f32; 3],
-    phong: &'a Phong,
+/// What of a surface is shaded, and how.
+pub(super) struct Lit<'a> {
+    /// Its shape, mm towards the camera, on the grid of [`crate::gelpad::Contact::surface`].
+    pub shape: &'a Grid<f32>,
+    /// Its displacement by the press, mm, on the same grid.
+    pub displacement: &'a Grid<f32>,
+    /// What each LED gives at rest, to be taken off; empty if nothing is.
+    pub at_rest: &'a [Flat],
+    /// The share of each LED that is seen from each pixel of the region; empty for all of it.
+    pub visible: &'a [Vec<f32>],
+    /// Share of the light lost per mm of displacement.
+    pub darkening_per_mm: f32,
 }
 
-impl WithPower for Reflect<'_> {
-    type Output = f32;
+/// Shades a part of the view.
+pub(super) fn shade(shader: &Shader, lit: &Lit<'_>, rest: &Reference, region: Rect) -> Light {
+    let planes = std::array::from_fn(|_| Vec::with_capacity(region.area()));
+    let mut light = Light { region, planes };
+    with_power(shader.phong.shininess, Picture { shader, lit, rest, light: &mut light });
+    light
+}
 
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> f32 {
-        reflect(self.lamp, self.normal, self.phong.diffuse as f32, self.phong.specular as f32, power)
+/// What each LED gives at a surface at rest.
+pub(super) fn at_rest(shader: &Shader, shape: &Grid<f32>, is_flat: bool) -> Vec<Flat> {
+    with_power(shader.phong.shininess, AtRest { shader, shape, is_flat })
+}
+
+struct AtRest<'a> {
+    shader: &'a Shader,
+    shape: &'a Grid<f32>,
+    is_flat: bool,
+}
+
+impl WithPower for AtRest<'_> {
+    type Output = Vec<Flat>;
+
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Vec<Flat> {
+        let Self { shader, shape, is_flat } = self;
+        let [width, height] = shader.camera.resolution_px;
+        let mut normals = Normals::default();
+        let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
+        let mut all: Vec<Flat> = Vec::new();
+        for lamp in &shader.lamps {
+            let even = is_flat && lamp.is_even();
+            let mut map = if even { Grid::new(1, 1) } else { Grid::new(width, height) };
+            for y in 0..map.height {
+                let part = Rect { x0: 0, y0: y, x1: map.width, y1: y + 1 };
+                wide(
+                    #[inline(always)]
+                    || {
+                        set_normals(shader, shape, part, 0, &mut normals);
+                        lamp.reflect(&normals, shader.row(part, 0), diffuse, specular, power, map.row_mut(y));
+                    },
+                );
+            }
+            all.push(if even { Flat::Even(map.at(0, 0)) } else { Flat::Map(map) });
+        }
+        all
     }
-}
-
-/// What an LED of intensity 1 gives at a surface of this normal.
-#[inline(always)]
-fn reflect(lamp: &Lamp, normal: [f32; 3], diffuse: f32, specular: f32, power: impl Fn(f32) -> f32) -> f32 {
-    let [lx, ly, lz] = lamp.to_led;
-    let [nx, ny, nz] = normal;
-    let along = nx * lx + ny * ly + nz * lz;
-    // R.V with V = (0, 0, -1): the camera sees minus the z component.
-    let mirrored = lz - 2.0 * along * nz;
-    diffuse * along.max(0.0) + specular * power(mirrored.max(0.0))
 }
 
 struct Picture<'a> {
     shader: &'a Shader,
-    contact: &'a Contact,
+    lit: &'a Lit<'a>,
     rest: &'a Reference,
     light: &'a mut Light,
 }
@@ -199,44 +170,33 @@ impl WithPower for Picture<'_> {
     type Output = ();
 
     fn run(self, power: impl Fn(f32) -> f32 + Copy) {
-        let Self { shader, contact, rest, light } = self;
+        let Self { shader, lit, rest, light } = self;
+        let mut rows = Rows::default();
         wide(
             #[inline(always)]
             || {
-                let mut normals = Normals::default();
                 for row in 0..light.region.height() {
-                    shade_row(shader, contact, rest, light, row, &mut normals, power);
+                    shade_row(shader, lit, rest, light, row, &mut rows, power);
                 }
             },
         );
     }
 }
 
-/// Normals of one row, a plane per component.
+/// What is kept of one row on the way.
 #[derive(Default)]
-struct Normals {
-    x: Vec<f32>,
-    y: Vec<f32>,
-    z: Vec<f32>,
+struct Rows {
+    normals: Normals,
+    gain: Vec<f32>,
 }
 
-/// Shades row `row` of the light's region. Every loop runs along the row with nothing but arithmetic in it, so that
-/// the compiler makes eight pixels of each step.
+/// Normals along row `row` of a part of the view.
 #[inline(always)]
-fn shade_row(
-    shader: &Shader,
-    contact: &Contact,
-    rest: &Reference,
-    light: &mut Light,
-    row: usize,
-    normals: &mut Normals,
-    power: impl Fn(f32) -> f32 + Copy,
-) {
-    let region = light.region;
-    let (y, width) = (region.y0 + row, region.width());
-    let window = |dx: usize, dy: usize| &contact.surface.row(y + dy)[region.x0 + dx..][..width];
-    let (left, right, above, below, here) = (window(0, 1), window(2, 1), window(1, 0), window(1, 2), window(1, 1));
-    let [per_slope_x, per_slope_y] = shader.per_slope;
+fn set_normals(shader: &Shader, shape: &Grid<f32>, part: Rect, row: usize, normals: &mut Normals) {
+    let width = part.width();
+    let window = |dx: usize, dy: usize| &shape.row(part.y0 + row + dy)[part.x0 + dx..][..width];
+    let (left, right, above, below) = (window(0, 1), window(2, 1), window(1, 0), window(1, 2));
+    let [per_slope_x, per_slope_y] = shader.camera.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
     let Normals { x: nx, y: ny, z: nz } = normals;
     for plane in [&mut *nx, &mut *ny, &mut *nz] {
         plane.resize(width, 0.0);
@@ -248,24 +208,60 @@ fn shade_row(
         let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
         (nx[x], ny[x], nz[x]) = (fx * inverse, fy * inverse, -inverse);
     }
+}
+
+/// Shades row `row` of the light's region. Every loop runs along the row with nothing but arithmetic in it, so that
+/// the compiler makes eight pixels of each step.
+#[inline(always)]
+fn shade_row(
+    shader: &Shader,
+    lit: &Lit<'_>,
+    rest: &Reference,
+    light: &mut Light,
+    row: usize,
+    rows: &mut Rows,
+    power: impl Fn(f32) -> f32 + Copy,
+) {
+    let region = light.region;
+    let (y, width) = (region.y0 + row, region.width());
+    let Rows { normals, gain } = rows;
+    set_normals(shader, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
-    for (plane, rest) in light.planes.iter_mut().zip(&rest.planes) {
-        let rest = &rest[y * shader.width + region.x0..][..width];
-        plane.extend(rest.iter().map(|value| f32::from(*value) * ambient));
+    for (plane, rest_plane) in light.planes.iter_mut().zip(&rest.planes) {
+        let rest_row = &rest_plane[y * rest.width + region.x0..][..width];
+        plane.extend(rest_row.iter().map(|value| f32::from(*value) * ambient));
     }
     let [red, green, blue] = light.planes.each_mut().map(|plane| &mut plane[row * width..][..width]);
     let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
-    for lamp in &shader.lamps {
+    gain.resize(width, 0.0);
+    let gain = &mut gain[..width];
+    for (number, lamp) in shader.lamps.iter().enumerate() {
+        lamp.reflect(normals, shader.row(region, row), diffuse, specular, power, gain);
+        if let Some(visible) = lit.visible.get(number).filter(|visible| !visible.is_empty()) {
+            for (gain, share) in gain.iter_mut().zip(&visible[row * width..][..width]) {
+                *gain *= share;
+            }
+        }
+        match lit.at_rest.get(number) {
+            None => {}
+            Some(Flat::Even(flat)) => gain.iter_mut().for_each(|gain| *gain -= flat),
+            Some(Flat::Map(map)) => {
+                for (gain, flat) in gain.iter_mut().zip(&map.row(y)[region.x0..region.x1]) {
+                    *gain -= flat;
+                }
+            }
+        }
+        let color = lamp.color;
         for x in 0..width {
-            let gain = reflect(lamp, [nx[x], ny[x], nz[x]], diffuse, specular, power) - lamp.flat;
-            red[x] += gain * lamp.color[0];
-            green[x] += gain * lamp.color[1];
-            blue[x] += gain * lamp.color[2];
+            red[x] += gain[x] * color[0];
+            green[x] += gain[x] * color[1];
+            blue[x] += gain[x] * color[2];
         }
     }
+    let here = &lit.displacement.row(y + SURFACE_BORDER)[region.x0 + SURFACE_BORDER..][..width];
     for x in 0..width {
-        let kept = 1.0 - shader.darkening_per_mm * here[x];
+        let kept = 1.0 - lit.darkening_per_mm * here[x];
         red[x] *= kept;
         green[x] *= kept;
         blue[x] *= kept;

@@ -1,6 +1,13 @@
-//! One press, drawn at random from the plan: object, pose, indentation. All randomness of a sample is here.
+//! One press, drawn at random from the plan: object, pose, indentation, texture, shear, markers, camera. All randomness
+//! of a sample is here.
 
+use crate::camera::Shot;
+use crate::camera::print::Pattern;
+use crate::config::quantity::Quantity;
 use crate::dataset::layout::Split;
+use crate::depth::texture::Cut;
+use crate::effects::{Effect, Gate};
+use crate::gelpad::elastic::shear::Motion;
 use crate::plan::Plan;
 use crate::rng::{Stage, stream};
 
@@ -24,12 +31,20 @@ pub struct Scene {
     pub pose: Pose,
     /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
     pub indentation_depth_mm: f64,
+    /// The texture of the object, if the job has any.
+    pub cut: Option<Cut>,
+    /// How the object moves in the pad's plane after that.
+    pub motion: Motion,
+    /// The pattern of the pad's markers, if it has any.
+    pub markers: Option<Pattern>,
+    /// The camera.
+    pub shot: Shot,
 }
 
 impl Scene {
     /// Draws sample `index`. Depends on the plan's seed and laws and on `index` only.
     pub fn draw(plan: &Plan, index: u64) -> Self {
-        let draw = |stage, quantity| stream(plan.seed, stage, index).draw(quantity);
+        let draw = |stage: Stage, quantity: &Quantity| stream(plan.seed, stage, index).draw(quantity);
         let (split, position) = plan.layout.split_of(index);
         let object = plan.draw[split.number()].pick(position, || stream(plan.seed, Stage::Object, index).unit());
 
@@ -46,6 +61,36 @@ impl Scene {
         let depth_mm = draw(Stage::Indentation, &plan.indentation_mm);
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
         let pose = Pose::new(face, angles, position_mm, law.anchor, lowest_mm, &plan.objects[object].clusters);
-        Self { index, split, object, pose, indentation_depth_mm: if touches { depth_mm } else { 0.0 } }
+
+        let cut = (!plan.textures.is_empty()).then(|| {
+            let texture = &plan.job.texture;
+            let mut offset = stream(plan.seed, Stage::TextureOffset, index);
+            Cut {
+                pattern: stream(plan.seed, Stage::TexturePattern, index).below(plan.textures.len()),
+                amplitude_mm: draw(Stage::TextureAmplitude, &texture.amplitude_mm),
+                scale_mm: draw(Stage::TextureScale, &texture.scale_mm),
+                angle_deg: draw(Stage::TextureAngle, &texture.angle_deg),
+                offset: [offset.unit(), offset.unit()],
+            }
+        });
+        let shear = &plan.job.shear;
+        let motion = Motion {
+            shift_mm: [draw(Stage::ShearX, &shear.x_mm), draw(Stage::ShearY, &shear.y_mm)],
+            twist_rad: draw(Stage::Twist, &shear.twist_deg).to_radians(),
+            about_mm: position_mm,
+        };
+        let printed = plan.job.markers.as_ref().filter(|_| plan.gate != Gate::Without(Effect::Markers));
+        let noise_key = stream(plan.seed, Stage::Noise, index).bits();
+        Self {
+            index,
+            split,
+            object,
+            pose,
+            indentation_depth_mm: if touches { depth_mm } else { 0.0 },
+            cut,
+            motion,
+            markers: printed.and_then(|markers| markers.draw(draw)),
+            shot: Shot::draw(&plan.job.camera, noise_key, draw).gated(plan.gate),
+        }
     }
 }

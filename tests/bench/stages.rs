@@ -6,16 +6,18 @@ mod plan;
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use gelsim::camera::Shot;
 use gelsim::config::output::{Compression, Exr, Pixel};
 use gelsim::dataset::{encode, exr, png};
 use gelsim::depth::{self, Camera, Placement, Window};
+use gelsim::effects::{Gate, Ledger};
 use gelsim::gelpad::Pad;
 use gelsim::gelpad::mean_blur::MeanBlur;
 use gelsim::object::clusters::Clusters;
 use gelsim::object::mesh::Mesh;
 use gelsim::plan::Plan;
 use gelsim::render::render;
-use gelsim::{camera, scene::Scene};
+use gelsim::scene::Scene;
 
 const CAMERA: Camera = Camera { resolution_px: [640, 480], mm_per_px: [0.03125, 0.03125] };
 
@@ -76,6 +78,10 @@ fn capture(c: &mut Criterion) {
     group.finish();
 }
 
+fn ledger() -> Ledger {
+    Ledger::new(Gate::CalledFor)
+}
+
 fn stages(c: &mut Criterion) {
     let mut group = c.benchmark_group("stage");
     let blur = Pad::MeanBlur(MeanBlur::default());
@@ -84,11 +90,12 @@ fn stages(c: &mut Criterion) {
         let sample = render(&plan, 0);
         group.bench_function(BenchmarkId::new("mean_blur", name), |b| b.iter(|| blur.press(black_box(&sample.depth))));
         group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| plan.shader.shade(black_box(&sample.contact), &plan.reference));
+            b.iter(|| plan.ready.shader.shade(black_box(&sample.contact), &plan.reference, &mut ledger()));
         });
-        let light = plan.shader.shade(&sample.contact, &plan.reference);
+        let light = plan.ready.shader.shade(&sample.contact, &plan.reference, &mut ledger());
+        let shot = Shot::resting(&plan.job.camera);
         group.bench_function(BenchmarkId::new("expose", name), |b| {
-            b.iter(|| camera::expose(black_box(&light), &plan.reference));
+            b.iter(|| plan.ready.body.expose(black_box(light.clone()), None, &shot, &mut ledger()));
         });
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| render(black_box(&plan), 0)));
         group.bench_function(BenchmarkId::new("png", name), |b| {

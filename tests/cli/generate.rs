@@ -197,6 +197,7 @@ fn labels_have_one_set_of_keys_and_a_decimal_point_in_every_float() {
 
 const INTEGERS: &[&str] = &[
     "schema_version",
+    "markers.count",
     "index",
     "seed",
     "object.class_index",
@@ -219,6 +220,7 @@ const NULLS: &[&str] =
 /// The keys that the contract promises.
 const LEAST_KEYS: &[&str] = &[
     "schema_version",
+    "markers.count",
     "key",
     "index",
     "seed",

@@ -3,18 +3,19 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::camera::{self, Image};
+use gelsim::camera::Image;
 use gelsim::config::sensor::{Led, Sensor};
 use gelsim::dataset::encode;
 use gelsim::depth::raster::{Frame, View};
 use gelsim::depth::{self, Camera, Depth, Placement, Window};
+use gelsim::effects::{Gate, Ledger};
 use gelsim::gelpad::mean_blur::{self, MeanBlur};
 use gelsim::gelpad::{self, Contact, Numerics, Pad, SURFACE_BORDER};
 use gelsim::grid::{Grid, Rect, bounding_box};
 use gelsim::object::clusters::Clusters;
 use gelsim::object::{self, Mesh};
 use gelsim::optics::background::Reference;
-use gelsim::optics::phong::Phong;
+use gelsim::optics::phong::{Phong, Shadows};
 use gelsim::optics::{self, Light, Shader};
 use gelsim::plan::Plan;
 use gelsim::render::Sample;
@@ -244,7 +245,7 @@ pub fn sensor(resolution_px: [u32; 2], mm_per_px: f64, led: Vec<Led>) -> Sensor 
 
 /// A white LED of intensity 1.
 pub fn led(azimuth_deg: f64, elevation_deg: f64) -> Led {
-    Led { name: String::from("one"), azimuth_deg, elevation_deg, color: [1.0; 3], intensity: 1.0 }
+    Led { name: String::from("one"), azimuth_deg, elevation_deg, color: [1.0; 3], intensity: 1.0, ..Led::default() }
 }
 
 /// A background of one grey level.
@@ -253,8 +254,14 @@ pub fn grey(camera: &Camera, level: u8) -> Reference {
     Reference::new(width, height, vec![level; width * height * 3])
 }
 
+/// The light of a model; where the press does not change it, the picture's own.
+pub fn light_of(model: &optics::Model, sensor: &Sensor, contact: &Contact, rest: &Reference) -> Light {
+    Shader::new(model, sensor, &camera_of(sensor), None).shade(contact, rest, &mut Ledger::new(Gate::CalledFor))
+}
+
+/// The same without shadows.
 pub fn shade(phong: Phong, sensor: &Sensor, contact: &Contact, rest: &Reference) -> Light {
-    Shader::new(&optics::Model::Phong(phong), sensor, &camera_of(sensor)).shade(contact, rest)
+    light_of(&optics::Model::Phong(Phong { shadows: Shadows::None, ..phong }), sensor, contact, rest)
 }
 
 /// Red, green and blue at a pixel, 1 = full scale.
@@ -269,7 +276,11 @@ pub fn light_at(light: &Light, rest: &Reference, x: usize, y: usize) -> [f64; 3]
 }
 
 pub fn expose(light: &Light, rest: &Reference) -> Image {
-    camera::expose(light, rest)
+    let mut image = Image::black(rest.width, rest.height);
+    image.rgb.copy_from_slice(&rest.rgb);
+    image.saturated_px = rest.saturated_px;
+    image.quantise(light);
+    image
 }
 
 /// The bytes of a sample's member, as it stands in a shard.

@@ -5,6 +5,8 @@
 //! follow from the plane-strain solution of a strip with a fixed base (as in Johnson 1985, section 5.8) and are written
 //! with every growing exponential divided out, so that they hold for all q h. Displacements scale with 1 / E.
 
+use crate::config::sensor::Sensor;
+
 /// The layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
@@ -15,6 +17,11 @@ pub struct Layer {
 }
 
 impl Layer {
+    /// A sensor's pad.
+    pub fn of(sensor: &Sensor) -> Self {
+        Self { thickness_mm: sensor.gelpad_thickness_mm, poisson_ratio: sensor.gelpad_poisson_ratio }
+    }
+
     /// G, mm: normal displacement under pressure of frequency `q` (rad/mm).
     pub fn normal(self, q: f64) -> f64 {
         let (nu, h) = (self.poisson_ratio, self.thickness_mm);

@@ -19,13 +19,17 @@ use crate::simd::wide;
 
 pub mod convolve;
 pub mod fft;
+pub mod inplane;
 pub mod kernel;
 pub mod layer;
+pub mod plane;
 mod resample;
+pub mod shear;
 mod solve;
 mod surface;
 
 use convolve::{Buffers, Lengths, Spectrum, Torus};
+use inplane::Load;
 use layer::Layer;
 use resample::Lattice;
 use solve::{Outcome, Problem, Scratch};
@@ -139,7 +143,7 @@ thread_local! {
 impl Pad {
     /// Computes the layer's response.
     pub fn new(elastic: &Elastic, sensor: &Sensor, camera: &Camera) -> Self {
-        let layer = Layer { thickness_mm: sensor.gelpad_thickness_mm, poisson_ratio: sensor.gelpad_poisson_ratio };
+        let layer = Layer::of(sensor);
         let [width, height] = camera.resolution_px;
         let [dx, dy] = camera.mm_per_px;
         // On a pad much thicker than the view is wide, no margin would do; one of half a view is not too slow.
@@ -216,7 +220,7 @@ impl Pad {
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
+        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
         contact.numerics = Numerics {
             converged: solution.converged,
             iterations: solution.iterations,
@@ -225,8 +229,24 @@ impl Pad {
         };
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
         self.fill(&solution, depth, seen, lattice, contact);
+        contact.load = self.load(&mut solution, depth, lattice);
         workspace.coarse = thinned;
         workspace.displacement = solution.displacement;
+    }
+
+    /// The solution's pressure, and where it acts. `None` without contact.
+    fn load(&self, solution: &mut Solution, depth: &Depth, lattice: Lattice) -> Option<Load> {
+        let (fine, corner) = ([depth.overlap.width, depth.overlap.height], solution.contact_box);
+        let centre_mm = |coarse: usize, k: usize| {
+            // From the middle of the view, which is the middle of the window.
+            (lattice.fine(coarse, fine[k]) as f64 + 0.5 - fine[k] as f64 / 2.0) * self.mm_per_px[k]
+        };
+        let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
+        touches.then(|| Load {
+            pressure: std::mem::take(&mut solution.pressure),
+            origin_mm: [centre_mm(corner.x0, 0), centre_mm(corner.y0, 1)],
+            mm_per_px: self.coarse_mm_per_px,
+        })
     }
 
     /// Solves for the contact within `overlap` and for the displacement in `seen` at least.

@@ -17,6 +17,11 @@ impl Lattice {
         (self.factor / 2).min(fine.saturating_sub(1))
     }
 
+    /// The fine pixel that a coarse one is, in a line of `fine` pixels.
+    pub fn fine(self, coarse: usize, fine: usize) -> usize {
+        self.first(fine) + coarse * self.factor
+    }
+
     /// Coarse pixels in a line of `fine` pixels.
     pub fn count(self, fine: usize) -> usize {
         (fine - 1 - self.first(fine)) / self.factor + 1

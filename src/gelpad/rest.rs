@@ -1,0 +1,128 @@
+//! The pad's own surface at rest, where it is not smooth and flat: curved, or covered with a grainy coating.
+//!
+//! The undeformed surface touches the plane z = 0 at its highest point and lies `drop` below it elsewhere, towards the
+//! camera. An object's overlap is taken against that surface; the contact is then solved as on a flat layer, which is
+//! right for slopes of the rest surface that are small against 1 (what that costs: docs/effects.md). Of the coating's
+//! grain only the light takes notice: it is far finer than what changes a contact.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::SURFACE_BORDER;
+use crate::depth::{Camera, Depth};
+use crate::grid::Grid;
+use crate::optics::background::grain;
+use crate::rng::Stage;
+use crate::simd::wide;
+
+/// A pad that is not flat.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RestShape {
+    /// Part of a ball, highest in the middle of the image.
+    Dome(Dome),
+    /// An image of heights, stretched over the view: white is highest.
+    HeightMap(HeightMap),
+}
+
+/// See [`RestShape::Dome`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Dome {
+    /// Radius of the ball, mm, at least half the view's diagonal.
+    pub radius_mm: f64,
+}
+
+/// See [`RestShape::HeightMap`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HeightMap {
+    /// Grey PNG of 8 or 16 bits, relative to the file this stands in.
+    pub path: String,
+    /// Height of white over black, mm.
+    pub height_mm: f64,
+    /// SHA-256 of the file in lower-case hex; if given, another content is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+}
+
+/// The coating's grain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Grain {
+    /// Standard deviation of its height, um, 0 to 100.
+    pub height_um: f64,
+    /// Size of the grain, mm.
+    pub size_mm: f64,
+}
+
+/// How far the surface of a curved pad lies below its highest point, mm, on the grid of [`super::Contact::surface`].
+/// `heights` is the shape's image, if it has one: shares of its height.
+pub fn drop_mm(shape: &RestShape, heights: Option<&Grid<f32>>, camera: &Camera) -> Grid<f32> {
+    let [width, height] = camera.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
+    let mut drop = Grid::new(width, height);
+    for row in 0..height {
+        for column in 0..width {
+            let below = match shape {
+                RestShape::Dome(Dome { radius_mm }) => {
+                    let centre = |at: usize| at as f64 + 0.5 - SURFACE_BORDER as f64;
+                    let [x, y] = camera.point_mm([centre(column), centre(row)]);
+                    let (r2, radius2) = (x * x + y * y, radius_mm * radius_mm);
+                    // R - sqrt(R^2 - r^2) without cancellation.
+                    r2 / (radius_mm + libm::sqrt((radius2 - r2).max(0.0)))
+                }
+                RestShape::HeightMap(map) => {
+                    let share = heights.map_or(1.0, |heights| heights.stretched(column, row, width, height));
+                    map.height_mm * (1.0 - f64::from(share))
+                }
+            };
+            drop.row_mut(row)[column] = below as f32;
+        }
+    }
+    drop
+}
+
+/// Takes an overlap against a curved pad. Beyond the view the pad goes on as high as it is at the border.
+pub fn lower(depth: &mut Depth, drop: &Grid<f32>) {
+    let Depth { overlap, margin_px, .. } = depth;
+    // The margin of every pad model holds the surface's border.
+    let beyond = margin_px.saturating_sub(SURFACE_BORDER);
+    let inside = drop.width.min(overlap.width);
+    let mut below = vec![0.0; overlap.width];
+    wide(
+        #[inline(always)]
+        || {
+            for y in 0..overlap.height {
+                let row = drop.row(y.saturating_sub(beyond).min(drop.height - 1));
+                below[..beyond].fill(row[0]);
+                below[beyond..beyond + inside].copy_from_slice(&row[..inside]);
+                below[beyond + inside..].fill(row[drop.width - 1]);
+                for (overlap, below) in overlap.row_mut(y).iter_mut().zip(&below) {
+                    *overlap -= below;
+                }
+            }
+        },
+    );
+    depth.measure();
+}
+
+/// The relief that the light sees on the pad at rest: mm towards the camera, on the grid of
+/// [`super::Contact::surface`]. `None` for a smooth and flat pad.
+pub fn relief(drop: Option<&Grid<f32>>, coating: Option<&Grain>, camera: &Camera) -> Option<Grid<f32>> {
+    let [width, height] = camera.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
+    let rough = coating.filter(|coating| coating.height_um > 0.0).map(|coating| {
+        let mut noise = grain(width, height, coating.size_mm, camera, Stage::Coating);
+        let mm = (coating.height_um * 1e-3) as f32;
+        noise.data.iter_mut().for_each(|value| *value *= mm);
+        noise
+    });
+    match (rough, drop) {
+        (None, None) => None,
+        (Some(rough), None) => Some(rough),
+        (None, Some(drop)) => Some(drop.clone()),
+        (Some(mut rough), Some(drop)) => {
+            rough.data.iter_mut().zip(&drop.data).for_each(|(sum, drop)| *sum += drop);
+            Some(rough)
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! The images that a job names: read, checked, and remembered by their hashes.
+
+use sha2::{Digest, Sha256};
+
+use super::check::Check;
+use super::{hex, view};
+use crate::config::Job;
+use crate::dataset::png;
+use crate::depth::relief::Relief;
+use crate::depth::texture::Pattern;
+use crate::gelpad::rest::{self, RestShape};
+use crate::grid::Grid;
+use crate::optics::background::Reference;
+
+/// Reads the file that the key at `key` names. Sets `path` to where it was found and `sha256` to its hash, which must be
+/// the one that the job gives. `None` after a mistake.
+fn read<T>(
+    check: &mut Check<'_>,
+    key: &str,
+    what: &str,
+    path: &mut String,
+    sha256: &mut Option<String>,
+    decode: impl Fn(&[u8]) -> Result<T, String>,
+) -> Option<T> {
+    let found = check.document.folder(key).join(&path);
+    let bytes = std::fs::read(&found).map_err(|error| error.to_string());
+    let (content, hash) = match bytes.and_then(|bytes| Ok((decode(&bytes)?, hex(&Sha256::digest(&bytes))))) {
+        Ok(read) => read,
+        Err(reason) => {
+            let message = format!("cannot read the {what} {}: {reason}", found.display());
+            let help = match what {
+                "background" => "an 8-bit PNG of the untouched pad belongs here",
+                _ => "a grey PNG of 8 or 16 bits belongs here",
+            };
+            check.wrong(key, message, help);
+            return None;
+        }
+    };
+    if sha256.as_ref().is_some_and(|expected| *expected != hash) {
+        let message = format!("the {what} {} has changed: its SHA-256 is {hash}", found.display());
+        let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
+        let own = if name == "background" { "background_sha256" } else { "sha256" };
+        check.wrong(&format!("{table}.{own}"), message, "restore the file, or remove this key");
+    }
+    *path = found.to_string_lossy().into_owned();
+    *sha256 = Some(hash);
+    Some(content)
+}
+
+/// The untouched pad's picture, and a note where a photograph was resampled. `None` after a mistake.
+pub fn background(check: &mut Check<'_>, job: &mut Job) -> Option<(Reference, Option<String>)> {
+    let camera = view(job);
+    let [width, height] = camera.resolution_px;
+    let sizes = [width, height].iter().all(|size| (1..=8192).contains(size));
+    let Some(path) = &mut job.sensor.background else {
+        let sound = sizes && check.problems.is_empty();
+        return sound.then(|| (Reference::rendered(&job.sensor, &camera), None));
+    };
+    let sha256 = &mut job.sensor.background_sha256;
+    let image = read(check, "sensor.background", "background", path, sha256, png::decode_rgb)?;
+    if !sizes {
+        return None;
+    }
+    let size = (width as u32, height as u32);
+    let note = (image.dimensions() != size).then(|| {
+        let (w, h) = image.dimensions();
+        format!("{path}: {w}x{h} px, resampled to the sensor's {width}x{height} px")
+    });
+    let image = match note {
+        Some(_) => image::imageops::resize(&image, size.0, size.1, image::imageops::FilterType::Triangle),
+        None => image,
+    };
+    Some((Reference::new(width, height, image.into_raw()), note))
+}
+
+/// The texture's patterns, made ready; none if no sample has any. Those that cannot be read are left out, and said.
+pub fn textures(check: &mut Check<'_>, job: &mut Job) -> Vec<Relief> {
+    let wanted = job.texture.amplitude_mm.support().1 > 0.0;
+    let mut ready = Vec::new();
+    for (i, pattern) in job.texture.patterns.iter_mut().enumerate() {
+        let relief = match pattern {
+            Pattern::Image(image) => {
+                let key = format!("texture.patterns.{i}.image.path");
+                read(check, &key, "height map", &mut image.path, &mut image.sha256, png::decode_heights)
+                    .map(Relief::from_heights)
+            }
+            procedural if wanted => Relief::of(procedural),
+            _ => None,
+        };
+        ready.extend(relief);
+    }
+    if wanted { ready } else { Vec::new() }
+}
+
+/// How far a curved pad lies below its highest point; see [`rest::drop_mm`].
+pub fn drop_mm(check: &mut Check<'_>, job: &mut Job) -> Option<Grid<f32>> {
+    let camera = view(job);
+    let shape = job.sensor.rest_shape.as_mut()?;
+    let heights = match shape {
+        RestShape::Dome(_) => None,
+        RestShape::HeightMap(map) => {
+            let key = "sensor.rest_shape.height_map.path";
+            Some(read(check, key, "height map", &mut map.path, &mut map.sha256, png::decode_heights)?)
+        }
+    };
+    check.problems.is_empty().then(|| rest::drop_mm(shape, heights.as_ref(), &camera))
+}
