@@ -37,6 +37,7 @@ pub mod camera;
 pub mod label;
 
 pub mod dataset;
+pub mod forecast;
 pub mod generate;
 pub mod preview;
 

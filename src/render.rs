@@ -59,6 +59,14 @@ impl Seconds {
         self.scene + self.depth + self.gelpad + self.optics + self.camera + self.label
     }
 
+    /// Multiplied by a factor.
+    pub fn scaled(&self, by: f64) -> Self {
+        let Self { scene, depth, gelpad, optics, camera, label, encode } = *self;
+        let [scene, depth, gelpad, optics, camera, label, encode] =
+            [scene, depth, gelpad, optics, camera, label, encode].map(|seconds| by * seconds);
+        Self { scene, depth, gelpad, optics, camera, label, encode }
+    }
+
     /// Adds another sample's.
     pub fn add(&mut self, other: &Self) {
         self.scene += other.scene;

@@ -1,7 +1,6 @@
 //! `gelsim generate`
 
 use std::io::IsTerminal;
-use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -11,7 +10,7 @@ use clap::Args;
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use super::{Failure, JobOverrides, print_notes, settled};
+use super::{Extent, Failure, JobOverrides, print_notes, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::generate::{Done, Request, Stopped, Watch, generate};
 use crate::plan::{Plan, usage};
@@ -26,20 +25,10 @@ pub struct Generate {
     /// The job
     #[arg(value_name = "JOB.toml")]
     job: PathBuf,
-    /// Folder of the dataset [default: out/NAME]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
     #[command(flatten)]
     overrides: JobOverrides,
-    /// Threads [default: all cores]
-    #[arg(long, value_name = "T")]
-    threads: Option<usize>,
-    /// Write only the shards A to B - 1, counted over train, then val, then test
-    #[arg(long, value_name = "A..B", value_parser = parse_range, conflicts_with = "partition")]
-    shards: Option<Range<u64>>,
-    /// Write only part I of N parts, counted from 0
-    #[arg(long, value_name = "I/N", value_parser = parse_partition)]
-    partition: Option<(u64, u64)>,
+    #[command(flatten)]
+    extent: Extent,
     /// Replace a dataset that is in the folder
     #[arg(long)]
     overwrite: bool,
@@ -50,13 +39,11 @@ pub struct Generate {
 
 impl Generate {
     pub(super) fn run(self) -> Result<(), Failure> {
-        if self.threads == Some(0) {
-            return Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into());
-        }
+        let threads = self.extent.threads()?;
         let plan = Plan::load(&self.job, &self.overrides.overrides())?;
         print_notes(&plan.notes, self.quiet);
-        let shards = self.chosen_shards(plan.layout.shard_count())?;
-        let root = self.out.clone().unwrap_or_else(|| plan.default_output());
+        let shards = self.extent.shards(plan.layout.shard_count())?;
+        let root = self.extent.root(&plan);
         let recorded = if self.overwrite { None } else { recorded_rung(&root) };
         if shards.is_some() && recorded.is_none() && plan.open_choice().is_some() {
             let message = "parts of a dataset cannot each choose their own fidelity";
@@ -65,7 +52,7 @@ impl Generate {
             return Err(usage(message, help).into());
         }
         let plan = settled(plan, recorded, self.quiet)?;
-        let request = Request { root: root.clone(), shards, threads: self.threads, overwrite: self.overwrite };
+        let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
 
         let watch = Arc::new(Watch::default());
         let signal =
@@ -91,36 +78,6 @@ impl Generate {
             }
             Err(stopped) => Err(failure(stopped, signal.load(Ordering::Relaxed))),
         }
-    }
-
-    fn chosen_shards(&self, count: u64) -> Result<Option<Range<u64>>, Failure> {
-        if let Some(range) = &self.shards
-            && range.end > count
-        {
-            let message = format!("--shards {}..{} reaches beyond the job's {count} shards", range.start, range.end);
-            return Err(usage(message, format!("shards are numbered 0..{count}")).into());
-        }
-        let part = |(i, n): (u64, u64)| {
-            let cut = |i: u64| (u128::from(count) * u128::from(i) / u128::from(n)) as u64;
-            cut(i)..cut(i + 1)
-        };
-        Ok(self.shards.clone().or(self.partition.map(part)))
-    }
-}
-
-fn parse_range(text: &str) -> Result<Range<u64>, String> {
-    let bounds = text.split_once("..").and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
-    match bounds {
-        Some((start, end)) if start < end => Ok(start..end),
-        _ => Err(String::from("write A..B with A < B, for example 0..10 for the first ten shards")),
-    }
-}
-
-fn parse_partition(text: &str) -> Result<(u64, u64), String> {
-    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
-    match parts {
-        Some((i, n)) if i < n => Ok((i, n)),
-        _ => Err(String::from("write I/N with I from 0 to N - 1, for example 0/8 for the first of eight parts")),
     }
 }
 

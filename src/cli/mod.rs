@@ -1,19 +1,22 @@
 //! The command line: one file per subcommand, each from arguments to a library call to what is printed.
 
 use std::io::{IsTerminal, Write};
+use std::ops::Range;
+use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
 use crate::config::Overrides;
 use crate::config::diagnostic::Report;
 use crate::fidelity::Rung;
-use crate::plan::Plan;
+use crate::plan::{Plan, usage};
 use crate::tradeoff::choose::{Chosen, choose};
 
 mod completions;
 mod generate;
 mod init;
 pub mod list;
+mod plan;
 mod preview;
 mod schema;
 mod tradeoff;
@@ -30,6 +33,8 @@ pub struct Arguments {
 enum Command {
     /// Generate the dataset that a job describes.
     Generate(generate::Generate),
+    /// Say what a job would do: effects and why, time, bytes; write nothing.
+    Plan(plan::Plan),
     /// Compare all rungs of the accuracy ladder on a job's samples: error and time.
     Tradeoff(tradeoff::Tradeoff),
     /// Draw a contact sheet of a dataset or of a job's samples.
@@ -70,6 +75,7 @@ impl From<Report> for Failure {
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.command {
         Command::Generate(command) => command.run(),
+        Command::Plan(command) => command.run(),
         Command::Tradeoff(command) => command.run(),
         Command::Preview(command) => command.run(),
         Command::Init(command) => command.run(),
@@ -132,6 +138,67 @@ impl JobOverrides {
             set.push((String::from("--all-effects"), String::from("effects = \"all\"")));
         }
         Overrides { set, fidelity: self.fidelity }
+    }
+}
+
+/// Which part of a dataset is made, where, and by how many threads.
+#[derive(Clone, Debug, Args)]
+struct Extent {
+    /// Folder of the dataset [default: out/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
+    /// Only the shards A to B - 1, counted over train, then val, then test
+    #[arg(long, value_name = "A..B", value_parser = parse_range, conflicts_with = "partition")]
+    shards: Option<Range<u64>>,
+    /// Only part I of N parts, counted from 0
+    #[arg(long, value_name = "I/N", value_parser = parse_partition)]
+    partition: Option<(u64, u64)>,
+}
+
+impl Extent {
+    fn threads(&self) -> Result<Option<usize>, Failure> {
+        match self.threads {
+            Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
+            threads => Ok(threads),
+        }
+    }
+
+    fn root(&self, plan: &Plan) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| plan.default_output())
+    }
+
+    /// The shards asked for, of `count`; none if all are.
+    fn shards(&self, count: u64) -> Result<Option<Range<u64>>, Failure> {
+        if let Some(range) = &self.shards
+            && range.end > count
+        {
+            let message = format!("--shards {}..{} reaches beyond the job's {count} shards", range.start, range.end);
+            return Err(usage(message, format!("shards are numbered 0..{count}")).into());
+        }
+        let part = |(i, n): (u64, u64)| {
+            let cut = |i: u64| (u128::from(count) * u128::from(i) / u128::from(n)) as u64;
+            cut(i)..cut(i + 1)
+        };
+        Ok(self.shards.clone().or(self.partition.map(part)))
+    }
+}
+
+fn parse_range(text: &str) -> Result<Range<u64>, String> {
+    let bounds = text.split_once("..").and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+    match bounds {
+        Some((start, end)) if start < end => Ok(start..end),
+        _ => Err(String::from("write A..B with A < B, for example 0..10 for the first ten shards")),
+    }
+}
+
+fn parse_partition(text: &str) -> Result<(u64, u64), String> {
+    let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+    match parts {
+        Some((i, n)) if i < n => Ok((i, n)),
+        _ => Err(String::from("write I/N with I from 0 to N - 1, for example 0/8 for the first of eight parts")),
     }
 }
 

@@ -75,12 +75,16 @@ pub fn table(tradeoff: &Tradeoff) -> String {
     }
     rows(&mut text, "solver tolerance", &tradeoff.tolerances);
     rows(&mut text, "other models", &tradeoff.models);
-    let _ = writeln!(text, "{:<22} {:>9} {:>9} {:>9}", "effect left out", "image MAE", "image max", "CPU ms");
+    let _ = writeln!(
+        text,
+        "{:<22} {:>9} {:>9} {:>9} {:>9}",
+        "effect left out", "samples", "image MAE", "image max", "CPU ms"
+    );
     for effect in &tradeoff.left_out {
         let _ = writeln!(
             text,
-            "{:<22} {:>9.3} {:>9} {:>9.2}",
-            effect.effect, effect.image_mae, effect.image_max, effect.cpu_ms
+            "{:<22} {:>9} {:>9.3} {:>9} {:>9.2}",
+            effect.effect, effect.samples, effect.image_mae, effect.image_max, effect.cpu_ms
         );
     }
     // Empty cells at a line's end.

@@ -4,6 +4,7 @@
 //! sensor file, one command brings the committed schemas up to date: `UPDATE=1 cargo test --test cli schema`.
 
 mod determinism;
+mod effects;
 mod fidelity;
 mod generate;
 mod messages;

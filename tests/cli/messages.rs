@@ -720,3 +720,38 @@ fn a_reader_that_stops_early_is_no_failure() {
         assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
 }
+
+#[test]
+fn effects_out_of_range_are_refused_where_they_are_written() {
+    let mistake = |table: &str, title: &str, help: &str| {
+        one_mistake("[output]", &format!("{table}\n[output]"), title, help);
+    };
+    mistake("[texture]\namplitude_mm = «-0.1»", "amplitude_mm may be -0.1", "allowed: 0 to 10 mm");
+    mistake("[texture]\nscale_mm = «0.0»", "scale_mm may be 0", "allowed: 0.001 to 1000 mm");
+    mistake("[texture]\npatterns = «[]»", "no pattern to choose from", "patterns = [");
+    mistake("[texture]\npatterns = [«\"knurl\"»]", "unknown choice `knurl`", "did you mean `knurled`?");
+    mistake(
+        "[texture]\npatterns = [{ image = { path = «\"no.png\"» } }]",
+        "cannot read the height map no.png",
+        "a grey PNG of 8 or 16 bits",
+    );
+    mistake("[shear]\nx_mm = «[0.0, 11.0]»", "x_mm may be 0 to 11", "allowed: -10 to 10 mm");
+    mistake("[shear]\nfriction = { coulomb = { coefficient = «-1.0» } }", "coefficient = -1", "allowed: 0 to 10");
+    mistake("[markers]\npitch_mm = «0.0»", "pitch_mm may be 0", "allowed: 0.05 to 1000 mm");
+    mistake("[markers]\ncolor = [0.1, «2.0», 0.1]", "color = 2 is out of range", "allowed: 0 to 1");
+    mistake("[camera]\ndistortion_k1 = «-0.5»", "folds the image over itself", "must stay above 0");
+    mistake("[camera]\nexposure = «[0.0, 1.0]»", "exposure may be 0 to 1", "allowed: 0.01 to 100");
+    mistake("[camera]\ndefocus_mm = «1.5»", "defocus_mm may be 1.5", "allowed: 0 to 1 mm");
+    mistake("[camera]\n«vigneting» = 0.1", "unknown key `vigneting`", "did you mean `vignette`?");
+    mistake("[sensor.grain]\nheight_um = «101.0»\nsize_mm = 0.1", "height_um = 101", "allowed: 0 to 100 um");
+    mistake("[sensor.rest_shape.dome]\nradius_mm = «5.0»", "radius_mm = 5", "allowed: 12.5 to 1000000 mm");
+    mistake("[sensor.rest_shape]\n«dom»= { radius_mm = 50.0 }", "unknown choice `dom`", "did you mean `dome`?");
+}
+
+#[test]
+fn a_height_map_with_another_content_than_the_job_says_is_refused() {
+    let folder = Folder::new();
+    folder.write("skin.png", gelsim::dataset::png::encode_grey(2, 2, &[0, 60, 120, 180]));
+    let to = "[texture]\npatterns = [{ image = { path = \"skin.png\", sha256 = «\"00\"» } }]\n[output]";
+    one_mistake_in(&folder, "[output]", to, "the height map skin.png has changed", "restore the file");
+}

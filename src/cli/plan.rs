@@ -1,0 +1,162 @@
+//! `gelsim plan`
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use indicatif::{HumanBytes, HumanCount};
+
+use super::{Extent, Failure, JobOverrides, print, print_notes, settled};
+use crate::dataset::folder::recorded_rung;
+use crate::effects::Effect;
+use crate::forecast::{Forecast, forecast};
+use crate::plan;
+
+/// Say what `generate` would do: which effects the samples call for and why, what they take, how long the run lasts and
+/// how large it gets. Renders some samples to find out, and writes nothing.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim plan configs/quickstart.toml
+  gelsim plan job.toml --partition 0/8 --threads 4")]
+pub struct Plan {
+    /// The job
+    #[arg(value_name = "JOB.toml")]
+    job: PathBuf,
+    #[command(flatten)]
+    overrides: JobOverrides,
+    #[command(flatten)]
+    extent: Extent,
+    /// Print nothing but the forecast and errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl Plan {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let threads = self.extent.threads()?;
+        let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
+        print_notes(&plan.notes, self.quiet);
+        let root = self.extent.root(&plan);
+        let plan = settled(plan, recorded_rung(&root), self.quiet)?;
+        let count = plan.layout.shard_count();
+        let shards = self.extent.shards(count)?.unwrap_or(0..count);
+        let samples = shards.clone().map(|number| plan.layout.shard(number).samples).sum();
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let forecast = forecast(&plan, samples, shards.end - shards.start, threads.unwrap_or(cores));
+        let forecast = forecast.map_err(|error| Failure::running(error.to_string()))?;
+        let mut text = heading(&plan, &forecast);
+        text += &effects(&forecast);
+        text += &stages(&forecast);
+        text += &totals(&forecast, &root, free_bytes(&root));
+        print(&text)
+    }
+}
+
+fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
+    let [width, height] = plan.camera.resolution_px;
+    format!(
+        "{}: {} samples of {width}x{height} px in {} shard{}; fidelity {}, gelpad {}, optics {}\n\
+         probed: {} samples on {} thread{}\n\n",
+        plan.name,
+        HumanCount(forecast.samples),
+        HumanCount(forecast.shards),
+        if forecast.shards == 1 { "" } else { "s" },
+        plan.rung.name(),
+        plan.models.gelpad.name(),
+        plan.models.optics.name(),
+        forecast.probed,
+        forecast.threads,
+        if forecast.threads == 1 { "" } else { "s" },
+    )
+}
+
+/// One line per effect: how often it ran, its share of the time, and the reasons, most frequent first.
+fn effects(forecast: &Forecast) -> String {
+    let mut text = format!("{:<12} {:>10} {:>7}  {}\n", "effect", "called for", "time", "why");
+    let all = whole_s(forecast);
+    for effect in Effect::ALL {
+        let probed = &forecast.effects[effect];
+        let mut reasons: Vec<(&String, &u64)> = probed.reasons.iter().map(|((_, why), count)| (why, count)).collect();
+        reasons.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
+        let only = reasons.len() == 1;
+        let named = |(why, count): &(&String, &u64)| if only { (*why).clone() } else { format!("{why} ({count})") };
+        let why: Vec<String> = reasons.iter().map(named).collect();
+        let share = match (effect, probed.ran) {
+            (_, 0) => String::from("-"),
+            // Computed in the same loop.
+            (Effect::Darkening, _) => String::from("shading"),
+            _ => percent(probed.seconds / all),
+        };
+        let called = format!("{} / {}", probed.ran, forecast.probed);
+        let _ = writeln!(text, "{:<12} {called:>10} {share:>7}  {}", effect.name(), why.join("; "));
+    }
+    text
+}
+
+/// One line per stage.
+fn stages(forecast: &Forecast) -> String {
+    let mut text = format!("\n{:<12} {:>10} {:>7}\n", "stage", "CPU ms", "time");
+    let (s, all) = (&forecast.seconds, whole_s(forecast));
+    let stages = [
+        ("scene", s.scene),
+        ("depth", s.depth),
+        ("gelpad", s.gelpad),
+        ("optics", s.optics),
+        ("camera", s.camera),
+        ("label", s.label),
+        ("encode", s.encode),
+        ("write", forecast.write_s),
+        ("all", all),
+    ];
+    for (name, seconds) in stages {
+        let _ = writeln!(text, "{name:<12} {:>10.2} {:>7}", 1e3 * seconds, percent(seconds / all));
+    }
+    text
+}
+
+fn totals(forecast: &Forecast, root: &Path, free: Option<u64>) -> String {
+    let bytes = forecast.bytes as u64;
+    let mut text = format!(
+        "\ntime   {} on {} thread{}: {:.1} samples/s\nsize   {} in {} shard{}",
+        duration(forecast.wall_s),
+        forecast.threads,
+        if forecast.threads == 1 { "" } else { "s" },
+        forecast.samples as f64 / forecast.wall_s.max(1e-9),
+        HumanBytes(bytes),
+        HumanCount(forecast.shards),
+        if forecast.shards == 1 { "" } else { "s" },
+    );
+    if let Some(free) = free {
+        let _ = write!(text, "; {} free at {}", HumanBytes(free), root.display());
+        if free < bytes {
+            text += ": not enough";
+        }
+    }
+    text + "\n"
+}
+
+fn whole_s(forecast: &Forecast) -> f64 {
+    forecast.seconds.simulation() + forecast.seconds.encode + forecast.write_s
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 120.0 => format!("{s:.1} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.1} days", s / 86_400.0),
+    }
+}
+
+/// Bytes that are free where `root` is or would be made, if the system says so.
+fn free_bytes(root: &Path) -> Option<u64> {
+    let root = std::path::absolute(root).ok()?;
+    let there = root.ancestors().find(|folder| folder.exists())?;
+    let space = rustix::fs::statvfs(there).ok()?;
+    Some(space.f_bavail * space.f_frsize)
+}
