@@ -37,8 +37,17 @@ fn front_matter(text: &mut String, plan: &Plan, manifest: &Manifest) {
     }
     text.push_str("  - name: tactile.png\n    dtype: image\n");
     for layer in &plan.layers {
-        let kind = if layer.suffix().ends_with(".png") { "image" } else { "binary" };
-        let _ = writeln!(text, "  - name: {}\n    dtype: {kind}", layer.suffix());
+        let _ = writeln!(text, "  - name: {}", layer.suffix());
+        match layer.suffix().rsplit('.').next() {
+            Some("png") => text.push_str("    dtype: image\n"),
+            Some("json") => {
+                text.push_str("    struct:\n");
+                for name in ["rest_px", "moved_px"] {
+                    let _ = writeln!(text, "    - name: {name}\n      sequence:\n        sequence: float64");
+                }
+            }
+            _ => text.push_str("    dtype: binary\n"),
+        }
     }
     text.push_str("  - name: json\n    struct:\n");
     let schema = schemars::schema_for!(Label).to_value();

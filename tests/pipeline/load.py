@@ -34,8 +34,12 @@ for split, samples in manifest["splits"].items():
         assert label["split"] == split and label["key"] == sample["__key__"]
         # Half floats keep 11 bits: at most 1 um of rounding below 4 mm.
         deepest = float(numpy.max(depth.astype("float64")))
-        if label["contact"]["in_contact"]:
+        # A lens's layers are interpolated.
+        if label["contact"]["in_contact"] and label["camera"]["distortion"] == [0.0, 0.0]:
             assert abs(deepest - label["contact"]["max_depth_mm"]) <= 1.1e-3, (deepest, label["contact"])
+        if "markers.json" in sample:
+            markers = sample["markers.json"]
+            assert len(markers["rest_px"]) == len(markers["moved_px"]) == label["markers"]["count"]
         seen += 1
     assert seen == samples, (split, seen, samples)
     count += seen
@@ -49,4 +53,6 @@ for split, samples in manifest["splits"].items():
     assert row["tactile.png"].size == (row["json"]["sensor"]["width_px"], row["json"]["sensor"]["height_px"])
     assert isinstance(row["depth.exr"], bytes)
     assert str(rows.features["json"]["contact"]["force_n"].dtype) == "float64"
+    if "markers.json" in row:
+        assert len(row["markers.json"]["moved_px"]) == row["json"]["markers"]["count"]
 print(f"{count} samples read by webdataset and by datasets, all labels valid")
