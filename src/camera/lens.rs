@@ -104,6 +104,17 @@ impl Lens {
         r
     }
 
+    /// How many columns and rows along the border are also seen mirrored, because pixels look beyond it; 0 if none does.
+    pub fn mirrored_px(&self) -> [f64; 2] {
+        let stretch = |square: f64| square * (self.k1 + square * self.k2);
+        // A parabola is highest at its end or at its turn.
+        let turn = (-0.5 * self.k1 / self.k2).clamp(0.0, 1.0);
+        let most = stretch(1.0).max(stretch(if turn.is_nan() { 0.0 } else { turn }));
+        // A place between two pixels shows both.
+        let reach = |size: usize| if most > 0.0 { 0.5 * size as f64 * most + 1.0 } else { 0.0 };
+        [reach(self.width), reach(self.height)]
+    }
+
     /// The pixels of the picture that can show anything of `rect`, a part of the undistorted view, and perhaps a few
     /// more; default (empty) if there are none.
     pub fn image_of(&self, rect: Rect) -> Rect {
@@ -234,7 +245,9 @@ impl Lens {
 /// A place between 0 and `last`, from one that may lie up to as far beyond.
 #[inline(always)]
 fn mirrored(at: f32, last: f32) -> f32 {
-    (last - (last - at.abs()).abs()).max(0.0).min(last)
+    let (at, beyond) = (at.abs(), (at.abs() - last).max(0.0));
+    // Places within are not touched by rounding.
+    (at - 2.0 * beyond).max(0.0).min(last)
 }
 
 /// What a row of pixels shows.

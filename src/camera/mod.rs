@@ -232,8 +232,23 @@ impl Body {
         });
 
         let mut image = self.untouched.clone();
+        if image.clipped_px > 0 {
+            image.clipped_px -= self.clipped_in(light.region);
+        }
         image.quantise(&light);
         image
+    }
+
+    /// Pixels of a part that are cut in the picture of the untouched pad.
+    fn clipped_in(&self, part: Rect) -> u64 {
+        let (width, planes) = (self.view.resolution_px[0], self.marked.as_ref().unwrap_or(&self.seen));
+        let gains = self.resting.gains.map(|gain| gain as f32);
+        let is_cut = |at: &usize| {
+            let mut channels = planes.iter().zip(gains).map(|(plane, gain)| plane[*at] * gain);
+            channels.any(|value| value < 0.0 || value > 1.0)
+        };
+        let places = (part.y0..part.y1).flat_map(|y| (y * width + part.x0)..(y * width + part.x1));
+        places.filter(is_cut).count() as u64
     }
 
     /// What lens and vignette make of the light.
@@ -254,35 +269,27 @@ impl Body {
 
         // Only what the press changed goes through the lens.
         let [width, height] = self.view.resolution_px;
-        let nothing = || std::array::from_fn(|_| vec![0.0; width * height]);
         let mut change = light;
         self.add(&mut change, &self.bare, -1.0);
-        let Rect { x0, y0, x1, y1 } = change.region;
-        if !change.region.is_empty() && (x0 == 0 || y0 == 0 || x1 == width || y1 == height) {
-            // Beyond the border it is mirrored.
-            change = self.spread(change, &nothing());
-        }
-        let everywhere = change.region == self.whole();
         if blurs {
-            effects.timed(Effect::Defocus, || {
-                let (sigma_px, there) = (shot.blur_px(&self.view), change.region);
-                change = if everywhere {
-                    Light { region: there, planes: defocus::blur_whole(&change.planes, width, height, sigma_px) }
-                } else {
-                    let here = there.grown(defocus::reach_px(sigma_px), width, height);
-                    Light { region: here, planes: defocus::blur(&change.planes, there, here, sigma_px) }
-                };
+            change = effects.timed(Effect::Defocus, || {
+                let Light { region: there, planes } = self.beyond(change, [0.0; 2]);
+                let sigma_px = shot.blur_px(&self.view);
+                if there == self.whole() {
+                    return Light { region: there, planes: defocus::blur_whole(&planes, width, height, sigma_px) };
+                }
+                let here = there.grown(defocus::reach_px(sigma_px), width, height);
+                Light { region: here, planes: defocus::blur(&planes, there, here, sigma_px) }
             });
         }
         if let Some(lens) = shot.lens(&self.view) {
-            effects.timed(Effect::Distortion, || {
-                let there = change.region;
-                change = if everywhere {
-                    Light { region: there, planes: lens.warp_whole(&change.planes) }
-                } else {
-                    let here = lens.image_of(there);
-                    Light { region: here, planes: lens.warp(&change.planes, there, here) }
-                };
+            change = effects.timed(Effect::Distortion, || {
+                let Light { region: there, planes } = self.beyond(change, lens.mirrored_px());
+                if there == self.whole() {
+                    return Light { region: there, planes: lens.warp_whole(&planes) };
+                }
+                let here = lens.image_of(there);
+                Light { region: here, planes: lens.warp(&planes, there, here) }
             });
         }
         if darkens {
@@ -291,7 +298,7 @@ impl Body {
             });
         }
         if own_optics {
-            change = self.spread(change, &nothing());
+            change = self.spread(change, &self.dark());
             self.add(&mut change, &shot.through(&self.bare, &self.view), 1.0);
         } else {
             self.add(&mut change, &self.seen, 1.0);
@@ -302,10 +309,11 @@ impl Body {
     /// Prints the dots where the camera sees them, on the light that the press changed.
     fn print(&self, light: Light, ink: Option<&Ink>, shot: &Shot, effects: &mut Ledger) -> Light {
         let dots = ink.map(|ink| effects.timed(Effect::Markers, || ink.dots(shot, &self.view)));
-        let as_printed = dots == self.print;
+        // Defocus softens the dots of a photograph, too.
+        let as_printed = dots == self.print && shot.defocus_mm == self.resting.defocus_mm;
         let need = match ink {
             None => Need::Absent("the pad has none"),
-            Some(_) if !as_printed => Need::Called("they lie elsewhere than on the untouched pad"),
+            Some(_) if !as_printed => Need::Called("they look otherwise than on the untouched pad"),
             Some(_) if light.region.is_empty() => Need::Idle("nothing moves them"),
             Some(_) => Need::Called("the light around them changed"),
         };
@@ -321,6 +329,20 @@ impl Body {
     fn whole(&self) -> Rect {
         let [width, height] = self.view.resolution_px;
         Rect::whole(width, height)
+    }
+
+    /// The whole picture of a change that goes on beyond the border: one that comes as close to it as `within_px`, along x
+    /// and y. Others stay as they are.
+    fn beyond(&self, change: Light, within_px: [f64; 2]) -> Light {
+        let Rect { x0, y0, x1, y1 } = change.region;
+        let [width, height] = self.view.resolution_px;
+        let nearest_px = [x0.min(width - x1), y0.min(height - y1)].map(|px| px as f64);
+        let near = nearest_px.iter().zip(within_px).any(|(nearest, within)| *nearest <= within);
+        if near && !change.region.is_empty() { self.spread(change, &self.dark()) } else { change }
+    }
+
+    fn dark(&self) -> Planes {
+        [(); 3].map(|()| vec![0.0; self.whole().area()])
     }
 
     /// The whole picture: `light` where it is known, `around` elsewhere.

@@ -21,15 +21,18 @@ pub struct Lamp {
     angular_size_deg: f64,
 }
 
-/// The pixels of a row: centre of the first one and distance of the next, mm from the middle of the image.
+/// The pixels of a row, or of its part from a column on; places in mm from the middle of the image. They are counted
+/// from the view's first column, so that a pixel is at the same bits in every part.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
-    /// Of the first pixel's centre.
+    /// Centre of the view's first column.
     pub x_mm: f32,
     /// Of all.
     pub y_mm: f32,
     /// Pitch along the row, mm.
     pub pitch_mm: f32,
+    /// Column of the first pixel.
+    pub first_px: f32,
 }
 
 /// Unit normals of a row, a plane per component.
@@ -110,7 +113,7 @@ impl Lamp {
                 let dy = led_y - row.y_mm;
                 let (nearest, full) = (dy * dy + led_z * led_z, distance * distance);
                 for x in 0..width {
-                    let dx = led_x - (row.x_mm + row.pitch_mm * x as f32);
+                    let dx = led_x - (row.x_mm + row.pitch_mm * (row.first_px + x as f32));
                     let inverse = 1.0 / (dx * dx + nearest).sqrt();
                     let to_led = [dx * inverse, dy * inverse, led_z * inverse];
                     let strength = full * inverse * inverse;

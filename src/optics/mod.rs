@@ -136,9 +136,10 @@ impl Shader {
     fn row(&self, part: Rect, row: usize) -> Row {
         let Camera { resolution_px: [width, height], mm_per_px: [pitch_x, pitch_y] } = self.camera;
         Row {
-            x_mm: ((part.x0 as f64 + 0.5 - width as f64 / 2.0) * pitch_x) as f32,
+            x_mm: ((0.5 - width as f64 / 2.0) * pitch_x) as f32,
             y_mm: (((part.y0 + row) as f64 + 0.5 - height as f64 / 2.0) * pitch_y) as f32,
             pitch_mm: pitch_x as f32,
+            first_px: part.x0 as f32,
         }
     }
 

@@ -6,7 +6,7 @@
 //! the light that is proportional to it. Outside the region both together stay below [`BOUND`].
 
 use super::lamp::Lamp;
-use super::phong::Phong;
+use super::phong::{Phong, Shadows};
 use crate::config::sensor::Sensor;
 use crate::depth::Camera;
 use crate::gelpad::{Contact, SURFACE_BORDER};
@@ -15,6 +15,10 @@ use crate::simd::wide;
 
 /// Largest change of a channel that is left out, as a share of full scale: under half a grey level.
 pub const BOUND: f64 = 0.45 / 255.0;
+
+/// Slope that casts no shadow, whatever the LED: half that of the lowest ray in [`super::shadow`]. A steeper one can be
+/// too flat to be seen itself and yet take a bright LED's light from what lies behind it.
+const FLATTEST_CASTER: f64 = 0.004;
 
 /// What no pixel outside the region exceeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +54,8 @@ impl Threshold {
                     _ => 0.0,
                 };
                 let change = f64::from(lamp.strength(at)) * (phong.diffuse + phong.specular * lobe) * angle;
-                for (sum, share) in sums.iter_mut().zip(lamp.color) {
+                // A lobe that is infinitely steep times no light is no change.
+                for (sum, share) in sums.iter_mut().zip(lamp.color).filter(|(_, share)| *share > 0.0) {
                     *sum += f64::from(share) * change;
                 }
             }
@@ -59,8 +64,10 @@ impl Threshold {
         let (mut low, mut high) = (0.0, 0.5);
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
-            // A lobe that is infinitely steep times no light is no change.
             if change(middle) <= BOUND * 2.0 / 3.0 { low = middle } else { high = middle }
+        }
+        if phong.shadows == Shadows::Soft {
+            low = low.min(FLATTEST_CASTER);
         }
         let per_mm = phong.darkening / sensor.gelpad_thickness_mm;
         Self {

@@ -90,9 +90,10 @@ pub fn shear(layer: Layer, load: &Load, motion: Motion, friction: Friction) -> (
         let limits: Vec<f32> = grip.points.iter().map(|point| coefficient as f32 * point.pressure).collect();
         if tractions.iter().zip(&limits).any(|(t, limit)| length(*t) > *limit) {
             residual_mm = grip.slip(&mut tractions, &limits, &mut outcome.iterations);
+            let slips = |(t, limit): &(&[f32; 2], &f32)| length(**t) >= SLIPS_FROM * **limit;
+            let slipping = tractions.iter().zip(&limits).filter(slips).count();
+            outcome.slipping = slipping as f64 / limits.len() as f64;
         }
-        let slipping = tractions.iter().zip(&limits).filter(|(t, limit)| length(**t) >= SLIPS_FROM * **limit).count();
-        outcome.slipping = slipping as f64 / limits.len() as f64;
     }
     outcome.residual_um = 1e3 * residual_mm;
     outcome.converged = residual_mm <= TOLERANCE_MM;
