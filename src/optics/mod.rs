@@ -224,9 +224,9 @@ impl Shader {
         let [width, height] = self.camera.resolution_px;
         let (low, high) = surface.data.iter().fold((0.0_f32, 0.0_f32), |(low, high), w| (low.min(*w), high.max(*w)));
         let [x, y] = caster.shadow_px(high - low);
-        let moved = |start: usize, end: usize, by: f64, size: usize| {
+        let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
             // Interpolation carries a trace one pixel further.
-            let (ahead, behind) = (by.max(0.0).ceil() as usize + 1, (-by).max(0.0).ceil() as usize + 1);
+            let (behind, ahead) = ((-from).ceil() as usize + 1, to.ceil() as usize + 1);
             (start.saturating_sub(behind), end.saturating_add(ahead).min(size))
         };
         let ((x0, x1), (y0, y1)) = (moved(bent.x0, bent.x1, x, width), moved(bent.y0, bent.y1, y, height));
@@ -241,14 +241,5 @@ thread_local! {
 
 /// The share of each LED that the pixels of `region` see; nothing where all of it is seen everywhere.
 fn visible_shares(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect) -> Vec<Vec<f32>> {
-    SCRATCH.with_borrow_mut(|scratch| {
-        let shares = |caster: &Option<Caster>| {
-            let mut shares = Vec::new();
-            if let Some(caster) = caster {
-                caster.visible(surface, region, &mut shares, scratch);
-            }
-            shares
-        };
-        casters.iter().map(shares).collect()
-    })
+    SCRATCH.with_borrow_mut(|scratch| shadow::visible(casters, surface, region, scratch))
 }

@@ -1,0 +1,317 @@
+//! One sweep over the rows of a surface, away from an LED.
+
+use std::ops::Range;
+
+use super::larger;
+use super::soften::{self, Row};
+use crate::gelpad::SURFACE_BORDER;
+
+/// The height, mm, of what stands before the LED where nothing does.
+const OPEN_MM: f32 = -1e30;
+/// Six times the variance of a disc's shadow edge, in squares of the half width of its penumbra.
+const SPREAD: f64 = 1.5;
+/// How far from a shadow's edge it is softened, in half widths of its penumbra: smoothing kernels have tails.
+pub const TAIL: f64 = 1.25;
+
+/// An LED over rows: steps lead from one row to the next, away from it.
+#[derive(Clone, Copy, Debug)]
+pub struct Rays {
+    /// True if the LED is on the side of the last row.
+    pub from_end: bool,
+    /// Pixels by which a line shifts sideways in a step, -1 to 1.
+    pub shear: f64,
+    /// Rise of the lowest and the highest ray in a step, mm.
+    pub rise_mm: [f32; 2],
+    /// Pixels by which the outermost rays part from the middle one in a step.
+    pub widening: f64,
+}
+
+impl Rays {
+    /// Pixels by which what blocks the LED is felt further aside in a step.
+    pub fn fan(&self) -> f64 {
+        TAIL * self.widening
+    }
+}
+
+/// Memory of a sweep, to be used again.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    low: Obstacles,
+    high: Obstacles,
+    fan: Obstacles,
+    before: Obstacles,
+    row: Row,
+}
+
+/// What blocks one ray, for every line.
+#[derive(Clone, Debug, Default)]
+struct Obstacles {
+    /// Its height over a plane that rises with the ray, mm.
+    over_mm: Vec<f32>,
+    /// The step at which it stands.
+    step: Vec<f32>,
+}
+
+impl Obstacles {
+    fn clear(&mut self, count: usize) {
+        for (values, open) in [(&mut self.over_mm, OPEN_MM), (&mut self.step, 0.0)] {
+            values.clear();
+            values.resize(count, open);
+        }
+    }
+
+    #[inline(always)]
+    fn part(&self, first: usize, count: usize) -> (&[f32], &[f32]) {
+        (&self.over_mm[first..][..count], &self.step[first..][..count])
+    }
+
+    #[inline(always)]
+    fn part_mut(&mut self, first: usize, count: usize) -> (&mut [f32], &mut [f32]) {
+        (&mut self.over_mm[first..][..count], &mut self.step[first..][..count])
+    }
+
+    /// Every line takes over from its neighbours what is higher.
+    #[inline(always)]
+    fn spread(&mut self, before: &mut Self) {
+        before.over_mm.clone_from(&self.over_mm);
+        before.step.clone_from(&self.step);
+        let inner = self.step.len().saturating_sub(2);
+        let (over, step) = self.part_mut(inner.min(1), inner);
+        for side in [0, 2 * inner.min(1)] {
+            let (aside, aside_step) = before.part(side, inner);
+            for x in 0..inner {
+                let higher = aside[x] > over[x];
+                over[x] = if higher { aside[x] } else { over[x] };
+                step[x] = if higher { aside_step[x] } else { step[x] };
+            }
+        }
+    }
+}
+
+/// The lines of one sweep: of all that run towards the LED, one pixel apart, those that matter to the region.
+struct Lines<'a> {
+    rays: Rays,
+    /// Columns and rows of the surface.
+    size: [usize; 2],
+    /// Columns whose hard shadows are wanted: the region's, and those that soften them.
+    across: Range<usize>,
+    /// First of the region's columns among them, and how many there are.
+    shown: [usize; 2],
+    /// Number of the first line that is kept.
+    first: isize,
+    scratch: &'a mut Scratch,
+}
+
+/// Gives `take` the shares of the LED that are seen by the pixels in columns `columns` of every row in `rows`, with the
+/// number of the row among them. Both are counted on the surface and leave out its border.
+#[inline(always)]
+pub fn sweep(
+    rays: Rays,
+    surface: (&[f32], [usize; 2]),
+    columns: Range<usize>,
+    rows: Range<usize>,
+    scratch: &mut Scratch,
+    shares: &mut [f32],
+) {
+    let (heights, size) = surface;
+    let steps = if rays.from_end { size[1] - rows.start } else { rows.end };
+    let mut lines = Lines::new(rays, size, columns, &rows, steps, scratch);
+    let width = lines.shown[1];
+    for step in 0..steps {
+        let y = if rays.from_end { size[1] - 1 - step } else { step };
+        let heights = &heights[y * size[0]..][..size[0]];
+        let shown = rows.contains(&y);
+        if rays.shear == 0.0 {
+            lines.go_straight(step, heights);
+        } else {
+            if shown {
+                lines.shade(step, heights);
+            }
+            lines.advance(step, heights);
+        }
+        if shown {
+            let Lines { shown: [first, _], scratch, .. } = &mut lines;
+            scratch.row.soften(*first, &mut shares[(y - rows.start) * width..][..width]);
+        }
+        lines.widen(step);
+    }
+}
+
+impl<'a> Lines<'a> {
+    fn new(
+        rays: Rays,
+        size: [usize; 2],
+        columns: Range<usize>,
+        rows: &Range<usize>,
+        steps: usize,
+        scratch: &'a mut Scratch,
+    ) -> Self {
+        let furthest = steps as f64;
+        let reach = soften::reach(soften::levels((SPREAD * (rays.widening * furthest).powi(2)) as f32));
+        let across = columns.start.saturating_sub(reach).max(SURFACE_BORDER)
+            ..columns.end.saturating_add(reach).min(size[0] - SURFACE_BORDER);
+        let shown = [columns.start - across.start, columns.len()];
+        let mut lines = Self { rays, size, across, shown, first: 0, scratch };
+        let aside = (rays.fan() * furthest) as usize + 1;
+        let ends = [steps - rows.len(), steps - 1].map(|step| lines.shift(step).0);
+        lines.first = lines.across.start as isize - 1 - ends[0].max(ends[1]) - aside as isize;
+        let count = lines.across.len() + 1 + ends[0].abs_diff(ends[1]) + 2 * aside;
+        let Scratch { low, high, fan, row, .. } = lines.scratch;
+        for obstacles in [low, high, fan] {
+            obstacles.clear(count);
+        }
+        row.resize(lines.across.len());
+        lines
+    }
+
+    /// Line number n crosses a step's row between columns n + whole and n + whole + 1, by `part` of the way.
+    #[inline(always)]
+    fn shift(&self, step: usize) -> (isize, f32) {
+        let shift = self.rays.shear * step as f64;
+        let whole = libm::floor(shift);
+        (whole as isize, (shift - whole) as f32)
+    }
+
+    /// The same as `shade` and `advance` where lines are columns.
+    #[inline(always)]
+    fn go_straight(&mut self, step: usize, heights: &[f32]) {
+        let width = self.across.len();
+        let heights = &heights[self.across.start..][..width];
+        let first = (self.across.start as isize - self.first) as usize;
+        let now = Now::new(&self.rays, step);
+        let Scratch { low, high, fan, row, .. } = &mut *self.scratch;
+        let (low, low_step) = low.part_mut(first, width);
+        let (high, high_step) = high.part_mut(first, width);
+        let (fan, fan_step) = fan.part_mut(first, width);
+        let (shares, spread) = (&mut row.shares[..width], &mut row.spread[..width]);
+        for x in 0..width {
+            let (here_low, here_high) = (heights[x] + now.planes_mm[0], heights[x] + now.planes_mm[1]);
+            (shares[x], spread[x]) = now.seen(
+                [low[x] - here_low, high[x] - here_high, fan[x] - here_low],
+                [low_step[x], high_step[x], fan_step[x]],
+            );
+            (low[x], low_step[x]) = now.highest(here_low, low[x], low_step[x]);
+            (high[x], high_step[x]) = now.highest(here_high, high[x], high_step[x]);
+            (fan[x], fan_step[x]) = now.highest(here_low, fan[x], fan_step[x]);
+        }
+    }
+
+    /// Hard shares of the LED that the pixels of this step's row see, and how soft they are to be.
+    #[inline(always)]
+    fn shade(&mut self, step: usize, heights: &[f32]) {
+        let (whole, part) = self.shift(step);
+        let width = self.across.len();
+        let [left, heights, right] = [0, 1, 2].map(|by| &heights[self.across.start + by - 1..][..width]);
+        let first = (self.across.start as isize - 1 - whole - self.first) as usize;
+        let now = Now::new(&self.rays, step);
+        let Scratch { low, high, fan, row, .. } = &mut *self.scratch;
+        let [low, high, fan] = [low, high, fan].map(|obstacles| obstacles.part(first, width + 1));
+        let (shares, spread) = (&mut row.shares[..width], &mut row.spread[..width]);
+        // Heights on a line and back are lifted in a notch: a wall beside a pixel must not shade it.
+        let mixed = part * (1.0 - part);
+        for x in 0..width {
+            let here = heights[x] + mixed * larger((left[x] - heights[x]) + (right[x] - heights[x]), 0.0);
+            let (here_low, here_high) = (here + now.planes_mm[0], here + now.planes_mm[1]);
+            (shares[x], spread[x]) = now.seen(
+                [
+                    between(low.0, x, part) - here_low,
+                    between(high.0, x, part) - here_high,
+                    between(fan.0, x, part) - here_low,
+                ],
+                [between(low.1, x, part), between(high.1, x, part), between(fan.1, x, part)],
+            );
+        }
+        // Where lines come in from the side the outermost ones know of nothing.
+        if width > 1 && self.rays.shear > 0.0 && self.across.start == SURFACE_BORDER {
+            (shares[0], spread[0]) = (shares[1], spread[1]);
+        } else if width > 1 && self.rays.shear < 0.0 && self.across.end + SURFACE_BORDER == self.size[0] {
+            (shares[width - 1], spread[width - 1]) = (shares[width - 2], spread[width - 2]);
+        }
+    }
+
+    /// Adds this step's row to the obstacles.
+    #[inline(always)]
+    fn advance(&mut self, step: usize, heights: &[f32]) {
+        let (whole, part) = self.shift(step);
+        let kept = self.scratch.low.step.len() as isize;
+        let first = self.first.max(-whole);
+        let end = (self.first + kept).min(self.size[0] as isize - 1 - whole);
+        if first >= end {
+            return;
+        }
+        let count = (end - first) as usize;
+        let heights = &heights[(first + whole) as usize..][..count + 1];
+        let first = (first - self.first) as usize;
+        let now = Now::new(&self.rays, step);
+        let Scratch { low, high, fan, .. } = &mut *self.scratch;
+        let (low, low_step) = low.part_mut(first, count);
+        let (high, high_step) = high.part_mut(first, count);
+        let (fan, fan_step) = fan.part_mut(first, count);
+        for x in 0..count {
+            let height = heights[x] * (1.0 - part) + heights[x + 1] * part;
+            let (here_low, here_high) = (height + now.planes_mm[0], height + now.planes_mm[1]);
+            (low[x], low_step[x]) = now.highest(here_low, low[x], low_step[x]);
+            (high[x], high_step[x]) = now.highest(here_high, high[x], high_step[x]);
+            (fan[x], fan_step[x]) = now.highest(here_low, fan[x], fan_step[x]);
+        }
+    }
+
+    /// Lets the fan's obstacles reach aside as far as its rays do in a step.
+    #[inline(always)]
+    fn widen(&mut self, step: usize) {
+        let [before, after] = [step, step + 1].map(|step| (self.rays.fan() * step as f64) as usize);
+        for _ in before..after {
+            self.scratch.fan.spread(&mut self.scratch.before);
+        }
+    }
+}
+
+/// The value on the way back from `of[x + 1]` to `of[x]`.
+#[inline(always)]
+fn between(of: &[f32], x: usize, part: f32) -> f32 {
+    of[x] * part + of[x + 1] * (1.0 - part)
+}
+
+/// One step of a sweep.
+#[derive(Clone, Copy)]
+struct Now {
+    step: f32,
+    /// Heights, mm, by which the lowest and the highest ray have risen since the first step.
+    planes_mm: [f32; 2],
+    /// Between the two, in a step.
+    range_mm: f32,
+    spread: f32,
+}
+
+impl Now {
+    #[inline(always)]
+    fn new(rays: &Rays, step: usize) -> Self {
+        Self {
+            step: step as f32,
+            planes_mm: rays.rise_mm.map(|rise| rise * step as f32),
+            range_mm: rays.rise_mm[1] - rays.rise_mm[0],
+            spread: (SPREAD * rays.widening * rays.widening) as f32,
+        }
+    }
+
+    /// The share of the LED that is seen straight ahead, and how much it is to be softened. What blocks the lowest ray,
+    /// the highest one and the lowest ones of the whole fan stands `over` it, at these steps.
+    #[inline(always)]
+    fn seen(&self, [over_low, over_high, over_fan]: [f32; 3], [low, high, fan]: [f32; 3]) -> (f32, f32) {
+        let (low_steps, high_steps, fan_steps) = (self.step - low, self.step - high, self.step - fan);
+        // Shares over either obstacle as fractions with positive denominators, so that one division is enough.
+        let (above_low, above_high) = (self.range_mm * low_steps - over_low, -over_high);
+        let by_high = above_high * low_steps < above_low * high_steps;
+        let above = if by_high { above_high } else { above_low };
+        let share = larger(above / (self.range_mm * if by_high { high_steps } else { low_steps }), 0.0);
+        let share = if over_low > 0.0 && share < 1.0 { share } else { 1.0 };
+        (share, if over_fan > 0.0 { self.spread * fan_steps * fan_steps } else { 0.0 })
+    }
+
+    /// The higher one of this step's height and the obstacle so far, and where it stands.
+    #[inline(always)]
+    fn highest(&self, height: f32, over: f32, step: f32) -> (f32, f32) {
+        let higher = height > over;
+        (if higher { height } else { over }, if higher { self.step } else { step })
+    }
+}
