@@ -20,6 +20,8 @@ use crate::label::{Label, key};
 use crate::plan::Plan;
 use crate::render::{Sample, render};
 
+pub mod effects;
+
 /// One sample as a sheet shows it.
 pub struct Tile {
     tactile: RgbImage,
@@ -107,6 +109,8 @@ fn grey<T: Copy + Default>(grid: &Grid<T>, value: impl Fn(T) -> u8) -> RgbImage 
 
 const GAP: u32 = 6;
 const CAPTION: u32 = 18;
+/// Width of a character.
+const CHARACTER: u32 = 7;
 const PAPER: Rgb<u8> = Rgb([24, 24, 26]);
 
 /// Lays tiles out in rows of `columns`; panels are made `panel_width` px wide at the most.
@@ -117,21 +121,17 @@ pub fn sheet(tiles: &[Tile], columns: usize, panel_width: u32) -> RgbImage {
     let columns = columns.clamp(1, tiles.len().max(1)) as u32;
     let rows = (tiles.len() as u32).div_ceil(columns);
     let (width, height) = (GAP + columns * (tile_width + GAP), GAP + rows * (tile_height + GAP));
-    let mut canvas = Canvas(RgbImage::from_pixel(width, height, PAPER));
+    let mut canvas = Canvas::new(width, height);
     for (i, (tile, panels)) in tiles.iter().zip(panels).enumerate() {
         let left = GAP + (i as u32 % columns) * (tile_width + GAP);
         let top = GAP + (i as u32 / columns) * (tile_height + GAP);
         let (mut x, mut below) = (left, top);
         for panel in panels {
-            imageops::replace(&mut canvas.0, &panel, i64::from(x), i64::from(top));
+            canvas.place(&panel, [x, top]);
             x += panel.width() + 2;
             below = below.max(top + panel.height());
         }
-        let style = MonoTextStyle::new(&ascii::FONT_7X13, Rgb888::new(225, 225, 225));
-        let room = (tile_width / 7) as usize;
-        let text: String = tile.caption.chars().take(room).collect();
-        let at = Point::new(left as i32, below as i32 + 3);
-        let Ok(_) = Text::with_baseline(&text, at, style, Baseline::Top).draw(&mut canvas);
+        canvas.write(&tile.caption, [left, below + 3], tile_width);
     }
     canvas.0
 }
@@ -148,6 +148,23 @@ fn scaled(panels: Vec<RgbImage>, width: u32) -> Vec<RgbImage> {
 }
 
 struct Canvas(RgbImage);
+
+impl Canvas {
+    fn new(width: u32, height: u32) -> Self {
+        Self(RgbImage::from_pixel(width, height, PAPER))
+    }
+
+    fn place(&mut self, panel: &RgbImage, [left, top]: [u32; 2]) {
+        imageops::replace(&mut self.0, panel, i64::from(left), i64::from(top));
+    }
+
+    /// Writes what of a text fits into `room` px.
+    fn write(&mut self, text: &str, [left, top]: [u32; 2], room: u32) {
+        let style = MonoTextStyle::new(&ascii::FONT_7X13, Rgb888::new(225, 225, 225));
+        let text: String = text.chars().take((room / CHARACTER) as usize).collect();
+        let Ok(_) = Text::with_baseline(&text, Point::new(left as i32, top as i32), style, Baseline::Top).draw(self);
+    }
+}
 
 impl OriginDimensions for Canvas {
     fn size(&self) -> Size {

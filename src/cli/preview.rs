@@ -11,15 +11,19 @@ use crate::config;
 use crate::config::diagnostic::{Problems, Report};
 use crate::dataset::layout::Layout;
 use crate::dataset::shard::write_whole;
+use crate::effects::Effect;
 use crate::plan::{Plan, usage};
+use crate::preview::effects::{self, Comparison, compare};
 use crate::preview::{Tile, sheet};
 
-/// Draw a contact sheet: tactile image, depth and (where there is one) contact, with class and depth under each.
+/// Draw a contact sheet: tactile image, depth and (where there is one) contact, with class and depth under each. Or show
+/// what each effect changes in a job's samples.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   gelsim preview configs/quickstart.toml --out sheet.png
-  gelsim preview out/quickstart --out sample.png --key 42")]
+  gelsim preview out/quickstart --out sample.png --key 42
+  gelsim preview configs/effects.toml --effects --out effects.png")]
 pub struct Preview {
     /// A dataset's folder, or a job whose samples are rendered on the spot
     #[arg(value_name = "DIR|JOB.toml")]
@@ -30,12 +34,15 @@ pub struct Preview {
     /// Only this sample, at full size
     #[arg(long, value_name = "K")]
     key: Option<u64>,
+    /// For each effect that a job's samples call for, one of them with the effect, without it, and the difference
+    #[arg(long, conflicts_with_all = ["count", "columns"])]
+    effects: bool,
     /// How many samples the sheet shows
     #[arg(long, value_name = "N", default_value_t = 12)]
     count: u64,
-    /// Width of one panel of the sheet, px
-    #[arg(long, value_name = "PX", default_value_t = 240)]
-    panel: u32,
+    /// Width of one panel of the sheet, px [default: 240; of effects 660]
+    #[arg(long, value_name = "PX")]
+    panel: Option<u32>,
     /// Columns of the sheet
     #[arg(long, value_name = "N", default_value_t = 2)]
     columns: usize,
@@ -45,17 +52,57 @@ pub struct Preview {
 
 impl Preview {
     pub(super) fn run(self) -> Result<(), Failure> {
+        let panel = |default: u32| self.panel.unwrap_or(default).max(1);
+        if self.effects {
+            return write(&self.out, &effects::sheet(&self.comparisons()?, panel(effects::PANEL)));
+        }
         let tiles = if self.source.is_dir() { self.dataset_tiles()? } else { self.job_tiles()? };
         let picture = match self.key {
             Some(_) => sheet(&tiles, 1, u32::MAX),
-            None => sheet(&tiles, self.columns, self.panel.max(1)),
+            None => sheet(&tiles, self.columns, panel(240)),
         };
         write(&self.out, &picture)
     }
 
-    fn job_tiles(&self) -> Result<Vec<Tile>, Failure> {
+    fn plan(&self) -> Result<Plan, Failure> {
         let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, false)?;
         print_notes(&plan.notes, false);
+        Ok(plan)
+    }
+
+    /// What the effects change in the sample asked for, or in the first ones of the job.
+    fn comparisons(&self) -> Result<Vec<Comparison>, Failure> {
+        /// Samples that are searched for effects.
+        const SEARCHED: u64 = 100;
+        if self.source.is_dir() {
+            let folder = self.source.display();
+            let message = format!("--effects renders a job's samples anew, and {folder} is a folder");
+            return Err(usage(message, format!("if it is a dataset, preview its job: {folder}/job.toml")).into());
+        }
+        let plan = self.plan()?;
+        let samples = plan.layout.samples();
+        let indices = match self.key {
+            Some(_) => self.indices(samples, false)?,
+            None => (0..samples.min(SEARCHED)).collect(),
+        };
+        let found = compare(&plan, &indices);
+        let missing = Effect::ALL.into_iter().filter(|effect| found.iter().all(|row| row.effect != *effect));
+        let names: Vec<&str> = missing.map(Effect::name).collect();
+        let of = match indices.as_slice() {
+            [only] => format!("sample {only}"),
+            several => format!("samples 0 to {}", several.len() - 1),
+        };
+        if found.is_empty() {
+            return Err(usage(format!("{of}: no effect is called for"), "preview the job without --effects").into());
+        }
+        if !names.is_empty() {
+            eprintln!("note: {of}: not called for are {}", names.join(", "));
+        }
+        Ok(found)
+    }
+
+    fn job_tiles(&self) -> Result<Vec<Tile>, Failure> {
+        let plan = self.plan()?;
         let indices = self.indices(plan.layout.samples(), false)?;
         Ok(indices.par_iter().map(|&index| Tile::rendered(&plan, index)).collect())
     }

@@ -1,6 +1,6 @@
 //! Contact sheets: of a job, of a dataset, of one sample.
 
-use crate::support::{Folder, JOB, edited};
+use crate::support::{Folder, JOB, edited, repository};
 
 fn picture(folder: &Folder, name: &str) -> image::RgbImage {
     image::open(folder.path(name)).expect("a PNG").into_rgb8()
@@ -92,4 +92,68 @@ fn a_sample_of_a_shard_that_is_missing_is_a_failure_that_names_it() {
     folder.succeed("generate job.toml --quiet --shards 0..1");
     let text = folder.fail("preview out/small --out sheet.png", 1);
     assert!(text.contains(".tar: "), "{text}");
+}
+
+/// The job with noise and a dull lens, and nothing else that is an effect of its own.
+const NOISY: (&str, &str) = ("[pose]", "[camera]\nread_noise_levels = 2.0\nvignette = 0.3\n\n[pose]");
+
+#[test]
+fn the_sheet_of_effects_has_a_row_for_each_that_a_job_calls_for() {
+    let folder = Folder::with_job(&edited(JOB, &[NOISY]));
+    let said = folder.succeed("preview job.toml --effects --out effects.png");
+    // Deformation, shading, shadows, darkening, vignette, noise.
+    let row = 36 + 18 + 6;
+    assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (252 + 6) + 6, 18 + 6 + 6 * row));
+    let left_out = "texture, rest_shape, shear, grain, markers, defocus, distortion, exposure";
+    assert!(said.contains(&format!("note: samples 0 to 7: not called for are {left_out}\n")), "{said}");
+    assert_eq!(folder.files("").len(), 4, "only the picture was written");
+}
+
+#[test]
+fn an_effect_is_shown_with_it_without_it_and_as_a_difference() {
+    let folder = Folder::with_job(&edited(JOB, &[NOISY, ("no_contact = 0.25", "no_contact = 1.0")]));
+    folder.succeed("preview job.toml --effects --key 3 --out effects.png");
+    folder.succeed("preview job.toml --key 3 --out with.png");
+    folder.succeed("preview job.toml --key 3 --out without.png --set camera.read_noise_levels=0.0");
+    let (sheet, with) = (picture(&folder, "effects.png"), picture(&folder, "with.png"));
+    let without = picture(&folder, "without.png");
+    // Noise is the only row: nothing touches the pad.
+    assert_eq!(sheet.height(), 18 + 6 + 36 + 18 + 6);
+    for (x, y) in [(0, 0), (47, 0), (20, 30), (47, 35)] {
+        let at = |column: u32| sheet.get_pixel(6 + 258 * column + x, 18 + y).0;
+        assert_eq!(at(0), with.get_pixel(6 + x, 6 + y).0);
+        assert_eq!(at(1), without.get_pixel(6 + x, 6 + y).0);
+        let gains = [1, 2, 4, 8, 16].map(|gain: i32| {
+            let shown = |k: usize| 128 + gain * (i32::from(at(0)[k]) - i32::from(at(1)[k]));
+            [0, 1, 2].map(|k| shown(k).clamp(0, 255) as u8)
+        });
+        assert!(gains.contains(&at(2)), "{:?} from {:?} and {:?}", at(2), at(0), at(1));
+    }
+}
+
+#[test]
+fn a_sheet_of_effects_needs_a_job_that_has_some() {
+    let folder = Folder::with_job(&edited(JOB, &[("no_contact = 0.25", "no_contact = 1.0")]));
+    let text = folder.fail("preview job.toml --effects --out effects.png", 2);
+    assert!(text.contains("samples 0 to 7: no effect is called for"), "{text}");
+    let text = folder.fail("preview job.toml --effects --key 8 --out effects.png", 2);
+    assert!(text.contains("there is no sample 8"), "{text}");
+    folder.fail("preview job.toml --effects --columns 2 --out effects.png", 2);
+    folder.succeed("generate job.toml --quiet");
+    let text = folder.fail("preview out/small --effects --out effects.png", 2);
+    assert!(text.contains("out/small is a folder") && text.contains("preview its job: out/small/job.toml"), "{text}");
+    let text = folder.fail("preview out/small/job.toml --effects --out effects.png", 2);
+    assert!(text.contains("samples 0 to 7: no effect is called for"), "a dataset's job is a job: {text}");
+    assert!(!folder.path("effects.png").exists());
+}
+
+#[test]
+fn the_bundled_job_of_effects_calls_for_every_effect() {
+    let folder = Folder::new();
+    let job = repository().join("configs/effects.toml");
+    let said = folder
+        .succeed(&format!("preview {} --effects --out effects.png --set sensor.resolution_px=[64,48]", job.display()));
+    assert_eq!(said, "");
+    let rows = gelsim::effects::Effect::ALL.len() as u32;
+    assert_eq!(picture(&folder, "effects.png").height(), 18 + 6 + rows * (48 + 18 + 6));
 }

@@ -4,9 +4,10 @@
 //! and store what is found with
 //!
 //! ```text
-//! GELSIM_UPDATE_GOLDEN=1 cargo test --test golden
+//! GELSIM_UPDATE_GOLDEN=1 cargo test --release --test golden
 //! ```
 
+mod effects;
 #[path = "../physics/plan.rs"]
 mod plan;
 
@@ -205,6 +206,10 @@ const CASES: [Case; 20] = [
     },
 ];
 
+fn cases() -> impl Iterator<Item = &'static Case> {
+    CASES.iter().chain(&effects::CASES)
+}
+
 fn plan_of(case: &Case) -> Plan {
     let object = format!("[[object]]\npath = \"objects/{}.obj\"\n", case.object);
     plan::plan(&format!("dataset.name = \"golden\"\ndataset.samples = 1\n{}\n{object}", case.job))
@@ -292,10 +297,10 @@ fn compare(case: &Case) -> Result<(), String> {
 
 #[test]
 fn every_golden_image_is_found_again() {
-    let wrong: Vec<String> = CASES.iter().filter_map(|case| compare(case).err()).collect();
+    let wrong: Vec<String> = cases().filter_map(|case| compare(case).err()).collect();
     assert!(
         wrong.is_empty(),
-        "\n{}\n\nIf that is meant: {REFRESH}=1 cargo test --test golden stores what is found.\n",
+        "\n{}\n\nIf that is meant: {REFRESH}=1 cargo test --release --test golden stores what is found.\n",
         wrong.join("\n")
     );
 }
@@ -309,18 +314,18 @@ fn the_folder_holds_the_golden_images_and_nothing_else() {
     let entries = std::fs::read_dir(folder()).expect("the repository has the golden images");
     let found: BTreeSet<String> =
         entries.map(|entry| entry.expect("a readable folder").file_name().to_string_lossy().into_owned()).collect();
-    let expected: BTreeSet<String> = CASES.iter().map(|case| format!("{}.png", case.name)).collect();
+    let expected: BTreeSet<String> = cases().map(|case| format!("{}.png", case.name)).collect();
     assert_eq!(found, expected);
 }
 
 #[test]
 fn golden_images_show_every_sensor_and_no_two_are_alike() {
-    let plans: Vec<Plan> = CASES.iter().map(plan_of).collect();
+    let plans: Vec<Plan> = cases().map(plan_of).collect();
     let sensors: BTreeSet<&str> = plans.iter().map(|plan| plan.job.sensor.name.as_str()).collect();
     let presets: BTreeSet<&str> = gelsim::config::sensor::PRESETS.iter().map(|(name, _)| *name).collect();
     assert_eq!(sensors, presets);
-    let pictures: BTreeSet<Vec<u8>> = CASES.iter().map(|case| picture(case).into_raw()).collect();
-    assert_eq!(pictures.len(), CASES.len());
+    let pictures: BTreeSet<Vec<u8>> = cases().map(|case| picture(case).into_raw()).collect();
+    assert_eq!(pictures.len(), cases().count());
 }
 
 #[test]

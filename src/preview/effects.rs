@@ -1,0 +1,165 @@
+//! Sheets of effects: for each one that a job's samples call for the image with it, the same image without it, and the
+//! difference. Noise is addressed by sample and pixel: both images have the same, and the difference has none.
+
+use image::RgbImage;
+use rayon::prelude::*;
+
+use super::{CAPTION, CHARACTER, Canvas, GAP, scaled};
+use crate::camera::Image;
+use crate::effects::{Effect, Gate};
+use crate::plan::Plan;
+use crate::render::render;
+
+/// What an effect changes in one sample.
+pub struct Comparison {
+    /// The effect.
+    pub effect: Effect,
+    /// The sample's number.
+    index: u64,
+    /// Why the effect ran.
+    reason: String,
+    with: RgbImage,
+    without: RgbImage,
+}
+
+/// A comparison for each effect that ran in any of the samples `indices`, from the first in which it did.
+pub fn compare(plan: &Plan, indices: &[u64]) -> Vec<Comparison> {
+    let ran = first_runs(plan, indices);
+    let compared = ran.into_par_iter().map(|(effect, index, reason, with)| {
+        let other = plan.with_gate(Gate::Without(effect));
+        Comparison { effect, index, reason, with, without: picture(&render(&other, index).image) }
+    });
+    compared.collect()
+}
+
+/// Each effect with the first sample in which it ran, why it did, and that sample's image.
+fn first_runs(plan: &Plan, indices: &[u64]) -> Vec<(Effect, u64, String, RgbImage)> {
+    /// Samples that are rendered at a time.
+    const BLOCK: usize = 8;
+    let mut ran = Vec::new();
+    let mut missing = Effect::ALL.to_vec();
+    for block in indices.chunks(BLOCK) {
+        let samples: Vec<_> = block.par_iter().map(|&index| (index, render(plan, index))).collect();
+        for (index, sample) in samples {
+            let notes = &sample.label.effects;
+            let new = missing.iter().filter(|effect| notes[**effect].ran);
+            ran.extend(new.map(|&effect| (effect, index, notes[effect].reason.to_string(), picture(&sample.image))));
+            missing.retain(|effect| !notes[*effect].ran);
+        }
+        if missing.is_empty() {
+            break;
+        }
+    }
+    ran.sort_by_key(|(effect, ..)| *effect as usize);
+    ran
+}
+
+fn picture(image: &Image) -> RgbImage {
+    let mut picture = RgbImage::new(image.width as u32, image.height as u32);
+    picture.copy_from_slice(&image.rgb);
+    picture
+}
+
+impl Comparison {
+    /// Changes of all values, grey levels.
+    fn changes(&self) -> impl Iterator<Item = i32> {
+        self.with.iter().zip(self.without.iter()).map(|(with, without)| i32::from(*with) - i32::from(*without))
+    }
+
+    /// Largest change and mean of the changes' sizes, grey levels.
+    fn size(&self) -> (u32, f64) {
+        let sizes = || self.changes().map(i32::unsigned_abs);
+        let count = self.with.len().max(1) as f64;
+        (sizes().max().unwrap_or_default(), sizes().map(f64::from).sum::<f64>() / count)
+    }
+
+    /// The changes times `gain`, around grey.
+    fn difference(&self, gain: i32) -> RgbImage {
+        let mut difference = RgbImage::new(self.with.width(), self.with.height());
+        for (value, change) in difference.iter_mut().zip(self.changes()) {
+            *value = (128 + gain * change).clamp(0, 255) as u8;
+        }
+        difference
+    }
+}
+
+/// The strongest gain with which a change of this many levels stays in range.
+fn gain(largest: u32) -> i32 {
+    [16, 8, 4, 2].into_iter().find(|gain| gain * largest <= 127).unwrap_or(1) as i32
+}
+
+/// Widest panel with which a sheet is at most 2000 px wide.
+pub const PANEL: u32 = 2000 / 3 - GAP;
+
+/// Columns of text: room for the figures under a picture of a few pixels.
+const NARROWEST: u32 = 36 * CHARACTER;
+
+/// Lays comparisons out one below the other; pictures are made `panel_width` px wide at the most.
+pub fn sheet(comparisons: &[Comparison], panel_width: u32) -> RgbImage {
+    let panels = |comparison: &Comparison| {
+        let (largest, mean) = comparison.size();
+        let gain = gain(largest);
+        let figures = format!("x {gain}, mean {mean:.2}, largest {largest} levels");
+        let panels = vec![comparison.with.clone(), comparison.without.clone(), comparison.difference(gain)];
+        (figures, scaled(panels, panel_width))
+    };
+    let rows: Vec<_> = comparisons.iter().map(panels).collect();
+    let widest = rows.iter().flat_map(|(_, panels)| panels).map(RgbImage::width).max().unwrap_or(1);
+    let pitch = widest.max(NARROWEST) + GAP;
+    let row_height = |panels: &[RgbImage]| panels.iter().map(RgbImage::height).max().unwrap_or(1) + CAPTION + GAP;
+    let height = CAPTION + GAP + rows.iter().map(|(_, panels)| row_height(panels)).sum::<u32>();
+    let mut canvas = Canvas::new(GAP + 3 * pitch, height);
+    let left = |column: u32| GAP + column * pitch;
+    for (column, title) in (0..).zip(["all effects", "without this one", "grey + gain x (all - without)"]) {
+        canvas.write(title, [left(column), 2], pitch);
+    }
+    let mut top = CAPTION;
+    for (comparison, (figures, panels)) in comparisons.iter().zip(&rows) {
+        for (column, panel) in (0..).zip(panels) {
+            canvas.place(panel, [left(column), top]);
+        }
+        top += row_height(panels);
+        let Comparison { effect, index, reason, .. } = comparison;
+        let below = top - GAP - CAPTION + 2;
+        canvas.write(&format!("{} #{index}: {reason}", effect.name()), [left(0), below], 2 * pitch);
+        canvas.write(figures, [left(2), below], pitch);
+    }
+    canvas.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    fn comparison(with: RgbImage, without: RgbImage) -> Comparison {
+        Comparison { effect: Effect::Grain, index: 3, reason: String::from("rough"), with, without }
+    }
+
+    #[test]
+    fn a_difference_is_shown_around_grey_as_strongly_as_it_fits() {
+        let without = RgbImage::from_pixel(4, 2, Rgb([100, 50, 200]));
+        let mut with = without.clone();
+        with.put_pixel(1, 1, Rgb([130, 50, 185]));
+        let comparison = comparison(with, without);
+        let (largest, mean) = comparison.size();
+        assert_eq!((largest, mean), (30, 45.0 / 24.0));
+        let difference = comparison.difference(gain(largest));
+        assert_eq!(difference.get_pixel(1, 1).0, [128 + 4 * 30, 128, 128 - 4 * 15]);
+        assert_eq!(difference.get_pixel(0, 1).0, [128; 3]);
+        assert_eq!([0, 7, 8, 15, 16, 31, 32, 63, 64, 255].map(gain), [16, 16, 8, 8, 4, 4, 2, 2, 1, 1]);
+    }
+
+    #[test]
+    fn pictures_keep_their_size_unless_the_sheet_gets_too_wide() {
+        let sized = |width, height| comparison(RgbImage::new(width, height), RgbImage::new(width, height));
+        let width = |picture: u32| sheet(&[sized(picture, 30)], PANEL).width();
+        assert_eq!(width(640), 3 * 646 + 6);
+        assert_eq!(width(4000), width(PANEL));
+        assert!(width(4000) <= 2000);
+        assert_eq!(width(1), width(252), "room for text");
+        let two = [sized(640, 30), sized(640, 30)];
+        assert_eq!(sheet(&two, PANEL).height(), 2 * (30 + CAPTION + GAP) + CAPTION + GAP);
+        assert_eq!(sheet(&[], PANEL).height(), CAPTION + GAP);
+    }
+}
