@@ -364,23 +364,33 @@ impl Body {
     /// Adds `sign` times a whole picture to the light.
     fn add(&self, light: &mut Light, picture: &Planes, sign: f32) {
         let part = light.region;
-        for (plane, picture) in light.planes.iter_mut().zip(picture) {
-            for row in 0..part.height() {
-                let at = (part.y0 + row) * self.view.resolution_px[0] + part.x0;
-                let values = &mut plane[row * part.width()..][..part.width()];
-                for (value, other) in values.iter_mut().zip(&picture[at..]) {
-                    *value += sign * other;
+        wide(
+            #[inline(always)]
+            || {
+                for (plane, picture) in light.planes.iter_mut().zip(picture) {
+                    for row in 0..part.height() {
+                        let at = (part.y0 + row) * self.view.resolution_px[0] + part.x0;
+                        let values = &mut plane[row * part.width()..][..part.width()];
+                        for (value, other) in values.iter_mut().zip(&picture[at..]) {
+                            *value += sign * other;
+                        }
+                    }
                 }
-            }
-        }
+            },
+        );
     }
 }
 
 /// Multiplies each channel by its gain.
 fn scale(gains: [f64; 3], planes: &mut Planes) {
-    for (plane, gain) in planes.iter_mut().zip(gains) {
-        plane.iter_mut().for_each(|value| *value *= gain as f32);
-    }
+    wide(
+        #[inline(always)]
+        || {
+            for (plane, gain) in planes.iter_mut().zip(gains) {
+                plane.iter_mut().for_each(|value| *value *= gain as f32);
+            }
+        },
+    );
 }
 
 /// An 8-bit RGB image and what quantising cut.

@@ -105,8 +105,9 @@ pub struct Led {
     pub azimuth_deg: f64,
     /// Angle of the LED over the pad's plane on the camera's side, degrees, 0 to 90.
     pub elevation_deg: f64,
-    /// Angle under which the pad sees the LED, degrees, 0 to 90: how soft its shadows are.
-    pub angular_size_deg: f64,
+    /// Angles under which the pad sees the LED or the row of LEDs, degrees, 0 to 90: width along the pad, height over it.
+    /// They say how soft shadows are at their sides and at their ends.
+    pub angular_size_deg: [f64; 2],
     /// Distance from the middle of the image, mm; used by the optics model `led`.
     pub distance_mm: f64,
     /// Red, green and blue share of the light, 0 to 1.
@@ -123,7 +124,7 @@ impl Default for Led {
             name: String::from("led"),
             azimuth_deg: 0.0,
             elevation_deg,
-            angular_size_deg: 10.0,
+            angular_size_deg: [40.0, 10.0],
             distance_mm: 20.0,
             color: [1.0; 3],
             intensity: 1.0,

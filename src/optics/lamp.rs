@@ -18,7 +18,7 @@ pub struct Lamp {
     /// Distance from there, mm; `None` at infinity.
     distance_mm: Option<f32>,
     /// Degrees.
-    angular_size_deg: f64,
+    angular_size_deg: [f64; 2],
 }
 
 /// The pixels of a row, or of its part from a column on; places in mm from the middle of the image. They are counted

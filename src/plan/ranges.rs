@@ -76,7 +76,9 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
         let path = |key: &str| format!("sensor.led.{i}.{key}");
         check.number(&path("azimuth_deg"), led.azimuth_deg, -3600.0..=3600.0, "degrees");
         check.number(&path("elevation_deg"), led.elevation_deg, 0.0..=90.0, "degrees");
-        check.number(&path("angular_size_deg"), led.angular_size_deg, 0.0..=90.0, "degrees");
+        for k in 0..2 {
+            check.number(&path(&format!("angular_size_deg.{k}")), led.angular_size_deg[k], 0.0..=90.0, "degrees");
+        }
         check.number(&path("distance_mm"), led.distance_mm, 1e-2..=1e6, "mm");
         check.number(&path("intensity"), led.intensity, 0.0..=100.0, "");
         for k in 0..3 {

@@ -166,7 +166,7 @@ indentation.depth_mm = 0.4
 
 #[test]
 fn a_slope_too_flat_to_be_seen_may_cast_a_shadow_that_is() {
-    let leds = "[[sensor.led]]\nelevation_deg = 3.0\nangular_size_deg = 6.0\n";
+    let leds = "[[sensor.led]]\nelevation_deg = 3.0\nangular_size_deg = [6.0, 6.0]\n";
     let job = format!("{FLAT_LIGHT}optics.phong = {{ diffuse = 0.0, specular = 1.5, shininess = 0.0, darkening = 0.0 }}\n{leds}");
     compare(&job, &mut Tally::default()).unwrap_or_else(|wrong| panic!("{wrong}"));
 }

@@ -20,7 +20,7 @@ struct Led {
 
 impl Led {
     fn caster(self) -> Caster {
-        Caster::new(self.azimuth, self.elevation, self.size, self.pitch)
+        Caster::new(self.azimuth, self.elevation, [self.size; 2], self.pitch)
     }
 
     fn slopes(self) -> [f64; 2] {
@@ -198,7 +198,7 @@ fn no_shadow_reaches_further_than_said() {
         let furthest = shaded.map(|at| inside((at % 161) as f64, (at / 161) as f64)).fold(0.0, f64::max);
         assert!(furthest < 0.3 + reach + 0.06 && furthest > 0.8 * reach, "{azimuth}: {furthest} of {reach}");
     }
-    let caster = Caster::new(0.0, 0.0, 0.0, [1.0; 2]);
+    let caster = Caster::new(0.0, 0.0, [0.0; 2], [1.0; 2]);
     assert!(caster.shadow_px(1.0)[0].is_finite() && caster.shadow_px(-1.0) == [0.0; 2]);
 }
 

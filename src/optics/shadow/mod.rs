@@ -5,8 +5,8 @@
 //! its lowest ray to its highest. A sweep away from the LED carries, on lines one pixel apart, the obstacles that block
 //! these two rays, and how far off they stand (horizon sweeps: Max 1988; Timonen and Westerholm 2010). The horizon is
 //! the steeper of the two: exact at both ends of a penumbra and behind a single obstacle; where penumbras overlap the
-//! share can be too large, and jump. Heights between pixels are linear. The LED is as wide as it is high: shares are
-//! then averaged across the lines, as widely as it appears past the highest obstacle of all its azimuths (a penumbra
+//! share can be too large, and jump. Heights between pixels are linear. An LED has a width too: shares are then
+//! averaged across the lines, as widely as it appears past the highest obstacle of all its azimuths (a penumbra
 //! estimated from the blocker's distance: Fernando 2005), which is exact behind a single straight edge.
 
 mod soften;
@@ -88,12 +88,12 @@ pub fn visible(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect, sc
 }
 
 impl Caster {
-    /// An LED towards `azimuth_deg` (from +x towards +y), `elevation_deg` over the pad, seen from it under an angle of
-    /// `angular_size_deg`. What of it lies below 0.5 or above 89.9 degrees is moved there; an LED smaller than 0.1
+    /// An LED towards `azimuth_deg` (from +x towards +y), `elevation_deg` over the pad, seen from it under
+    /// angles of `angular_size_deg`: width along the pad, height over it. What of it lies below 0.5 or above 89.9 degrees is moved there; an LED smaller than 0.1
     /// degrees is taken to be that large.
-    pub fn new(azimuth_deg: f64, elevation_deg: f64, angular_size_deg: f64, mm_per_px: [f64; 2]) -> Self {
+    pub fn new(azimuth_deg: f64, elevation_deg: f64, angular_size_deg: [f64; 2], mm_per_px: [f64; 2]) -> Self {
         let (sin, cos) = sin_cos_deg(azimuth_deg);
-        let half_deg = 0.5 * angular_size_deg.max(SMALLEST_DEG);
+        let [half_width_deg, half_deg] = angular_size_deg.map(|size| 0.5 * size.max(SMALLEST_DEG));
         let lowest_deg = (elevation_deg - half_deg).clamp(LOWEST_DEG, HIGHEST_DEG - SMALLEST_DEG);
         let highest_deg = (elevation_deg + half_deg).max(lowest_deg + SMALLEST_DEG).min(HIGHEST_DEG);
         let slopes = [lowest_deg, highest_deg].map(|elevation| libm::tan(elevation.to_radians()));
@@ -108,7 +108,7 @@ impl Caster {
             Sweep::OverColumns => [mm_per_px[1], mm_per_px[0]],
         };
         let sine = ahead * across;
-        let widening = libm::tan(half_deg.min(45.0).to_radians()) / (sine * sine) * across / along;
+        let widening = libm::tan(half_width_deg.min(45.0).to_radians()) / (sine * sine) * across / along;
         let rays = Rays {
             from_end: ahead > 0.0,
             shear: -sideways / ahead.abs(),
