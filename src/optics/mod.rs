@@ -172,7 +172,7 @@ impl Shader {
             _ => (surface, &self.flat),
         };
 
-        let casters = effects.timed(Effect::Shadows, || self.casters(surface, bent, everywhere));
+        let (casters, span_mm) = effects.timed(Effect::Shadows, || self.casters(surface, bent, everywhere));
         let need = match self.phong.shadows {
             Shadows::None => Need::Absent("the optics model has no shadows"),
             Shadows::Soft if !bent.is_empty() && casters.iter().all(Option::is_none) => {
@@ -192,7 +192,7 @@ impl Shader {
         }
 
         let (region, visible) = effects.timed(Effect::Shadows, || {
-            let shadows = casters.iter().flatten().map(|caster| self.shadow_of(bent, caster, surface));
+            let shadows = casters.iter().flatten().map(|caster| self.shadow_of(bent, caster, span_mm));
             let region = match everywhere {
                 true => Rect::whole(rest.width, rest.height),
                 false => shadows.fold(bent, Rect::united),
@@ -203,12 +203,13 @@ impl Shader {
         effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
     }
 
-    /// For each LED what casts its shadows, if it may cast any. A near LED is taken to shine on all of the press from
-    /// the direction in which it is seen from the press's middle.
-    fn casters(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Vec<Option<Caster>> {
+    /// For each LED what casts its shadows, if it may cast any, and how high the surface's highest point is over its
+    /// lowest, mm. A near LED is taken to shine on all of the press from the direction in which it is seen from the press's
+    /// middle.
+    fn casters(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> (Vec<Option<Caster>>, f32) {
         let skipped = bent.is_empty() && !everywhere;
         if self.phong.shadows == Shadows::None || skipped {
-            return Vec::new();
+            return (Vec::new(), 0.0);
         }
         let steepest = Steepest::of(surface, self.camera.mm_per_px);
         let middle = self.camera.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
@@ -216,14 +217,13 @@ impl Shader {
             let caster = lamp.caster(middle, self.camera.mm_per_px);
             (everywhere || caster.casts(&steepest)).then_some(caster)
         };
-        self.lamps.iter().map(caster).collect()
+        (self.lamps.iter().map(caster).collect(), steepest.span_mm)
     }
 
     /// The part of the view that what stands in `bent` can shadow.
-    fn shadow_of(&self, bent: Rect, caster: &Caster, surface: &Grid<f32>) -> Rect {
+    fn shadow_of(&self, bent: Rect, caster: &Caster, span_mm: f32) -> Rect {
         let [width, height] = self.camera.resolution_px;
-        let (low, high) = surface.data.iter().fold((0.0_f32, 0.0_f32), |(low, high), w| (low.min(*w), high.max(*w)));
-        let [x, y] = caster.shadow_px(high - low);
+        let [x, y] = caster.shadow_px(span_mm);
         let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
             // Interpolation carries a trace one pixel further.
             let (behind, ahead) = ((-from).ceil() as usize + 1, to.ceil() as usize + 1);

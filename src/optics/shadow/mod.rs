@@ -120,7 +120,7 @@ impl Caster {
 
     /// False only where [`Caster::visible`] is 1 everywhere: no slope towards the LED is as steep as its lowest ray.
     pub fn casts(&self, steepest: &Steepest) -> bool {
-        let Steepest { right, left, down, up, largest_mm, longest_px } = *steepest;
+        let Steepest { right, left, down, up, largest_mm, longest_px, .. } = *steepest;
         let (x, y) = ([left, right], [up, down]);
         let (ahead, sideways, pitch) = match self.sweep {
             Sweep::OverRows => (y, x, self.mm_per_px),
