@@ -147,7 +147,7 @@ pub fn overlap(plan: &Plan, scene: &Scene, window: Window, effects: &mut Ledger)
     };
     effects.run(Effect::RestShape, need, || {
         if let Some(drop_mm) = &plan.drop_mm {
-            rest::lower(&mut depth, drop_mm);
+            rest::lower(&mut depth, drop_mm, window.above_mm);
         }
     });
     depth

@@ -23,7 +23,9 @@ pub fn press(depth: &Depth) -> Contact {
     for y in contact.region.y0..contact.region.y1 {
         let columns = contact.region.x0..contact.region.x1;
         let object = &depth.overlap.row(corner + y)[corner + columns.start..corner + columns.end];
-        surface.row_mut(y)[columns].copy_from_slice(object);
+        for (surface, overlap) in surface.row_mut(y)[columns].iter_mut().zip(object) {
+            *surface = overlap.max(0.0);
+        }
     }
     let view = depth.touching.seen_from(margin, margin, width, height);
     for y in view.y0..view.y1 {

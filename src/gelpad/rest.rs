@@ -82,12 +82,14 @@ pub fn drop_mm(shape: &RestShape, heights: Option<&Grid<f32>>, camera: &Camera) 
     drop
 }
 
-/// Takes an overlap against a curved pad. Beyond the view the pad goes on as high as it is at the border.
-pub fn lower(depth: &mut Depth, drop: &Grid<f32>) {
+/// Takes an overlap against a curved pad. Beyond the view the pad goes on as high as it is at the border. Of an object
+/// captured no higher than `above_mm` over the pad nothing falls below minus that: as elsewhere, it stands for no object.
+pub fn lower(depth: &mut Depth, drop: &Grid<f32>, above_mm: f64) {
     let Depth { overlap, margin_px, .. } = depth;
     // The margin of every pad model holds the surface's border.
     let beyond = margin_px.saturating_sub(SURFACE_BORDER);
     let inside = drop.width.min(overlap.width);
+    let floor = 0.0 - above_mm as f32;
     let mut below = vec![0.0; overlap.width];
     wide(
         #[inline(always)]
@@ -98,7 +100,7 @@ pub fn lower(depth: &mut Depth, drop: &Grid<f32>) {
                 below[beyond..beyond + inside].copy_from_slice(&row[..inside]);
                 below[beyond + inside..].fill(row[drop.width - 1]);
                 for (overlap, below) in overlap.row_mut(y).iter_mut().zip(&below) {
-                    *overlap -= below;
+                    *overlap = (*overlap - below).max(floor);
                 }
             }
         },
@@ -124,5 +126,27 @@ pub fn relief(drop: Option<&Grid<f32>>, coating: Option<&Grain>, camera: &Camera
             rough.data.iter_mut().zip(&drop.data).for_each(|(sum, drop)| *sum += drop);
             Some(rough)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Rect;
+
+    #[test]
+    fn a_curved_pad_lies_lower_under_the_object_and_no_object_stays_none() {
+        let overlap = Grid { width: 6, height: 5, data: [0.5, 0.5, 0.0, 0.0, -0.2, -0.2].repeat(5) };
+        let drop = Grid { width: 4, height: 3, data: [0.1, 0.2, 0.3, 0.1].repeat(3) };
+        let mut depth =
+            Depth { overlap, margin_px: 2, touching: Rect::default(), deepest_mm: 9.0, over_thickness_px: 0 };
+        lower(&mut depth, &drop, 0.2);
+        let expected = [0.4_f32, 0.4, -0.2, -0.2, -0.2, -0.2];
+        for row in 0..5 {
+            for (found, expected) in depth.overlap.row(row).iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-6, "{:?}", depth.overlap.row(row));
+            }
+        }
+        assert_eq!(depth.touching, Rect { x0: 0, y0: 0, x1: 2, y1: 5 });
     }
 }
