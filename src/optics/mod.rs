@@ -81,6 +81,7 @@ impl Relief {
 }
 
 /// What an LED gives at the untouched pad.
+#[derive(Clone)]
 enum Flat {
     /// The same at every pixel.
     Even(f32),
@@ -119,7 +120,11 @@ impl Shader {
             shader.flat = phong::at_rest(&shader, &shader.level(), true);
         }
         shader.relief = relief.map(|shape| Relief {
-            at_rest: if relative { phong::at_rest(&shader, &shape, false) } else { Vec::new() },
+            // A photograph shows the relief already; to a rendered picture it is added.
+            at_rest: match relative && sensor.background.is_some() {
+                true => phong::at_rest(&shader, &shape, false),
+                false => shader.flat.clone(),
+            },
             shape,
         });
         shader
@@ -143,7 +148,8 @@ impl Shader {
         }
     }
 
-    /// The light of the untouched pad: its picture, unless the equation adds to a flat pad.
+    /// The light of the untouched pad: its photograph; or a rendered picture and what the pad's relief changes in it; and
+    /// Phong's of a flat pad where the equation does not take that off.
     pub fn untouched(&self, rest: &Reference) -> Light {
         let level = self.level();
         let (shape, at_rest) = match &self.relief {
@@ -242,4 +248,28 @@ thread_local! {
 /// The share of each LED that the pixels of `region` see; nothing where all of it is seen everywhere.
 fn visible_shares(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect) -> Vec<Vec<f32>> {
     SCRATCH.with_borrow_mut(|scratch| shadow::visible(casters, surface, region, scratch))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_relief_is_seen_on_a_rendered_pad_at_rest_and_a_photograph_shows_it_already() {
+        let camera = Camera { resolution_px: [8, 6], mm_per_px: [0.5, 0.5] };
+        let background = Reference::new(8, 6, vec![100; 8 * 6 * 3]);
+        let untouched = |photograph: Option<&str>, slope: f32| {
+            let sensor = Sensor { background: photograph.map(str::to_owned), ..Sensor::default() };
+            // Rises towards the camera to the right: faces the LED on the left, which is red.
+            let row: Vec<f32> = (0..10).map(|x| slope * 0.5 * x as f32).collect();
+            let relief = Grid { width: 10, height: 8, data: row.repeat(8) };
+            let model = Model::Phong(Phong::default());
+            Shader::new(&model, &sensor, &camera, Some(relief)).untouched(&background).planes
+        };
+        let even = |planes: &[Vec<f32>; 3]| planes.iter().flatten().all(|value| (value * 255.0 - 100.0).abs() < 1e-3);
+        assert!(even(&untouched(Some("photo.png"), 0.3)));
+        assert!(even(&untouched(None, 0.0)));
+        let [red, green, _] = untouched(None, 0.3);
+        assert!(red.iter().zip(&green).all(|(red, green)| *red > 110.0 / 255.0 && red > green), "{red:?}");
+    }
 }

@@ -100,7 +100,11 @@ impl Ready {
     fn new(job: &Job, models: &Choices, view: &Camera, reference: &Reference, drop_mm: Option<&Grid<f32>>) -> Self {
         let sensor = &job.sensor;
         let pad = gelpad::Pad::new(&models.gelpad, sensor, view);
-        let relief = rest::relief(drop_mm, sensor.grain.as_ref(), view);
+        let relief = match job.effects {
+            Gate::Without(Effect::Grain) => None,
+            Gate::Without(Effect::RestShape) => rest::relief(None, sensor.grain.as_ref(), view),
+            _ => rest::relief(drop_mm, sensor.grain.as_ref(), view),
+        };
         let shader = optics::Shader::new(&models.optics, sensor, view, relief);
         let printed = job.markers.as_ref().filter(|_| job.effects != Gate::Without(Effect::Markers));
         let in_plane = printed.and_then(|_| pad.in_plane(sensor, view));
