@@ -40,7 +40,7 @@ pub struct Preview {
     /// How many samples the sheet shows
     #[arg(long, value_name = "N", default_value_t = 12)]
     count: u64,
-    /// Width of one panel of the sheet, px [default: 240; of effects 660]
+    /// Width of one panel of the sheet, px [default: 240; of effects 658]
     #[arg(long, value_name = "PX")]
     panel: Option<u32>,
     /// Columns of the sheet

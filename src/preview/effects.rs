@@ -89,7 +89,7 @@ fn gain(largest: u32) -> i32 {
 }
 
 /// Widest panel with which a sheet is at most 2000 px wide.
-pub const PANEL: u32 = 2000 / 3 - GAP;
+pub const PANEL: u32 = (2000 - GAP) / 3 - GAP;
 
 /// Columns of text: room for the figures under a picture of a few pixels.
 const NARROWEST: u32 = 36 * CHARACTER;
