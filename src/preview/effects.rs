@@ -92,14 +92,14 @@ fn gain(largest: u32) -> i32 {
 pub const PANEL: u32 = (2000 - GAP) / 3 - GAP;
 
 /// Columns of text: room for the figures under a picture of a few pixels.
-const NARROWEST: u32 = 36 * CHARACTER;
+const NARROWEST: u32 = 28 * CHARACTER;
 
 /// Lays comparisons out one below the other; pictures are made `panel_width` px wide at the most.
 pub fn sheet(comparisons: &[Comparison], panel_width: u32) -> RgbImage {
     let panels = |comparison: &Comparison| {
         let (largest, mean) = comparison.size();
         let gain = gain(largest);
-        let figures = format!("x {gain}, mean {mean:.2}, largest {largest} levels");
+        let figures = format!("x {gain}, mean {mean:.2}, largest {largest}");
         let panels = vec![comparison.with.clone(), comparison.without.clone(), comparison.difference(gain)];
         (figures, scaled(panels, panel_width))
     };
@@ -110,7 +110,7 @@ pub fn sheet(comparisons: &[Comparison], panel_width: u32) -> RgbImage {
     let height = CAPTION + GAP + rows.iter().map(|(_, panels)| row_height(panels)).sum::<u32>();
     let mut canvas = Canvas::new(GAP + 3 * pitch, height);
     let left = |column: u32| GAP + column * pitch;
-    for (column, title) in (0..).zip(["all effects", "without this one", "grey + gain x (all - without)"]) {
+    for (column, title) in (0..).zip(["all effects", "without this one", "grey + gain x change, levels"]) {
         canvas.write(title, [left(column), 2], pitch);
     }
     let mut top = CAPTION;
@@ -157,7 +157,7 @@ mod tests {
         assert_eq!(width(640), 3 * 646 + 6);
         assert_eq!(width(4000), width(PANEL));
         assert!(width(4000) <= 2000);
-        assert_eq!(width(1), width(252), "room for text");
+        assert_eq!(width(1), width(196), "room for text");
         let two = [sized(640, 30), sized(640, 30)];
         assert_eq!(sheet(&two, PANEL).height(), 2 * (30 + CAPTION + GAP) + CAPTION + GAP);
         assert_eq!(sheet(&[], PANEL).height(), CAPTION + GAP);

@@ -103,7 +103,7 @@ fn the_sheet_of_effects_has_a_row_for_each_that_a_job_calls_for() {
     let said = folder.succeed("preview job.toml --effects --out effects.png");
     // Deformation, shading, shadows, darkening, vignette, noise.
     let row = 36 + 18 + 6;
-    assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (252 + 6) + 6, 18 + 6 + 6 * row));
+    assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (196 + 6) + 6, 18 + 6 + 6 * row));
     let left_out = "texture, rest_shape, shear, grain, markers, defocus, distortion, exposure";
     assert!(said.contains(&format!("note: samples 0 to 7: not called for are {left_out}\n")), "{said}");
     assert_eq!(folder.files("").len(), 4, "only the picture was written");
@@ -120,7 +120,7 @@ fn an_effect_is_shown_with_it_without_it_and_as_a_difference() {
     // Noise is the only row: nothing touches the pad.
     assert_eq!(sheet.height(), 18 + 6 + 36 + 18 + 6);
     for (x, y) in [(0, 0), (47, 0), (20, 30), (47, 35)] {
-        let at = |column: u32| sheet.get_pixel(6 + 258 * column + x, 18 + y).0;
+        let at = |column: u32| sheet.get_pixel(6 + 202 * column + x, 18 + y).0;
         assert_eq!(at(0), with.get_pixel(6 + x, 6 + y).0);
         assert_eq!(at(1), without.get_pixel(6 + x, 6 + y).0);
         let gains = [1, 2, 4, 8, 16].map(|gain: i32| {
