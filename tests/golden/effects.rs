@@ -42,7 +42,7 @@ pub const CASES: [Case; 23] = [
     image(
         "dome_under_a_flat_face",
         "flat_face",
-        small!("sensor.rest_shape.dome.radius_mm = 30.0", "indentation.depth_mm = 0.9"),
+        small!("sensor.rest_shape.dome.radius_mm = 60.0", "indentation.depth_mm = 0.5"),
     ),
     image(
         "pad_with_a_height_map_under_a_sphere",
