@@ -1,1 +1,142 @@
+//! What is known of each effect whatever else happens: what it can only lower, what it keeps, how large it is.
 
+use gelsim::plan::Plan;
+use gelsim::render::{Sample, render};
+
+use crate::plan::plan;
+
+/// A press in the middle of the view.
+const PRESS: &str = "fidelity = 'standard'\nindentation.depth_mm = 0.8\n";
+const UNTOUCHED: &str = "indentation = { depth_mm = 0.8, no_contact = 1.0 }\n";
+/// An even grey picture.
+const EVEN: &str =
+    "sensor.rendered_background = { color = [0.4, 0.4, 0.4], glow = 0.0, vignette = 0.0, grain = 0.0 }\n";
+
+fn sample(press: &str, more: &str) -> (Plan, Sample) {
+    let plan = plan(&format!(
+        "{press}{more}\ndataset = {{ name = 'facts', samples = 1 }}\nsensor.resolution_px = [96, 72]\n\
+         object = [{{ path = 'objects/sphere.obj' }}]\n"
+    ));
+    let sample = render(&plan, 0);
+    (plan, sample)
+}
+
+fn image(press: &str, more: &str) -> Vec<u8> {
+    sample(press, more).1.image.rgb
+}
+
+fn mean(values: &[u8]) -> f64 {
+    values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64
+}
+
+fn variance(values: &[u8]) -> f64 {
+    let mean = mean(values);
+    values.iter().map(|value| (f64::from(*value) - mean).powi(2)).sum::<f64>() / values.len() as f64
+}
+
+/// Each value of the first image is at most that of the second, and some are less.
+fn assert_darker(first: &[u8], second: &[u8], what: &str) {
+    assert!(first.iter().zip(second).all(|(a, b)| a <= b), "{what} brightens");
+    assert!(first != second, "{what} changes nothing");
+}
+
+#[test]
+fn light_is_only_lost_to_shadows_darkening_ink_and_vignette() {
+    let plain = image(PRESS, "optics.phong = { shadows = 'none', darkening = 0.0 }");
+    assert_darker(&image(PRESS, "optics.phong = { darkening = 0.0 }"), &plain, "a shadow");
+    assert_darker(&image(UNTOUCHED, "markers = {}"), &image(UNTOUCHED, ""), "ink");
+    assert_darker(&image(PRESS, "markers = {}"), &image(PRESS, ""), "ink");
+    assert_darker(&image(PRESS, "camera.vignette = 0.5"), &image(PRESS, ""), "a vignette");
+    let (plan, deep) = sample(PRESS, "optics.phong = { shadows = 'none', darkening = 1.0 }");
+    let surface = deep.contact.surface.inner(1);
+    for (at, value) in deep.image.rgb.iter().enumerate() {
+        let pressed = surface.data[at / 3] > 0.0;
+        assert!(if pressed { *value <= plain[at] } else { *value >= plain[at] }, "{at} of {:?}", plan.camera);
+    }
+}
+
+#[test]
+fn a_vignette_takes_its_share_in_the_corners_and_nothing_in_the_middle() {
+    let kept = image(UNTOUCHED, &format!("{EVEN}camera.vignette = 0.5"));
+    let (corner, middle) = (f64::from(kept[0]) / 255.0, f64::from(kept[3 * (36 * 96 + 48)]) / 255.0);
+    assert!((corner - 0.2).abs() < 0.008, "{corner}");
+    assert!((middle - 0.4).abs() < 0.003, "{middle}");
+}
+
+#[test]
+fn twice_the_exposure_is_twice_the_light_up_to_white() {
+    for press in [PRESS, UNTOUCHED] {
+        let (once, twice) = (image(press, ""), image(press, "camera.exposure = 2.0"));
+        for (once, twice) in once.iter().zip(&twice) {
+            let expected = (2 * u16::from(*once)).min(255);
+            assert!(expected.abs_diff(u16::from(*twice)) <= 1, "{once} becomes {twice}");
+        }
+        let red = image(press, "camera.red_gain = 2.0");
+        let same = |channel: usize| red.iter().zip(&once).skip(channel).step_by(3).all(|(a, b)| a == b);
+        assert_eq!([0, 1, 2].map(same), [false, true, true], "only red");
+    }
+}
+
+#[test]
+fn noise_has_the_variance_that_is_asked_for() {
+    // Rounding to whole levels adds a twelfth; light of 0.4 has 0.4 of the shot noise's variance.
+    for (lines, expected) in [
+        ("camera.read_noise_levels = 3.0", 9.0),
+        ("camera.shot_noise_levels = 5.0", 0.4 * 25.0),
+        ("camera = { read_noise_levels = 3.0, shot_noise_levels = 5.0 }", 19.0),
+        ("camera = { read_noise_levels = 3.0, exposure = 0.5 }", 9.0),
+    ] {
+        let found = variance(&image(UNTOUCHED, &format!("{EVEN}{lines}"))) - 1.0 / 12.0;
+        // Of 20736 values the variance is known within 1 %: four times that.
+        assert!((found / expected - 1.0).abs() < 0.04, "{found} for {expected}, {lines}");
+    }
+    assert_eq!(variance(&image(UNTOUCHED, EVEN)), 0.0);
+}
+
+#[test]
+fn defocus_keeps_the_light_and_smooths_it() {
+    let (sharp, soft) = (image(PRESS, ""), image(PRESS, "camera.defocus_mm = 0.4"));
+    assert!((mean(&sharp) - mean(&soft)).abs() < 0.1, "{} and {}", mean(&sharp), mean(&soft));
+    assert!(variance(&soft) < 0.9 * variance(&sharp), "{} and {}", variance(&sharp), variance(&soft));
+}
+
+#[test]
+fn texture_and_curvature_never_deepen() {
+    let flat = sample(PRESS, "").1.depth.below_pad();
+    for lines in [
+        "texture = { patterns = ['noise'], amplitude_mm = 0.3 }",
+        "texture = { patterns = ['woven'], amplitude_mm = 0.05, scale_mm = 1.0 }",
+        "texture = { patterns = ['dimples'], amplitude_mm = 5.0, scale_mm = 2.0 }",
+        "sensor.rest_shape.dome.radius_mm = 13.0",
+        "sensor.rest_shape.dome.radius_mm = 200.0",
+    ] {
+        let less = sample(PRESS, lines).1.depth.below_pad();
+        assert!(less.data.iter().zip(&flat.data).all(|(a, b)| (0.0..=*b).contains(a)), "{lines} deepens");
+        assert!(less != flat, "{lines} changes nothing");
+    }
+}
+
+#[test]
+fn markers_follow_the_object_and_are_told_where_they_are_seen() {
+    let mut before = 0.0;
+    for shift_mm in ["0.0", "0.1", "0.3"] {
+        let lens = "camera.distortion_k1 = 0.1";
+        let (plan, sample) = sample(PRESS, &format!("markers.pitch_mm = 0.8\nshear.x_mm = {shift_mm}\n{lens}"));
+        let (label, size) = (&sample.label.markers, plan.camera.resolution_px);
+        let ink = sample.ink.as_ref().expect("the pad has markers");
+        let seen: Vec<_> = ink.seen(sample.lens.as_ref(), size).collect();
+        assert_eq!(seen.len(), label.count as usize);
+        // 25 columns and 18 rows at 0.8 mm on 20 mm x 15 mm; a barrel-shaped picture shows some from beyond.
+        assert!((400..600).contains(&label.count), "{} markers", label.count);
+        for (rest, moved) in seen {
+            let inside = |[x, y]: [f64; 2]| (0.0..=96.0).contains(&x) && (0.0..=72.0).contains(&y);
+            assert!(inside(rest) || inside(moved), "{rest:?} {moved:?}");
+            assert!((0..2).all(|k| (moved[k] - rest[k]).abs() <= label.max_motion_px));
+        }
+        let by_px = label.max_motion_px - before;
+        assert!(by_px > 0.0, "further pushed, further moved");
+        before = label.max_motion_px;
+    }
+    // 0.3 mm are 1.44 px; the press moves dots by itself.
+    assert!((1.2..3.0).contains(&before), "{before} px");
+}

@@ -31,7 +31,8 @@ static FILES: LazyLock<[PathBuf; 2]> = LazyLock::new(|| {
     let (photograph, heights) = (file("effects_photograph.png"), file("effects_heights.png"));
     let color = |x: u32, y: u32| Rgb([90 + 2 * x as u8, 80 + 3 * y as u8, 120 + (x * y % 7) as u8]);
     image::RgbImage::from_fn(36, 27, color).save(&photograph).expect("a folder that can be written");
-    let height = |x: u32, y: u32| Luma([(128.0 + 60.0 * (f64::from(x) / 5.0).sin() + 60.0 * (f64::from(y) / 4.0).cos()) as u8]);
+    let height =
+        |x: u32, y: u32| Luma([(128.0 + 60.0 * (f64::from(x) / 5.0).sin() + 60.0 * (f64::from(y) / 4.0).cos()) as u8]);
     image::GrayImage::from_fn(32, 24, height).save(&heights).expect("a folder that can be written");
     [photograph, heights]
 });
@@ -43,12 +44,13 @@ fn sensor() -> impl Strategy<Value = String> {
         vec![
             line("preset", &["'gelsight-2014'", "'gelsight-2017'", "'gelsight-mini'", "'digit'"]),
             line("resolution_px", &["[24, 18]", "[32, 24]", "[48, 36]", "[30, 40]", "[40, 18]"]),
+            line("field_of_view_mm", &["", "", "[60.0, 45.0]"]),
             prop_oneof![3 => Just(String::new()), 1 => Just(format!("background = '{photograph}'\n"))].boxed(),
         ],
     );
     let shape = prop_oneof![
         4 => Just(String::new()),
-        1 => (13.0..80.0_f64).prop_map(|mm| format!("[sensor.rest_shape.dome]\nradius_mm = {mm:?}\n")),
+        1 => (38.0..200.0_f64).prop_map(|mm| format!("[sensor.rest_shape.dome]\nradius_mm = {mm:?}\n")),
         1 => Just(format!("[sensor.rest_shape.height_map]\npath = '{heights}'\nheight_mm = 0.3\n")),
     ];
     let grain = vec![line("height_um", &["0.0", "0.5", "4.0", "30.0"]), line("size_mm", &["0.1", "1.0"])];
@@ -98,8 +100,22 @@ fn optics() -> impl Strategy<Value = String> {
 
 fn object() -> impl Strategy<Value = String> {
     let mesh = select(vec![
-        "sphere", "cube", "gear", "coin", "cone", "dots", "bolt", "flat_face", "torus", "thin_ridge", "key", "wave",
-        "prism_corner", "letter", "washer", "knurl",
+        "sphere",
+        "cube",
+        "gear",
+        "coin",
+        "cone",
+        "dots",
+        "bolt",
+        "flat_face",
+        "torus",
+        "thin_ridge",
+        "key",
+        "wave",
+        "prism_corner",
+        "letter",
+        "washer",
+        "knurl",
     ]);
     (mesh, line("unit", &["", "", "'cm'"]))
         .prop_map(|(mesh, unit)| format!("[[object]]\npath = 'objects/{mesh}.obj'\n{unit}"))
@@ -120,10 +136,7 @@ fn scene() -> impl Strategy<Value = String> {
         line("x_mm", &["", "0.0", "0.2", "{ choice = [0.0, -0.3] }"]),
         line("y_mm", &["", "0.1"]),
         line("twist_deg", &["", "0.0", "4.0"]),
-        line(
-            "friction",
-            &["'stick'", "{ coulomb = { coefficient = 0.0 } }", "{ coulomb = { coefficient = 0.4 } }"],
-        ),
+        line("friction", &["'stick'", "{ coulomb = { coefficient = 0.0 } }", "{ coulomb = { coefficient = 0.4 } }"]),
     ];
     (table("pose", pose), table("indentation", press), maybe(table("shear", shear)))
         .prop_map(|(pose, press, shear)| pose + &press + &shear)
@@ -171,8 +184,10 @@ fn camera() -> impl Strategy<Value = String> {
 /// A job of two samples.
 pub fn job() -> impl Strategy<Value = String> {
     let tables = (optics(), sensor(), object(), scene(), texture(), markers(), camera());
-    (gelpad(), 0..1_u64 << 40, tables).prop_map(|(gelpad, seed, (optics, sensor, object, scene, texture, markers, camera))| {
-        let dataset = format!("[dataset]\nname = 'random'\nsamples = 2\nseed = {seed}\n");
-        [gelpad, dataset, optics, sensor, object, scene, texture, markers, camera].concat()
-    })
+    (gelpad(), 0..1_u64 << 40, tables).prop_map(
+        |(gelpad, seed, (optics, sensor, object, scene, texture, markers, camera))| {
+            let dataset = format!("[dataset]\nname = 'random'\nsamples = 2\nseed = {seed}\n");
+            [gelpad, dataset, optics, sensor, object, scene, texture, markers, camera].concat()
+        },
+    )
 }

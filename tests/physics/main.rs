@@ -16,6 +16,7 @@ mod greens;
 mod grids;
 mod hard_cases;
 mod inplane;
+mod interreflection;
 mod kernel;
 mod ladder;
 mod optics;

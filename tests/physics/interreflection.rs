@@ -1,0 +1,128 @@
+//! Why there is no interreflection: what a dent's walls throw at each other, by a slow sum over all pairs of pixels.
+//!
+//! Each pixel gives back a share of the diffuse light that it gets, alike in all directions (Lambert 1760), and every
+//! other pixel that it faces gets its part: cos cos / (pi d^2) of it per area. One bounce, an albedo of one half, and
+//! nothing stands between two pixels: more than there is. The figures are in `docs/effects.md`.
+
+use gelsim::gelpad::Contact;
+use gelsim::grid::Rect;
+use gelsim::optics::normals::normals;
+use gelsim::optics::shadow::{Caster, Scratch};
+use gelsim::plan::Plan;
+use gelsim::render::render;
+
+use crate::plan::plan;
+use crate::support::contact_of;
+
+/// Share of the light that the pad's coating gives back.
+const ALBEDO: f64 = 0.5;
+
+fn plan_of(object: &str) -> Plan {
+    plan(&format!(
+        "dataset = {{ name = 'bounce', samples = 1 }}\nfidelity = 'standard'\nsensor.resolution_px = [80, 60]\n\
+         object = [{{ path = 'objects/{object}.obj' }}]\nindentation.depth_mm = 0.8\n"
+    ))
+}
+
+/// Red, green and blue irradiance of each pixel: N.l times each LED's colour and intensity, as far as it is seen.
+fn direct(plan: &Plan, contact: &Contact) -> Vec<[f64; 3]> {
+    let [width, height] = plan.camera.resolution_px;
+    let normals = normals(contact, &plan.camera);
+    let mut light = vec![[0.0; 3]; width * height];
+    for led in &plan.job.sensor.led {
+        let (azimuth, elevation) = (led.azimuth_deg.to_radians(), led.elevation_deg.to_radians());
+        let towards = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), -elevation.sin()];
+        let caster = Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, plan.camera.mm_per_px);
+        let mut seen = Vec::new();
+        caster.visible(&contact.surface, Rect::whole(width, height), &mut seen, &mut Scratch::default());
+        for ((light, normal), seen) in light.iter_mut().zip(&normals).zip(&seen) {
+            let facing: f64 = normal.iter().zip(towards).map(|(n, l)| f64::from(*n) * l).sum();
+            for (light, color) in light.iter_mut().zip(led.color) {
+                *light += facing.max(0.0) * f64::from(*seen) * color * led.intensity;
+            }
+        }
+    }
+    light
+}
+
+/// What each pixel gets of what all others give back of `light`.
+fn bounced(plan: &Plan, contact: &Contact, light: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let (camera, surface) = (&plan.camera, contact.surface.inner(1));
+    let normals: Vec<[f64; 3]> = normals(contact, camera).into_iter().map(|n| n.map(f64::from)).collect();
+    let width = camera.resolution_px[0];
+    let places: Vec<[f64; 3]> = (0..light.len())
+        .map(|at| {
+            let [x, y] = camera.point_mm([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5]);
+            // Towards the camera is down.
+            [x, y, -f64::from(surface.data[at])]
+        })
+        .collect();
+    let pixel_mm2 = camera.mm_per_px[0] * camera.mm_per_px[1];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let to = |here: usize| {
+        let mut sum = [0.0; 3];
+        for there in (0..light.len()).filter(|there| *there != here) {
+            let way = std::array::from_fn(|k| places[there][k] - places[here][k]);
+            let (arrives, leaves) = (dot(normals[here], way), -dot(normals[there], way));
+            if arrives > 0.0 && leaves > 0.0 {
+                let square = dot(way, way);
+                // A steep pixel has more area than it shows.
+                let area = pixel_mm2 / -normals[there][2];
+                let share = ALBEDO * arrives * leaves * area / (std::f64::consts::PI * square * square);
+                (0..3).for_each(|k| sum[k] += share * light[there][k]);
+            }
+        }
+        sum
+    };
+    (0..light.len()).map(to).collect()
+}
+
+/// Mean, 95th percentile and maximum.
+fn spread(mut values: Vec<f64>) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    [mean, values[values.len() * 95 / 100], values[values.len() - 1]]
+}
+
+#[test]
+fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
+    println!("grey levels, mean / 95 % / max: one bounce; what the press changes directly");
+    for object in ["sphere", "cube", "gear", "coin"] {
+        let plan = plan_of(object);
+        let contact = render(&plan, 0).contact;
+        let light = direct(&plan, &contact);
+        let bounce = bounced(&plan, &contact, &light);
+        assert!(bounce.iter().flatten().all(|light| light.is_finite() && *light >= 0.0));
+        let flat = direct(&plan, &contact_of(&plan.camera, |_| 0.0));
+        let levels = 255.0 * plan.models.optics.phong().diffuse;
+
+        // The contact, and a millimetre around it.
+        let [width, height] = plan.camera.resolution_px;
+        let [reach_x, reach_y] = plan.camera.mm_per_px.map(|pitch| (1.0 / pitch).round() as usize);
+        let near = |at: &usize| {
+            let (x, y) = (at % width, at / width);
+            let columns = x.saturating_sub(reach_x)..(x + reach_x + 1).min(width);
+            (y.saturating_sub(reach_y)..(y + reach_y + 1).min(height))
+                .any(|y| contact.mask.row(y)[columns.clone()].iter().any(|value| *value > 0))
+        };
+        let places: Vec<usize> = (0..width * height).filter(near).collect();
+        let of = |value: &dyn Fn(usize, usize) -> f64| {
+            spread(places.iter().flat_map(|at| (0..3).map(|k| levels * value(*at, k))).collect())
+        };
+        let indirect = of(&|at, k| bounce[at][k]);
+        let changed = of(&|at, k| (light[at][k] - flat[at][k]).abs());
+        let show = |[mean, most_of, most]: [f64; 3]| format!("{mean:5.2} / {most_of:5.2} / {most:5.2}");
+        println!("{object:7} {}; {}", show(indirect), show(changed));
+        assert!(indirect[0] > 0.0, "walls face each other");
+        assert!(indirect[0] < 0.25 * changed[0], "{object}: {} beside {}", indirect[0], changed[0]);
+    }
+}
+
+#[test]
+fn a_flat_pad_throws_no_light_at_itself() {
+    let plan = plan_of("sphere");
+    let flat = contact_of(&plan.camera, |_| 0.0);
+    let light = direct(&plan, &flat);
+    assert!(light.iter().flatten().all(|light| *light > 0.0));
+    assert!(bounced(&plan, &flat, &light).iter().flatten().all(|light| *light == 0.0));
+}
