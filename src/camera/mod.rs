@@ -244,8 +244,8 @@ impl Body {
         let (width, planes) = (self.view.resolution_px[0], self.marked.as_ref().unwrap_or(&self.seen));
         let gains = self.resting.gains.map(|gain| gain as f32);
         let is_cut = |at: &usize| {
-            let mut channels = planes.iter().zip(gains).map(|(plane, gain)| plane[*at] * gain);
-            channels.any(|value| value < 0.0 || value > 1.0)
+            let [red, green, blue] = [0, 1, 2].map(|channel| planes[channel][*at] * gains[channel]);
+            red.min(green).min(blue) < 0.0 || red.max(green).max(blue) > 1.0
         };
         let places = (part.y0..part.y1).flat_map(|y| (y * width + part.x0)..(y * width + part.x1));
         places.filter(is_cut).count() as u64

@@ -15,7 +15,7 @@ use gelsim::plan::Plan;
 use gelsim::render::{Sample, render};
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use crate::jobs::job;
+use crate::jobs::{job, photograph};
 use crate::plan::plan;
 
 /// What the halo that is cut changes at most, grey levels; see `src/optics/visible.rs`.
@@ -184,11 +184,54 @@ fn what_a_sample_does_not_call_for_would_not_change_it() {
 }
 
 const BALL: &str = "
-dataset = { name = 'hard', samples = 1 }
+dataset = { name = 'hard', samples = 4 }
 sensor.resolution_px = [48, 36]
 object = [{ path = 'objects/sphere.obj' }]
 indentation.depth_mm = 0.4
 ";
+
+fn assert_gating_is_safe(lines: &str) {
+    compare(&format!("{BALL}{lines}"), &mut Tally::default()).unwrap_or_else(|wrong| panic!("{wrong}"));
+}
+
+#[test]
+fn what_comes_near_the_border_is_mirrored_there_by_defocus_and_lens() {
+    for x_mm in [0.0, 6.0, 8.0] {
+        for camera in ["distortion_k1 = 0.25", "distortion_k1 = 0.25, defocus_mm = 0.5", "defocus_mm = 1.0"] {
+            assert_gating_is_safe(&format!("gelpad.none = {{}}\npose.x_mm = {x_mm:?}\ncamera = {{ {camera} }}"));
+        }
+    }
+}
+
+#[test]
+fn dots_on_a_photograph_are_as_blurred_without_a_press_as_with_one() {
+    let camera = "markers = {}\ncamera.defocus_mm = { choice = [0.3] }\nindentation.no_contact = 1.0\n";
+    assert_gating_is_safe(&format!("{camera}sensor.background = '{}'", photograph()));
+}
+
+#[test]
+fn pixels_that_are_cut_are_counted_once() {
+    for gelpad in ["gelpad.none = {}", "fidelity = 'standard'"] {
+        let job = format!("{BALL}{gelpad}\noptics.phong.equation = 'literal'\ncamera.exposure = 2.0");
+        compare(&job, &mut Tally::default()).unwrap_or_else(|wrong| panic!("{wrong}"));
+        let clipped = render(&plan(&job), 0).label.health.clipped_px;
+        assert!((1..=48 * 36).contains(&clipped), "{clipped} pixels");
+    }
+}
+
+#[test]
+fn an_object_that_rests_does_not_slip_even_without_friction() {
+    assert_gating_is_safe(
+        "markers = {}\nshear = { x_mm = { choice = [0.0, 0.3] }, friction = { coulomb = { coefficient = 0.0 } } }",
+    );
+}
+
+#[test]
+fn a_near_led_gives_a_flat_pixel_the_same_in_every_part_of_the_view() {
+    // Half of an odd grey level is on the edge between two.
+    assert_gating_is_safe("gelpad.none = {}\noptics.led = {}\ncamera.exposure = 0.5");
+    assert_gating_is_safe("gelpad.none = {}\noptics.led = { ambient = 0.0 }");
+}
 
 #[test]
 fn a_slope_too_flat_to_be_seen_may_cast_a_shadow_that_is() {
@@ -203,7 +246,6 @@ fn leds_of_one_colour_each_are_seen_with_a_lobe_of_any_steepness() {
     let led = |azimuth: u32, color: &str| format!("[[sensor.led]]\nazimuth_deg = {azimuth}.0\ncolor = {color}\n");
     let leds = [led(0, "[1.0, 0.0, 0.0]"), led(120, "[0.0, 1.0, 0.0]"), led(240, "[0.0, 0.0, 1.0]")].concat();
     for shininess in [0.0, 0.5, 1.0, 30.0] {
-        let job = format!("{BALL}optics.phong = {{ shininess = {shininess:?}, darkening = 0.0 }}\n{leds}");
-        compare(&job, &mut Tally::default()).unwrap_or_else(|wrong| panic!("{wrong}"));
+        assert_gating_is_safe(&format!("optics.phong = {{ shininess = {shininess:?}, darkening = 0.0 }}\n{leds}"));
     }
 }

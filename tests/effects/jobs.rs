@@ -37,8 +37,18 @@ static FILES: LazyLock<[PathBuf; 2]> = LazyLock::new(|| {
     [photograph, heights]
 });
 
+/// An image of heights.
+fn heights() -> String {
+    FILES[1].to_string_lossy().into_owned()
+}
+
+/// A photograph of an untouched pad.
+pub fn photograph() -> String {
+    FILES[0].to_string_lossy().into_owned()
+}
+
 fn sensor() -> impl Strategy<Value = String> {
-    let [photograph, heights] = FILES.each_ref().map(|path| path.to_string_lossy().into_owned());
+    let (photograph, heights) = (photograph(), heights());
     let head = table(
         "sensor",
         vec![
@@ -143,8 +153,7 @@ fn scene() -> impl Strategy<Value = String> {
 }
 
 fn texture() -> impl Strategy<Value = String> {
-    let heights = FILES[1].to_string_lossy().into_owned();
-    let image = format!("patterns = [{{ image = {{ path = '{heights}' }} }}]\n");
+    let image = format!("patterns = [{{ image = {{ path = '{}' }} }}]\n", heights());
     let all = "['noise', 'brushed', 'knurled', 'woven', 'dimples']";
     let keys = vec![
         prop_oneof![4 => line("patterns", &["['noise']", "['brushed']", "['knurled']", "['woven']", "['dimples']"]),
