@@ -2,7 +2,7 @@
 
 use gelsim::gelpad::SURFACE_BORDER;
 use gelsim::grid::{Grid, Rect};
-use gelsim::optics::shadow::{Caster, Scratch, Steepest};
+use gelsim::optics::shadow::{Caster, Scratch, Steepest, visible};
 use gelsim::simd::narrow;
 
 use crate::support::Random;
@@ -28,11 +28,15 @@ impl Led {
     }
 }
 
+/// What a part of the view sees of the LED.
+fn seen(led: Led, surface: &Grid<f32>, region: Rect, scratch: &mut Scratch) -> Vec<f32> {
+    visible(&[Some(led.caster())], surface, region, scratch).remove(0)
+}
+
 /// What the view sees of the LED.
 fn shares(led: Led, surface: &Grid<f32>) -> Grid<f32> {
     let (width, height) = (surface.width - 2 * SURFACE_BORDER, surface.height - 2 * SURFACE_BORDER);
-    let mut data = Vec::new();
-    led.caster().visible(surface, Rect::whole(width, height), &mut data, &mut Scratch::default());
+    let data = seen(led, surface, Rect::whole(width, height), &mut Scratch::default());
     Grid { width, height, data }
 }
 
@@ -61,23 +65,33 @@ fn height_at(surface: &Grid<f32>, x: f64, y: f64) -> Option<f64> {
     Some(above * (1.0 - fy) + below * fy)
 }
 
-/// The horizon that a ray finds by small steps, and the share of the LED that is over it.
+/// Half the width of an LED, in which rays are marched side by side, and how much each of them counts: as much as a disc
+/// is high there.
+fn disc() -> impl Iterator<Item = (f64, f64)> {
+    (-4..=4).map(|k| f64::from(k) / 4.5).map(|aside| (aside, (1.0 - aside * aside).sqrt()))
+}
+
+/// The horizon that rays find by small steps, and the share of the LED that is over it.
 fn marched(led: Led, surface: &Grid<f32>) -> Grid<f64> {
-    let (sin, cos) = led.azimuth.to_radians().sin_cos();
-    let mm = 0.25 * led.pitch[0].min(led.pitch[1]);
+    let mm = 0.5 * led.pitch[0].min(led.pitch[1]);
     let [lowest, highest] = led.slopes();
     let mut found = Grid::<f64>::new(surface.width - 2 * SURFACE_BORDER, surface.height - 2 * SURFACE_BORDER);
-    for y in 0..found.height {
-        for x in 0..found.width {
-            let (x0, y0) = ((x + SURFACE_BORDER) as f64, (y + SURFACE_BORDER) as f64);
-            let here = f64::from(surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER));
-            let ray = (1..).map(|k| f64::from(k) * mm);
-            let rises = ray.map_while(|d| {
-                let there = height_at(surface, x0 + d * cos / led.pitch[0], y0 + d * sin / led.pitch[1])?;
-                Some((there - here) / d)
-            });
-            let horizon = rises.fold(f64::NEG_INFINITY, f64::max);
-            found.row_mut(y)[x] = ((highest - horizon) / (highest - lowest)).clamp(0.0, 1.0);
+    let whole: f64 = disc().map(|(_, weight)| weight).sum();
+    for (aside, weight) in disc() {
+        let (sin, cos) = (led.azimuth + 0.5 * aside * led.size).to_radians().sin_cos();
+        for y in 0..found.height {
+            for x in 0..found.width {
+                let (x0, y0) = ((x + SURFACE_BORDER) as f64, (y + SURFACE_BORDER) as f64);
+                let here = f64::from(surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER));
+                let ray = (1..).map(|k| f64::from(k) * mm);
+                let rises = ray.map_while(|d| {
+                    let there = height_at(surface, x0 + d * cos / led.pitch[0], y0 + d * sin / led.pitch[1])?;
+                    Some((there - here) / d)
+                });
+                let horizon = rises.fold(f64::NEG_INFINITY, f64::max);
+                let share = ((highest - horizon) / (highest - lowest)).clamp(0.0, 1.0);
+                found.row_mut(y)[x] += share * weight / whole;
+            }
         }
     }
     found
@@ -134,7 +148,7 @@ fn surfaces() -> [Grid<f32>; 3] {
 fn the_sweep_sees_what_marched_rays_see_within_a_pixel() {
     for surface in surfaces() {
         for elevation in [8.53, 20.0, 45.0] {
-            for azimuth in AZIMUTHS {
+            for azimuth in [0.0, 90.0, 45.0, 120.0, 277.3] {
                 let led = Led { azimuth, elevation, size: 5.0, pitch: [0.06, 0.05] };
                 let (found, expected) = (shares(led, &surface), marched(led, &surface));
                 let (largest, mean) = outside(&found, &expected);
@@ -182,24 +196,84 @@ fn a_wall_casts_a_shadow_of_its_height_over_the_tangent_with_a_linear_penumbra()
     }
 }
 
+/// Share of a disc's width that a straight edge hides, the edge `aside` half widths from its middle.
+fn hidden(aside: f64) -> f64 {
+    let a = aside.clamp(-1.0, 1.0);
+    0.5 - (a * (1.0 - a * a).sqrt() + a.asin()) / std::f64::consts::PI
+}
+
+#[test]
+fn a_long_shadows_side_softens_in_proportion_to_the_distance() {
+    let (pitch, size) = (0.02, 12.0);
+    for azimuth in [0.0, 90.0, 180.0, 270.0] {
+        let led = Led { azimuth, elevation: 9.0, size, pitch: [pitch; 2] };
+        let seen_from = |x: f64, y: f64| match azimuth as u32 {
+            0 => (x, y),
+            90 => (y, x),
+            180 => (299.0 - x, y),
+            _ => (299.0 - y, x),
+        };
+        let block = |(towards, aside): (f64, f64)| towards >= 290.0 && aside >= 150.0;
+        let surface = surface_of(300, 300, |x, y| if block(seen_from(x, y)) { 2.0 } else { 0.0 });
+        let found = shares(led, &surface);
+        for distance in [2.0, 8.0, 30.0, 60.0, 100.0, 200.0] {
+            let half_px = distance * (0.5 * size).to_radians().tan();
+            for aside in 0..300 {
+                let (x, y) = (0..300 * 300)
+                    .map(|at| (at % 300, at / 300))
+                    .find(|(x, y)| seen_from(*x as f64, *y as f64) == (290.0 - distance, f64::from(aside)))
+                    .unwrap();
+                let off = (149.5 - f64::from(aside)) / half_px;
+                let (share, expected) = (f64::from(found.at(x, y)), 1.0 - hidden(off));
+                let edge = 0.5 / half_px.max(1.0);
+                assert!(
+                    (share - expected).abs() < 0.06 + edge,
+                    "{azimuth}, {distance} px: {share}, not {expected}, {off}"
+                );
+                let sure = off.abs() > 2.5 + 2.0 / half_px;
+                assert!(
+                    !sure || share == if off > 0.0 { 1.0 } else { 0.0 },
+                    "{azimuth}, {distance} px: {share} at {off}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_surface_that_slopes_sideways_is_not_shaded_by_itself() {
+    let pitch = [0.03, 0.03];
+    for azimuth in [0.0, 90.0, 180.0, 270.0] {
+        let (sin, cos) = f64::to_radians(azimuth).sin_cos();
+        let led = Led { azimuth, elevation: 8.5, size: 10.0, pitch };
+        let surface = surface_of(90, 90, |x, y| 0.6 * (x * pitch[0] * sin + y * pitch[1] * cos).abs());
+        assert!(shares(led, &surface).data.iter().all(|share| *share == 1.0), "{azimuth}");
+    }
+}
+
 #[test]
 fn no_shadow_reaches_further_than_said() {
     for azimuth in AZIMUTHS {
         let led = Led { azimuth, elevation: 14.0, size: 8.0, pitch: [0.03, 0.04] };
         let inside = |x: f64, y: f64| ((x - 80.0) * 0.03).hypot((y - 60.0) * 0.04);
         let surface = surface_of(161, 121, |x, y| if inside(x, y) < 0.3 { 0.25 } else { 0.0 });
-        let [right, down] = led.caster().shadow_px(0.25);
-        let reach = (right * 0.03).hypot(down * 0.04);
-        let away = azimuth.to_radians() + std::f64::consts::PI;
-        let aside = right * 0.03 * away.sin() - down * 0.04 * away.cos();
-        assert!(aside.abs() < 1e-9 && right * 0.03 * away.cos() + down * 0.04 * away.sin() > 0.0, "{azimuth}");
+        let [[left, right], [up, down]] = led.caster().shadow_px(0.25);
         let found = shares(led, &surface);
-        let shaded = (0..found.data.len()).filter(|at| found.data[*at] < 1.0);
-        let furthest = shaded.map(|at| inside((at % 161) as f64, (at / 161) as f64)).fold(0.0, f64::max);
-        assert!(furthest < 0.3 + reach + 0.06 && furthest > 0.8 * reach, "{azimuth}: {furthest} of {reach}");
+        let mut furthest = 0.0_f64;
+        for at in (0..found.data.len()).filter(|at| found.data[*at] < 1.0) {
+            let [x, y] = [at % 161, at / 161].map(|at| at as f64);
+            // Interpolation carries a trace one pixel further, the disc is 10 by 7.5 pixels.
+            let within = |at: f64, from: f64, to: f64, middle: f64, radius: f64| {
+                (from - radius - 1.0..=to + radius + 1.0).contains(&(at - middle))
+            };
+            assert!(within(x, left, right, 80.0, 10.0) && within(y, up, down, 60.0, 7.5), "{azimuth}: {x}, {y}");
+            furthest = furthest.max(inside(x, y));
+        }
+        let reach = 0.25 / led.slopes()[0];
+        assert!(furthest > 0.8 * reach, "{azimuth}: {furthest} of {reach}");
     }
     let caster = Caster::new(0.0, 0.0, [0.0; 2], [1.0; 2]);
-    assert!(caster.shadow_px(1.0)[0].is_finite() && caster.shadow_px(-1.0) == [0.0; 2]);
+    assert!(caster.shadow_px(1.0)[0][0].is_finite() && caster.shadow_px(-1.0) == [[0.0; 2]; 2]);
 }
 
 #[test]
@@ -256,7 +330,7 @@ fn the_steepest_rises_are_those_of_a_plain_loop() {
         let data = (0..width * height).map(|_| random.within(-2.0, 1.0) as f32).collect();
         let surface = Grid { width, height, data };
         let found = Steepest::of(&surface, [0.5, 0.25]);
-        let mut expected = Steepest::default();
+        let mut expected = Steepest { longest_px: width.max(height), ..Steepest::default() };
         for y in 0..height {
             for x in 0..width {
                 let here = surface.at(x, y);
@@ -310,7 +384,6 @@ fn mirrored_and_transposed_surfaces_have_mirrored_and_transposed_shadows() {
 #[test]
 fn a_part_of_the_view_has_the_shadows_of_the_whole() {
     let mut scratch = Scratch::default();
-    let mut part = vec![7.0; 3];
     for surface in surfaces() {
         for azimuth in AZIMUTHS {
             let led = Led { azimuth, elevation: 10.0, size: 5.0, pitch: [0.05, 0.06] };
@@ -318,11 +391,10 @@ fn a_part_of_the_view_has_the_shadows_of_the_whole() {
             for rect in [[0, 0, 97, 83], [0, 0, 2, 83], [95, 3, 97, 83], [40, 41, 41, 42], [13, 17, 50, 80]] {
                 let [x0, y0, x1, y1] = rect;
                 let region = Rect { x0, y0, x1, y1 };
-                led.caster().visible(&surface, region, &mut part, &mut scratch);
+                let part = seen(led, &surface, region, &mut scratch);
                 assert_eq!(part, whole.crop(region).data, "{azimuth} {region:?}");
             }
-            led.caster().visible(&surface, Rect::default(), &mut part, &mut scratch);
-            assert!(part.is_empty());
+            assert!(seen(led, &surface, Rect::default(), &mut scratch).is_empty());
         }
     }
 }

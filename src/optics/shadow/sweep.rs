@@ -121,17 +121,19 @@ pub fn sweep(
         let y = if rays.from_end { size[1] - 1 - step } else { step };
         let heights = &heights[y * size[0]..][..size[0]];
         let shown = rows.contains(&y);
-        if rays.shear == 0.0 {
-            lines.go_straight(step, heights);
-        } else {
-            if shown {
-                lines.shade(step, heights);
-            }
-            lines.advance(step, heights);
-        }
         if shown {
+            if rays.shear == 0.0 {
+                lines.shade::<true>(step, heights)
+            } else {
+                lines.shade::<false>(step, heights)
+            }
             let Lines { shown: [first, _], scratch, .. } = &mut lines;
             scratch.row.soften(*first, &mut shares[(y - rows.start) * width..][..width]);
+        }
+        if rays.shear == 0.0 {
+            lines.advance::<true>(step, heights)
+        } else {
+            lines.advance::<false>(step, heights)
         }
         lines.widen(step);
     }
@@ -172,54 +174,35 @@ impl<'a> Lines<'a> {
         (whole as isize, (shift - whole) as f32)
     }
 
-    /// The same as `shade` and `advance` where lines are columns.
-    #[inline(always)]
-    fn go_straight(&mut self, step: usize, heights: &[f32]) {
-        let width = self.across.len();
-        let heights = &heights[self.across.start..][..width];
-        let first = (self.across.start as isize - self.first) as usize;
-        let now = Now::new(&self.rays, step);
-        let Scratch { low, high, fan, row, .. } = &mut *self.scratch;
-        let (low, low_step) = low.part_mut(first, width);
-        let (high, high_step) = high.part_mut(first, width);
-        let (fan, fan_step) = fan.part_mut(first, width);
-        let (shares, spread) = (&mut row.shares[..width], &mut row.spread[..width]);
-        for x in 0..width {
-            let (here_low, here_high) = (heights[x] + now.planes_mm[0], heights[x] + now.planes_mm[1]);
-            (shares[x], spread[x]) = now.seen(
-                [low[x] - here_low, high[x] - here_high, fan[x] - here_low],
-                [low_step[x], high_step[x], fan_step[x]],
-            );
-            (low[x], low_step[x]) = now.highest(here_low, low[x], low_step[x]);
-            (high[x], high_step[x]) = now.highest(here_high, high[x], high_step[x]);
-            (fan[x], fan_step[x]) = now.highest(here_low, fan[x], fan_step[x]);
-        }
-    }
-
     /// Hard shares of the LED that the pixels of this step's row see, and how soft they are to be.
     #[inline(always)]
-    fn shade(&mut self, step: usize, heights: &[f32]) {
+    fn shade<const STRAIGHT: bool>(&mut self, step: usize, heights: &[f32]) {
         let (whole, part) = self.shift(step);
         let width = self.across.len();
-        let [left, heights, right] = [0, 1, 2].map(|by| &heights[self.across.start + by - 1..][..width]);
+        let around = &heights[self.across.start - 1..][..width + 2];
+        let (left, heights, right) = (&around[..width], &around[1..][..width], &around[2..][..width]);
         let first = (self.across.start as isize - 1 - whole - self.first) as usize;
         let now = Now::new(&self.rays, step);
         let Scratch { low, high, fan, row, .. } = &mut *self.scratch;
-        let [low, high, fan] = [low, high, fan].map(|obstacles| obstacles.part(first, width + 1));
-        let (shares, spread) = (&mut row.shares[..width], &mut row.spread[..width]);
-        // Heights on a line and back are lifted in a notch: a wall beside a pixel must not shade it.
+        let (low, low_step) = (&low.over_mm[first..][..width + 1], &low.step[first..][..width + 1]);
+        let (high, high_step) = (&high.over_mm[first..][..width + 1], &high.step[first..][..width + 1]);
+        let (fan, fan_step) = (&fan.over_mm[first..][..width + 1], &fan.step[first..][..width + 1]);
         let mixed = part * (1.0 - part);
+        // Two loops: one with both results is too much for the compiler to vectorise.
+        let shares = &mut row.shares[..width];
         for x in 0..width {
-            let here = heights[x] + mixed * larger((left[x] - heights[x]) + (right[x] - heights[x]), 0.0);
-            let (here_low, here_high) = (here + now.planes_mm[0], here + now.planes_mm[1]);
-            (shares[x], spread[x]) = now.seen(
-                [
-                    between(low.0, x, part) - here_low,
-                    between(high.0, x, part) - here_high,
-                    between(fan.0, x, part) - here_low,
-                ],
-                [between(low.1, x, part), between(high.1, x, part), between(fan.1, x, part)],
-            );
+            let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
+            let over_low = between::<STRAIGHT>(low, x, part) - (here + now.planes_mm[0]);
+            let over_high = between::<STRAIGHT>(high, x, part) - (here + now.planes_mm[1]);
+            let steps = [between::<STRAIGHT>(low_step, x, part), between::<STRAIGHT>(high_step, x, part)];
+            shares[x] = now.seen(over_low, over_high, steps);
+        }
+        let spread = &mut row.spread[..width];
+        for x in 0..width {
+            let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
+            let over = between::<STRAIGHT>(fan, x, part) - (here + now.planes_mm[0]);
+            let steps = now.step - between::<STRAIGHT>(fan_step, x, part);
+            spread[x] = if over > 0.0 { now.spread * steps * steps } else { 0.0 };
         }
         // Where lines come in from the side the outermost ones know of nothing.
         if width > 1 && self.rays.shear > 0.0 && self.across.start == SURFACE_BORDER {
@@ -231,7 +214,7 @@ impl<'a> Lines<'a> {
 
     /// Adds this step's row to the obstacles.
     #[inline(always)]
-    fn advance(&mut self, step: usize, heights: &[f32]) {
+    fn advance<const STRAIGHT: bool>(&mut self, step: usize, heights: &[f32]) {
         let (whole, part) = self.shift(step);
         let kept = self.scratch.low.step.len() as isize;
         let first = self.first.max(-whole);
@@ -244,15 +227,15 @@ impl<'a> Lines<'a> {
         let first = (first - self.first) as usize;
         let now = Now::new(&self.rays, step);
         let Scratch { low, high, fan, .. } = &mut *self.scratch;
-        let (low, low_step) = low.part_mut(first, count);
-        let (high, high_step) = high.part_mut(first, count);
-        let (fan, fan_step) = fan.part_mut(first, count);
-        for x in 0..count {
-            let height = heights[x] * (1.0 - part) + heights[x + 1] * part;
-            let (here_low, here_high) = (height + now.planes_mm[0], height + now.planes_mm[1]);
-            (low[x], low_step[x]) = now.highest(here_low, low[x], low_step[x]);
-            (high[x], high_step[x]) = now.highest(here_high, high[x], high_step[x]);
-            (fan[x], fan_step[x]) = now.highest(here_low, fan[x], fan_step[x]);
+        let [low_mm, high_mm] = now.planes_mm;
+        for (obstacles, plane_mm) in [(low, low_mm), (high, high_mm), (fan, low_mm)] {
+            let (over, stands) = obstacles.part_mut(first, count);
+            for x in 0..count {
+                let height = if STRAIGHT { heights[x] } else { heights[x] * (1.0 - part) + heights[x + 1] * part };
+                let (height, highest, stood) = (height + plane_mm, over[x], stands[x]);
+                over[x] = larger(height, highest);
+                stands[x] = if height > highest { now.step } else { stood };
+            }
         }
     }
 
@@ -266,10 +249,17 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// The value on the way back from `of[x + 1]` to `of[x]`.
+/// The value at column x from the lines before and after it, where `part` of the way leads back to the former; the line
+/// after it goes through it where all are straight.
 #[inline(always)]
-fn between(of: &[f32], x: usize, part: f32) -> f32 {
-    of[x] * part + of[x + 1] * (1.0 - part)
+fn between<const STRAIGHT: bool>(of: &[f32], x: usize, part: f32) -> f32 {
+    if STRAIGHT { of[x + 1] } else { of[x] * part + of[x + 1] * (1.0 - part) }
+}
+
+/// A pixel's height in a notch as it comes out on a line and back: a wall beside it must not shade it.
+#[inline(always)]
+fn lifted(left: f32, here: f32, right: f32, mixed: f32) -> f32 {
+    here + mixed * larger((left - here) + (right - here), 0.0)
 }
 
 /// One step of a sweep.
@@ -294,24 +284,16 @@ impl Now {
         }
     }
 
-    /// The share of the LED that is seen straight ahead, and how much it is to be softened. What blocks the lowest ray,
-    /// the highest one and the lowest ones of the whole fan stands `over` it, at these steps.
+    /// The share of the LED that is seen straight ahead. What blocks the lowest ray and the highest one stands `over_low`
+    /// and `over_high` over it, mm, at these steps.
     #[inline(always)]
-    fn seen(&self, [over_low, over_high, over_fan]: [f32; 3], [low, high, fan]: [f32; 3]) -> (f32, f32) {
-        let (low_steps, high_steps, fan_steps) = (self.step - low, self.step - high, self.step - fan);
+    fn seen(&self, over_low: f32, over_high: f32, [low, high]: [f32; 2]) -> f32 {
+        let (low_steps, high_steps) = (self.step - low, self.step - high);
         // Shares over either obstacle as fractions with positive denominators, so that one division is enough.
         let (above_low, above_high) = (self.range_mm * low_steps - over_low, -over_high);
         let by_high = above_high * low_steps < above_low * high_steps;
         let above = if by_high { above_high } else { above_low };
         let share = larger(above / (self.range_mm * if by_high { high_steps } else { low_steps }), 0.0);
-        let share = if over_low > 0.0 && share < 1.0 { share } else { 1.0 };
-        (share, if over_fan > 0.0 { self.spread * fan_steps * fan_steps } else { 0.0 })
-    }
-
-    /// The higher one of this step's height and the obstacle so far, and where it stands.
-    #[inline(always)]
-    fn highest(&self, height: f32, over: f32, step: f32) -> (f32, f32) {
-        let higher = height > over;
-        (if higher { height } else { over }, if higher { self.step } else { step })
+        if over_low > 0.0 && share < 1.0 { share } else { 1.0 }
     }
 }
