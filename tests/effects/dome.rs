@@ -42,7 +42,8 @@ fn press(radius_mm: f64, depth_mm: f64, dome_mm: Option<f64>) -> Press {
     let mut depth = Depth { overlap, margin_px, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
     depth.measure();
     if let Some(radius_mm) = dome_mm {
-        rest::lower(&mut depth, &rest::drop_mm(&RestShape::Dome(Dome { radius_mm }), None, &CAMERA));
+        let drop_mm = rest::drop_mm(&RestShape::Dome(Dome { radius_mm }), None, &CAMERA);
+        rest::lower(&mut depth, &drop_mm, f64::INFINITY);
     }
     let contact = pad.press(&depth);
     let pixels = contact.mask.data.iter().filter(|value| **value > 0).count() as f64;

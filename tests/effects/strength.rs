@@ -55,12 +55,12 @@ const ZEROS: [(&str, &str); 13] = [
     ("sensor.grain = { height_um = 0.0, size_mm = 0.1 }", ""),
     // What an LED looks like is only seen in the shadows that it casts.
     (
-        "optics.phong.shadows = 'none'\nsensor.led = [{ angular_size_deg = 40.0 }]",
+        "optics.phong.shadows = 'none'\nsensor.led = [{ angular_size_deg = [40.0, 40.0] }]",
         "optics.phong.shadows = 'none'\nsensor.led = [{}]",
     ),
     (
-        "sensor.led = [{ elevation_deg = 80.0, angular_size_deg = 0.0 }]",
-        "sensor.led = [{ elevation_deg = 80.0, angular_size_deg = 5.0 }]\noptics.phong.shadows = 'none'",
+        "sensor.led = [{ elevation_deg = 80.0, angular_size_deg = [0.0, 0.0] }]",
+        "sensor.led = [{ elevation_deg = 80.0, angular_size_deg = [5.0, 5.0] }]\noptics.phong.shadows = 'none'",
     ),
 ];
 

@@ -7,7 +7,7 @@
 use gelsim::gelpad::Contact;
 use gelsim::grid::Rect;
 use gelsim::optics::normals::normals;
-use gelsim::optics::shadow::{Caster, Scratch};
+use gelsim::optics::shadow::{Caster, Scratch, visible};
 use gelsim::plan::Plan;
 use gelsim::render::render;
 
@@ -33,8 +33,8 @@ fn direct(plan: &Plan, contact: &Contact) -> Vec<[f64; 3]> {
         let (azimuth, elevation) = (led.azimuth_deg.to_radians(), led.elevation_deg.to_radians());
         let towards = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), -elevation.sin()];
         let caster = Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, plan.camera.mm_per_px);
-        let mut seen = Vec::new();
-        caster.visible(&contact.surface, Rect::whole(width, height), &mut seen, &mut Scratch::default());
+        let view = Rect::whole(width, height);
+        let seen = visible(&[Some(caster)], &contact.surface, view, &mut Scratch::default()).remove(0);
         for ((light, normal), seen) in light.iter_mut().zip(&normals).zip(&seen) {
             let facing: f64 = normal.iter().zip(towards).map(|(n, l)| f64::from(*n) * l).sum();
             for (light, color) in light.iter_mut().zip(led.color) {

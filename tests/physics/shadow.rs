@@ -331,10 +331,12 @@ fn the_steepest_rises_are_those_of_a_plain_loop() {
         let surface = Grid { width, height, data };
         let found = Steepest::of(&surface, [0.5, 0.25]);
         let mut expected = Steepest { longest_px: width.max(height), ..Steepest::default() };
+        let [mut highest, mut lowest] = [0.0_f32; 2];
         for y in 0..height {
             for x in 0..width {
                 let here = surface.at(x, y);
                 expected.largest_mm = expected.largest_mm.max(here.abs());
+                (highest, lowest) = (highest.max(here), lowest.min(here));
                 if x + 1 < width {
                     expected.right = expected.right.max((surface.at(x + 1, y) - here) * 2.0);
                     expected.left = expected.left.max((here - surface.at(x + 1, y)) * 2.0);
@@ -345,6 +347,7 @@ fn the_steepest_rises_are_those_of_a_plain_loop() {
                 }
             }
         }
+        expected.span_mm = highest - lowest;
         assert_eq!(found, expected, "{width} x {height}");
     }
 }
