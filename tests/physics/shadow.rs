@@ -155,7 +155,7 @@ fn the_sweep_sees_what_marched_rays_see_within_a_pixel() {
                 // Where penumbras overlap one obstacle stands for all.
                 assert!(largest < 0.7 && mean < 5e-4, "{led:?}: {largest} and {mean} beyond the neighbours");
                 let difference = mean_difference(&found, &expected);
-                assert!(difference < 0.01, "{led:?}: {difference}");
+                assert!(difference < 0.012, "{led:?}: {difference}");
             }
         }
     }

@@ -10,6 +10,8 @@ use crate::gelpad::SURFACE_BORDER;
 const OPEN_MM: f32 = -1e30;
 /// Six times the variance of a disc's shadow edge, in squares of the half width of its penumbra.
 const SPREAD: f64 = 1.5;
+/// The same for every shadow at least: a wall of pixels in steps casts dots otherwise.
+const LEAST_SPREAD: f32 = 3.0;
 /// How far from a shadow's edge it is softened, in half widths of its penumbra: smoothing kernels have tails.
 pub const TAIL: f64 = 1.25;
 
@@ -149,7 +151,8 @@ impl<'a> Lines<'a> {
         scratch: &'a mut Scratch,
     ) -> Self {
         let furthest = steps as f64;
-        let reach = soften::reach(soften::levels((SPREAD * (rays.widening * furthest).powi(2)) as f32));
+        let reach =
+            soften::reach(soften::levels(larger((SPREAD * (rays.widening * furthest).powi(2)) as f32, LEAST_SPREAD)));
         let across = columns.start.saturating_sub(reach).max(SURFACE_BORDER)
             ..columns.end.saturating_add(reach).min(size[0] - SURFACE_BORDER);
         let shown = [columns.start - across.start, columns.len()];
@@ -202,7 +205,7 @@ impl<'a> Lines<'a> {
             let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
             let over = between::<STRAIGHT>(fan, x, part) - (here + now.planes_mm[0]);
             let steps = now.step - between::<STRAIGHT>(fan_step, x, part);
-            spread[x] = if over > 0.0 { now.spread * steps * steps } else { 0.0 };
+            spread[x] = if over > 0.0 { larger(now.spread * steps * steps, LEAST_SPREAD) } else { 0.0 };
         }
         // Where lines come in from the side the outermost ones know of nothing.
         if width > 1 && self.rays.shear > 0.0 && self.across.start == SURFACE_BORDER {
