@@ -232,8 +232,8 @@ impl Shader {
         let [x, y] = caster.shadow_px(span_mm);
         let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
             // Interpolation carries a trace one pixel further.
-            let (behind, ahead) = ((-from).ceil() as usize + 1, to.ceil() as usize + 1);
-            (start.saturating_sub(behind), end.saturating_add(ahead).min(size))
+            let (behind, ahead) = ((-from).ceil() as usize, to.ceil() as usize);
+            (start.saturating_sub(behind).saturating_sub(1), end.saturating_add(ahead).saturating_add(1).min(size))
         };
         let ((x0, x1), (y0, y1)) = (moved(bent.x0, bent.x1, x, width), moved(bent.y0, bent.y1, y, height));
         Rect { x0, y0, x1, y1 }

@@ -102,13 +102,13 @@ impl Caster {
         let [right, down] = [cos / mm_per_px[0], sin / mm_per_px[1]];
         let (sweep, ahead, sideways) =
             if down.abs() >= right.abs() { (Sweep::OverRows, down, right) } else { (Sweep::OverColumns, right, down) };
-        // Towards either side of the LED a row's crossing moves by the angle over the sine of the angle to the row.
-        let [along, across] = match sweep {
+        // A row is crossed at an angle: a ray that turns by a little moves on it by that much over the sine squared.
+        let [line_mm, step_mm] = match sweep {
             Sweep::OverRows => mm_per_px,
             Sweep::OverColumns => [mm_per_px[1], mm_per_px[0]],
         };
-        let sine = ahead * across;
-        let widening = libm::tan(half_width_deg.min(45.0).to_radians()) / (sine * sine) * across / along;
+        let sine = ahead * step_mm;
+        let widening = libm::tan(half_width_deg.min(45.0).to_radians()) / (sine * sine) * step_mm / line_mm;
         let rays = Rays {
             from_end: ahead > 0.0,
             shear: -sideways / ahead.abs(),
@@ -118,7 +118,7 @@ impl Caster {
         Self { sweep, rays, mm_per_px }
     }
 
-    /// False only where [`Caster::visible`] is 1 everywhere: no slope towards the LED is as steep as its lowest ray.
+    /// False only where [`visible`] gives 1 everywhere: no slope towards the LED is as steep as its lowest ray.
     pub fn casts(&self, steepest: &Steepest) -> bool {
         let Steepest { right, left, down, up, largest_mm, longest_px, .. } = *steepest;
         let (x, y) = ([left, right], [up, down]);

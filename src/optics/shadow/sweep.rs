@@ -104,8 +104,8 @@ struct Lines<'a> {
     scratch: &'a mut Scratch,
 }
 
-/// Gives `take` the shares of the LED that are seen by the pixels in columns `columns` of every row in `rows`, with the
-/// number of the row among them. Both are counted on the surface and leave out its border.
+/// Sets `shares`, row-major, to the shares of the LED that the pixels in `columns` and `rows` see. Both are counted on the
+/// surface, given by its heights, mm, and its size, and leave out its border.
 #[inline(always)]
 pub fn sweep(
     rays: Rays,
