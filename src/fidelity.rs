@@ -7,7 +7,7 @@ use crate::gelpad;
 use crate::gelpad::elastic::{Elastic, Resolution};
 use crate::gelpad::mean_blur::MeanBlur;
 use crate::optics;
-use crate::optics::phong::{Phong, Shadows};
+use crate::optics::phong::{Phong, Shadows, Soft};
 
 /// A named set of stage choices, from cheap to exact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
@@ -16,12 +16,12 @@ use crate::optics::phong::{Phong, Shadows};
 pub enum Rung {
     /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,
-    /// Elastic pad, solved on every fourth pixel.
+    /// Elastic pad, solved on every fourth pixel; so are shadows.
     Draft,
-    /// Elastic pad, solved on every second pixel.
+    /// Elastic pad, solved on every second pixel; so are shadows.
     #[default]
     Standard,
-    /// Elastic pad, solved on every pixel.
+    /// Elastic pad and shadows, solved on every pixel.
     High,
     /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
     Reference,
@@ -33,11 +33,11 @@ pub enum Rung {
 pub enum Fidelity {
     /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,
-    /// Elastic pad, solved on every fourth pixel.
+    /// Elastic pad, solved on every fourth pixel; so are shadows.
     Draft,
-    /// Elastic pad, solved on every second pixel.
+    /// Elastic pad, solved on every second pixel; so are shadows.
     Standard,
-    /// Elastic pad, solved on every pixel.
+    /// Elastic pad and shadows, solved on every pixel.
     High,
     /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
     Reference,
@@ -112,9 +112,14 @@ impl Rung {
                 Self::High => elastic(Resolution::Full, 1.0, 200),
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
-            optics: optics::Model::Phong(match self {
-                Self::Paper => Phong { shadows: Shadows::None, ..Phong::default() },
-                _ => Phong::default(),
+            optics: optics::Model::Phong(Phong {
+                shadows: match self {
+                    Self::Paper => Shadows::None,
+                    Self::Draft => Shadows::Soft(Soft { resolution: Resolution::Quarter }),
+                    Self::Standard => Shadows::Soft(Soft { resolution: Resolution::Half }),
+                    Self::High | Self::Reference => Shadows::Soft(Soft { resolution: Resolution::Full }),
+                },
+                ..Phong::default()
             }),
         }
     }

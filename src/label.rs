@@ -246,8 +246,7 @@ impl Label {
         let (width, height) = (image.width, image.height);
         let lens = scene.shot.lens(&plan.camera);
         let extent = extent(&contact.mask, &plan.camera.mm_per_px);
-        let seen = lens.as_ref().map(|lens| bounding_box(&lens.warp_mask(&contact.mask), |value| value > 0));
-        let bbox = seen.unwrap_or(extent.bbox);
+        let bbox = lens.as_ref().map_or(extent.bbox, |lens| lens.box_of(&contact.mask, extent.bbox));
         let in_contact = extent.pixels > 0;
         let view = Rect::whole(width, height);
         let finite = image.finite && contact.finite;

@@ -193,7 +193,9 @@ impl Lens {
     /// A layer of the undistorted view as the picture shows it; bilinear, mirrored at its edge. The layer has the lens's
     /// size.
     pub fn warp_plane(&self, from: &Grid<f32>) -> Grid<f32> {
+        let last = [from.width, from.height].map(|size| size.saturating_sub(1) as f32);
         self.layer(from, |x, y| {
+            let (x, y) = (mirrored(x, last[0]), mirrored(y, last[1]));
             let (column, row) = (x as usize, y as usize);
             let (next, below) = ((column + 1).min(from.width - 1), (row + 1).min(from.height - 1));
             let (u, v) = (x - column as f32, y - row as f32);
@@ -202,24 +204,43 @@ impl Lens {
         })
     }
 
-    /// A mask of the undistorted view as the picture shows it: the nearest pixel's value, mirrored at its edge. The mask
-    /// has the lens's size.
+    /// A mask of the undistorted view as the picture shows it: the nearest pixel's value, 0 beyond its edge. The mask has
+    /// the lens's size.
     pub fn warp_mask(&self, from: &Grid<u8>) -> Grid<u8> {
-        self.layer(from, |x, y| from.at((x + 0.5) as usize, (y + 0.5) as usize))
+        self.layer(from, |x, y| nearest(from, x, y))
     }
 
-    /// The picture whose pixels are `value` at the places that they show: column and row of `from`, cut to its size.
+    /// The smallest rectangle around the picture's pixels that show a marked one of `mask`, as in [`Lens::warp_mask`]; all of
+    /// those lie in `part`.
+    pub fn box_of(&self, mask: &Grid<u8>, part: Rect) -> Rect {
+        let here = self.image_of(part);
+        let mut line = Line::new(here.width());
+        let mut seen = Rect::default();
+        for y in here.y0..here.y1 {
+            wide(
+                #[inline(always)]
+                || self.look(here.x0, y, &mut line),
+            );
+            let shows = |k: &usize| nearest(mask, line.x[*k], line.y[*k]) > 0;
+            if let Some(first) = (0..here.width()).find(shows) {
+                let last = (first..here.width()).rev().find(shows).unwrap_or(first);
+                seen = seen.united(Rect { x0: here.x0 + first, y0: y, x1: here.x0 + last + 1, y1: y + 1 });
+            }
+        }
+        seen
+    }
+
+    /// The picture whose pixels are `value` at the places that they show: column and row of `from`.
     fn layer<T: Copy + Default>(&self, from: &Grid<T>, value: impl Fn(f32, f32) -> T) -> Grid<T> {
         let mut layer = Grid::new(self.width, self.height);
         let mut line = Line::new(self.width);
         if from.data.is_empty() {
             return layer;
         }
-        let last = [from.width - 1, from.height - 1].map(|last| last as f32);
         for y in 0..self.height {
             self.look(0, y, &mut line);
             for ((pixel, x), y) in layer.row_mut(y).iter_mut().zip(&line.x).zip(&line.y) {
-                *pixel = value(mirrored(*x, last[0]), mirrored(*y, last[1]));
+                *pixel = value(*x, *y);
             }
         }
         layer
@@ -240,6 +261,14 @@ impl Lens {
             *y = middle[1] + down * scale;
         }
     }
+}
+
+/// The value of the pixel around a place, 0 where there is none.
+#[inline(always)]
+fn nearest(mask: &Grid<u8>, x: f32, y: f32) -> u8 {
+    let [x, y] = [x + 0.5, y + 0.5];
+    let inside = x >= 0.0 && y >= 0.0 && x < mask.width as f32 && y < mask.height as f32;
+    if inside { mask.at(x as usize, y as usize) } else { 0 }
 }
 
 /// A place between 0 and `last`, from one that may lie up to as far beyond.
@@ -339,6 +368,7 @@ fn lerp(from: f32, to: f32, at: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::bounding_box;
     use crate::simd::narrow;
 
     const LENSES: [[f64; 2]; 8] =
@@ -500,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_are_mirrored_at_their_edge_and_masks_keep_their_two_values() {
+    fn layers_are_mirrored_at_their_edge_and_masks_end_there() {
         for lens in lenses(60, 40) {
             let plane = Grid { width: 60, height: 40, data: vec![0.7_f32; 2400] };
             assert!(lens.warp_plane(&plane).data.iter().all(|value| (value - 0.7).abs() < 1e-6));
@@ -509,12 +539,26 @@ mod tests {
             let seen = lens.warp_mask(&mask);
             for (i, value) in seen.data.iter().enumerate() {
                 let [x, y] = lens.source([(i % 60) as f64 + 0.5, (i / 60) as f64 + 0.5]);
-                let seen = |at: f64, last: f32| 0.5 + f64::from(mirrored((at - 0.5) as f32, last));
-                let (x, y) = (seen(x, 59.0), seen(y, 39.0));
                 let edge = [x - 20.0, x - 45.0, y - 10.0, y - 30.0].into_iter().any(|away| away.abs() < 1e-3);
                 let inside = (20.0..45.0).contains(&x) && (10.0..30.0).contains(&y);
                 assert!(edge || (*value == 255) == inside, "{lens:?} {i}");
             }
+        }
+    }
+
+    #[test]
+    fn the_box_of_a_mask_is_that_of_its_picture() {
+        for lens in lenses(60, 40) {
+            for (x0, y0, x1, y1) in
+                [(20, 10, 45, 30), (29, 19, 31, 21), (0, 5, 7, 40), (55, 0, 60, 3), (31, 22, 32, 23)]
+            {
+                let mut mask = Grid::<u8>::new(60, 40);
+                (y0..y1).for_each(|y| mask.row_mut(y)[x0..x1].fill(255));
+                let part = Rect { x0, y0, x1, y1 };
+                let expected = bounding_box(&lens.warp_mask(&mask), |value| value > 0);
+                assert_eq!(lens.box_of(&mask, part), expected, "{lens:?} {part:?}");
+            }
+            assert_eq!(lens.box_of(&Grid::new(60, 40), Rect::default()), Rect::default());
         }
     }
 

@@ -21,7 +21,7 @@ mod visible;
 use background::Reference;
 use lamp::{Lamp, Row};
 use phong::{Equation, Lit, Phong, Shadows};
-use shadow::{Caster, Scratch, Steepest};
+use shadow::{Caster, Coarse, Scratch, Shares, Steepest};
 use visible::Threshold;
 
 /// The models of the light.
@@ -178,15 +178,13 @@ impl Shader {
             _ => (surface, &self.flat),
         };
 
-        let (casters, span_mm) = effects.timed(Effect::Shadows, || self.casters(surface, bent, everywhere));
+        let shadows = effects.timed(Effect::Shadows, || self.shadows(surface, bent, everywhere));
         let need = match self.phong.shadows {
             Shadows::None => Need::Absent("the optics model has no shadows"),
-            Shadows::Soft if !bent.is_empty() && casters.iter().all(Option::is_none) => {
-                Need::Idle("no slope rises above an LED")
-            }
-            Shadows::Soft => if_bent("a slope rises above an LED"),
+            Shadows::Soft(_) if !bent.is_empty() && shadows.is_none() => Need::Idle("no slope rises above an LED"),
+            Shadows::Soft(_) => if_bent("a slope rises above an LED"),
         };
-        let casters = if effects.calls(Effect::Shadows, need) { casters } else { Vec::new() };
+        let shadows = if effects.calls(Effect::Shadows, need) { shadows } else { None };
 
         let need = match self.darkening_per_mm > 0.0 {
             true => if_bent("the surface is pressed in"),
@@ -197,79 +195,84 @@ impl Shader {
             return Light::default();
         }
 
+        let whole = Rect::whole(rest.width, rest.height);
         let (region, visible) = effects.timed(Effect::Shadows, || {
-            let shadows = casters.iter().flatten().map(|caster| self.shadow_of(bent, caster, span_mm));
-            let region = match everywhere {
-                true => Rect::whole(rest.width, rest.height),
-                false => shadows.fold(bent, Rect::united),
+            let region = match &shadows {
+                _ if everywhere => whole,
+                None => bent,
+                Some(shadows) => shadows.reach(bent, &self.camera),
             };
-            (region, visible_shares(&casters, surface, region))
+            let visible = shadows.map(|shadows| shadows.shares(&self.camera, region));
+            (region, visible.unwrap_or_default())
         });
         let lit = Lit { shape, displacement: surface, at_rest, visible: &visible, darkening_per_mm };
         effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
     }
 
-    /// For each LED what casts its shadows, if it may cast any, and how high the surface's highest point is over its
-    /// lowest, mm. A near LED is taken to shine on all of the press from the direction in which it is seen from the press's
-    /// middle.
-    fn casters(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> (Vec<Option<Caster>>, f32) {
-        let skipped = bent.is_empty() && !everywhere;
-        if self.phong.shadows == Shadows::None || skipped {
-            return (Vec::new(), 0.0);
+    /// What casts shadows, if anything does. A near LED is taken to shine on all of the press from the direction in which it
+    /// is seen from the press's middle.
+    fn shadows(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Option<Casting> {
+        let Shadows::Soft(soft) = self.phong.shadows else { return None };
+        if bent.is_empty() && !everywhere {
+            return None;
         }
-        let steepest = Steepest::of(surface, self.camera.mm_per_px);
+        let coarse = Coarse::new(soft.resolution);
+        let (surface, pitch) = (coarse.thinned(surface), coarse.pitch(self.camera.mm_per_px));
+        let steepest = Steepest::of(&surface, pitch);
         let middle = self.camera.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
         let caster = |lamp: &Lamp| {
-            let caster = lamp.caster(middle, self.camera.mm_per_px);
+            let caster = lamp.caster(middle, pitch);
             (everywhere || caster.casts(&steepest)).then_some(caster)
         };
-        (self.lamps.iter().map(caster).collect(), steepest.span_mm)
+        let casters: Vec<Option<Caster>> = self.lamps.iter().map(caster).collect();
+        let any = casters.iter().any(Option::is_some);
+        any.then_some(Casting { coarse, surface, casters, span_mm: steepest.span_mm, factor: soft.resolution.factor() })
+    }
+}
+
+/// A surface that casts shadows.
+struct Casting {
+    coarse: Coarse,
+    /// On the grid on which shadows are found.
+    surface: Grid<f32>,
+    /// For each LED, if it casts any.
+    casters: Vec<Option<Caster>>,
+    /// Highest point over the lowest one, mm.
+    span_mm: f32,
+    /// Pixels of the camera from one of that grid to the next.
+    factor: usize,
+}
+
+impl Casting {
+    /// `bent`, and the part of the view that what stands in it can shadow.
+    fn reach(&self, bent: Rect, view: &Camera) -> Rect {
+        let [width, height] = view.resolution_px;
+        let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
+            // Interpolation carries a trace further, on either grid.
+            let more = 2 * self.factor;
+            let px = |steps: f64| (steps.ceil() as usize).saturating_mul(self.factor);
+            (
+                start.saturating_sub(px(-from).saturating_add(more)),
+                end.saturating_add(px(to)).saturating_add(more).min(size),
+            )
+        };
+        let shadow = |region: Rect, caster: &Caster| {
+            let [x, y] = caster.shadow_px(self.span_mm);
+            let ((x0, x1), (y0, y1)) = (moved(bent.x0, bent.x1, x, width), moved(bent.y0, bent.y1, y, height));
+            region.united(Rect { x0, y0, x1, y1 })
+        };
+        self.casters.iter().flatten().fold(bent, shadow)
     }
 
-    /// The part of the view that what stands in `bent` can shadow.
-    fn shadow_of(&self, bent: Rect, caster: &Caster, span_mm: f32) -> Rect {
-        let [width, height] = self.camera.resolution_px;
-        let [x, y] = caster.shadow_px(span_mm);
-        let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
-            // Interpolation carries a trace one pixel further.
-            let (behind, ahead) = ((-from).ceil() as usize, to.ceil() as usize);
-            (start.saturating_sub(behind).saturating_sub(1), end.saturating_add(ahead).saturating_add(1).min(size))
-        };
-        let ((x0, x1), (y0, y1)) = (moved(bent.x0, bent.x1, x, width), moved(bent.y0, bent.y1, y, height));
-        Rect { x0, y0, x1, y1 }
+    /// The share of each LED that pixels of `region` see.
+    fn shares(&self, view: &Camera, region: Rect) -> Vec<Option<Shares>> {
+        SCRATCH.with_borrow_mut(|scratch| {
+            self.coarse.shares(&self.casters, &self.surface, view.resolution_px, region, scratch)
+        })
     }
 }
 
 thread_local! {
     /// Memory that a thread's samples share.
     static SCRATCH: RefCell<Scratch> = RefCell::default();
-}
-
-/// The share of each LED that the pixels of `region` see; nothing where all of it is seen everywhere.
-fn visible_shares(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect) -> Vec<Vec<f32>> {
-    SCRATCH.with_borrow_mut(|scratch| shadow::visible(casters, surface, region, scratch))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_relief_is_seen_on_a_rendered_pad_at_rest_and_a_photograph_shows_it_already() {
-        let camera = Camera { resolution_px: [8, 6], mm_per_px: [0.5, 0.5] };
-        let background = Reference::new(8, 6, vec![100; 8 * 6 * 3]);
-        let untouched = |photograph: Option<&str>, slope: f32| {
-            let sensor = Sensor { background: photograph.map(str::to_owned), ..Sensor::default() };
-            // Rises towards the camera to the right: faces the LED on the left, which is red.
-            let row: Vec<f32> = (0..10).map(|x| slope * 0.5 * x as f32).collect();
-            let relief = Grid { width: 10, height: 8, data: row.repeat(8) };
-            let model = Model::Phong(Phong::default());
-            Shader::new(&model, &sensor, &camera, Some(relief)).untouched(&background).planes
-        };
-        let even = |planes: &[Vec<f32>; 3]| planes.iter().flatten().all(|value| (value * 255.0 - 100.0).abs() < 1e-3);
-        assert!(even(&untouched(Some("photo.png"), 0.3)));
-        assert!(even(&untouched(None, 0.0)));
-        let [red, green, _] = untouched(None, 0.3);
-        assert!(red.iter().zip(&green).all(|(red, green)| *red > 110.0 / 255.0 && red > green), "{red:?}");
-    }
 }

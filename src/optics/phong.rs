@@ -14,8 +14,10 @@ use serde::{Deserialize, Serialize};
 
 use super::background::Reference;
 use super::lamp::Normals;
+use super::shadow::Shares;
 use super::{Flat, Light, Shader};
 use crate::gelpad::SURFACE_BORDER;
+use crate::gelpad::elastic::Resolution;
 use crate::grid::{Grid, Rect};
 use crate::simd::wide;
 
@@ -48,7 +50,7 @@ impl Default for Phong {
             shininess: 5.0,
             darkening: 0.35,
             equation: Equation::Relative,
-            shadows: Shadows::Soft,
+            shadows: Shadows::Soft(Soft::default()),
         }
     }
 }
@@ -70,7 +72,21 @@ pub enum Shadows {
     /// None.
     None,
     /// Of every LED, as soft as its angular size makes them.
-    Soft,
+    Soft(Soft),
+}
+
+/// Parameters of soft shadows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Soft {
+    /// Grid on which shadows are found; in between they are interpolated.
+    pub resolution: Resolution,
+}
+
+impl Default for Soft {
+    fn default() -> Self {
+        Self { resolution: Resolution::Half }
+    }
 }
 
 /// Something to be computed with a power function that is chosen once, outside the loop over pixels.
@@ -106,8 +122,8 @@ pub(super) struct Lit<'a> {
     pub displacement: &'a Grid<f32>,
     /// What each LED gives at rest, to be taken off; empty if nothing is.
     pub at_rest: &'a [Flat],
-    /// The share of each LED that is seen from each pixel of the region; empty for all of it.
-    pub visible: &'a [Vec<f32>],
+    /// The share of each LED that is seen; empty for all of it.
+    pub visible: &'a [Option<Shares>],
     /// Share of the light lost per mm of displacement.
     pub darkening_per_mm: f32,
 }
@@ -188,6 +204,9 @@ impl WithPower for Picture<'_> {
 struct Rows {
     normals: Normals,
     gain: Vec<f32>,
+    share: Vec<f32>,
+    /// Shares on a coarser grid.
+    line: Vec<f32>,
 }
 
 /// Normals along row `row` of a part of the view.
@@ -224,7 +243,7 @@ fn shade_row(
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
-    let Rows { normals, gain } = rows;
+    let Rows { normals, gain, share, line } = rows;
     set_normals(shader, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
@@ -235,11 +254,13 @@ fn shade_row(
     let [red, green, blue] = light.planes.each_mut().map(|plane| &mut plane[row * width..][..width]);
     let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
     gain.resize(width, 0.0);
-    let gain = &mut gain[..width];
+    share.resize(width, 1.0);
+    let (gain, share) = (&mut gain[..width], &mut share[..width]);
     for (number, lamp) in shader.lamps.iter().enumerate() {
         lamp.reflect(normals, shader.row(region, row), diffuse, specular, power, gain);
-        if let Some(visible) = lit.visible.get(number).filter(|visible| !visible.is_empty()) {
-            for (gain, share) in gain.iter_mut().zip(&visible[row * width..][..width]) {
+        if let Some(Some(visible)) = lit.visible.get(number) {
+            visible.row(y, region.x0, line, share);
+            for (gain, share) in gain.iter_mut().zip(&*share) {
                 *gain *= share;
             }
         }

@@ -66,7 +66,7 @@ impl Threshold {
             let middle = 0.5 * (low + high);
             if change(middle) <= BOUND * 2.0 / 3.0 { low = middle } else { high = middle }
         }
-        if phong.shadows == Shadows::Soft {
+        if matches!(phong.shadows, Shadows::Soft(_)) {
             low = low.min(FLATTEST_CASTER);
         }
         let per_mm = phong.darkening / sensor.gelpad_thickness_mm;

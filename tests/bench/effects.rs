@@ -3,6 +3,10 @@
 //! Prints tables. Times are CPU ms of one thread at 640x480, medians of many samples rendered in turn with and without,
 //! so that a machine that gets slower does so for both.
 
+/// As the command has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 #[path = "../physics/plan.rs"]
 mod plan;
 

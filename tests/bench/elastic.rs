@@ -3,6 +3,10 @@
 //! `setup` computes the layer's response; `press` solves objects of all kinds on every pixel, every second and every
 //! fourth; `convolution` compares the convolution that all of it is made of with one by a library.
 
+/// As the command has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 #[path = "../physics/rig.rs"]
 #[allow(dead_code)]
 mod rig;

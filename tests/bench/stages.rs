@@ -1,5 +1,9 @@
 //! Time of each stage at 640x480, one thread: `cargo bench --bench stages`.
 
+/// As the command has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 #[path = "../physics/plan.rs"]
 mod plan;
 

@@ -3,6 +3,10 @@
 //! `cargo bench --bench throughput` prints a table. CPU seconds are the process' own (user + system), so that a busy
 //! machine does not count. Encoding and writing to disk are included.
 
+/// As the command has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 #[path = "../physics/plan.rs"]
 mod plan;
 

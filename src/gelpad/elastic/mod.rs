@@ -64,7 +64,7 @@ impl Elastic {
     }
 }
 
-/// A grid for the solver.
+/// A grid beside the camera's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Resolution {
@@ -77,13 +77,17 @@ pub enum Resolution {
 }
 
 impl Resolution {
-    fn lattice(self) -> Lattice {
-        let factor = match self {
+    /// Pixels of the camera from one pixel of the grid to the next.
+    pub fn factor(self) -> usize {
+        match self {
             Self::Full => 1,
             Self::Half => 2,
             Self::Quarter => 4,
-        };
-        Lattice { factor }
+        }
+    }
+
+    fn lattice(self) -> Lattice {
+        Lattice { factor: self.factor() }
     }
 }
 
