@@ -271,7 +271,7 @@ impl Label {
             },
             indentation_depth_mm: scene.indentation_depth_mm,
             texture: scene.cut.map_or_else(TextureLabel::default, |cut| TextureLabel {
-                pattern: plan.job.texture.patterns[cut.pattern].name().to_owned(),
+                pattern: plan.texture.patterns[cut.pattern].name().to_owned(),
                 amplitude_mm: cut.amplitude_mm,
                 scale_mm: cut.scale_mm,
                 angle_deg: cut.angle_deg,
@@ -335,7 +335,7 @@ struct Extent {
 
 fn shear(plan: &Plan, scene: &Scene, drag: Option<&Drag>) -> ShearLabel {
     // Without any push there is no traction; else nothing is known of one sample only if nothing is known of any.
-    let known = plan.ready.in_plane.is_some() || !plan.job.shear.any();
+    let known = plan.ready.in_plane.is_some() || !plan.shear.any();
     let outcome = drag.and_then(|drag| drag.shear.as_ref());
     let youngs_modulus_kpa = plan.job.sensor.gelpad_youngs_modulus_kpa;
     // kPa mm^2 are mN.

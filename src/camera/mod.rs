@@ -5,165 +5,26 @@
 //! a rendered one goes through the same lens as everything else. Dots are drawn where the lens shows them; exposure,
 //! white balance and noise act on the sum.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use crate::config::quantity::Quantity;
 use crate::depth::Camera;
-use crate::effects::{Effect, Gate, Ledger, Need};
+use crate::effects::{Effect, Ledger, Need};
 use crate::grid::Rect;
 use crate::optics::Light;
-use crate::optics::background::quantise;
-use crate::rng::Stage;
 use crate::simd::wide;
 
 pub mod defocus;
+mod image;
 pub mod lens;
 pub mod markers;
 pub mod noise;
 pub mod print;
+mod shot;
 mod vignette;
 
-use lens::Lens;
+pub use image::Image;
 use markers::Dot;
 use noise::Noise;
 use print::Ink;
-
-/// The `[camera]` table. What is left out is an ideal camera's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// Radial distortion k1: a pixel at distance r from the middle, in half diagonals, shows what an ideal lens would show
-    /// at r (1 + k1 r^2 + k2 r^4). Above 0 is barrel-shaped.
-    pub distortion_k1: Quantity,
-    /// Radial distortion k2.
-    pub distortion_k2: Quantity,
-    /// Share of the light that is lost in the image's corners, 0 to 1; elsewhere in proportion to r^2.
-    pub vignette: Quantity,
-    /// Standard deviation of the blur, mm on the pad, 0 to 1.
-    pub defocus_mm: Quantity,
-    /// Factor on all brightness, 0.01 to 100.
-    pub exposure: Quantity,
-    /// Factor on red, 0.01 to 100.
-    pub red_gain: Quantity,
-    /// Factor on blue, 0.01 to 100.
-    pub blue_gain: Quantity,
-    /// Standard deviation of the shot noise of a white pixel, grey levels of 255; of others in proportion to the root of
-    /// their brightness.
-    pub shot_noise_levels: Quantity,
-    /// Standard deviation of the read noise, grey levels of 255.
-    pub read_noise_levels: Quantity,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        let (zero, one) = (Quantity::Constant(0.0), Quantity::Constant(1.0));
-        Self {
-            distortion_k1: zero.clone(),
-            distortion_k2: zero.clone(),
-            vignette: zero.clone(),
-            defocus_mm: zero.clone(),
-            exposure: one.clone(),
-            red_gain: one.clone(),
-            blue_gain: one,
-            shot_noise_levels: zero.clone(),
-            read_noise_levels: zero,
-        }
-    }
-}
-
-/// The camera in one sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shot {
-    /// k1 and k2.
-    pub distortion: [f64; 2],
-    /// See [`Settings::vignette`].
-    pub vignette: f64,
-    /// See [`Settings::defocus_mm`].
-    pub defocus_mm: f64,
-    /// Factors on red, green and blue.
-    pub gains: [f64; 3],
-    /// See [`Settings::shot_noise_levels`].
-    pub shot_noise_levels: f64,
-    /// See [`Settings::read_noise_levels`].
-    pub read_noise_levels: f64,
-    /// Key of the noise.
-    pub noise_key: u64,
-}
-
-impl Shot {
-    /// Draws each quantity from its law.
-    pub fn draw(settings: &Settings, noise_key: u64, draw: impl Fn(Stage, &Quantity) -> f64) -> Self {
-        let exposure = draw(Stage::Exposure, &settings.exposure);
-        Self {
-            distortion: [
-                draw(Stage::DistortionK1, &settings.distortion_k1),
-                draw(Stage::DistortionK2, &settings.distortion_k2),
-            ],
-            vignette: draw(Stage::Vignette, &settings.vignette),
-            defocus_mm: draw(Stage::Defocus, &settings.defocus_mm),
-            gains: [
-                exposure * draw(Stage::RedGain, &settings.red_gain),
-                exposure,
-                exposure * draw(Stage::BlueGain, &settings.blue_gain),
-            ],
-            shot_noise_levels: draw(Stage::ShotNoise, &settings.shot_noise_levels),
-            read_noise_levels: draw(Stage::ReadNoise, &settings.read_noise_levels),
-            noise_key,
-        }
-    }
-
-    /// The camera of the picture of the untouched pad: what differs from sample to sample is ideal there.
-    pub fn resting(settings: &Settings) -> Self {
-        let ideal = |stage| if matches!(stage, Stage::Exposure | Stage::RedGain | Stage::BlueGain) { 1.0 } else { 0.0 };
-        Self::draw(settings, 0, |stage, law| match law {
-            Quantity::Constant(value) => *value,
-            Quantity::Random(_) => ideal(stage),
-        })
-    }
-
-    /// The same without an effect that is to be left out.
-    pub fn gated(self, gate: Gate) -> Self {
-        match gate {
-            Gate::Without(Effect::Distortion) => Self { distortion: [0.0; 2], ..self },
-            Gate::Without(Effect::Vignette) => Self { vignette: 0.0, ..self },
-            Gate::Without(Effect::Defocus) => Self { defocus_mm: 0.0, ..self },
-            Gate::Without(Effect::Exposure) => Self { gains: [1.0; 3], ..self },
-            Gate::Without(Effect::Noise) => Self { shot_noise_levels: 0.0, read_noise_levels: 0.0, ..self },
-            _ => self,
-        }
-    }
-
-    /// The lens's distortion, if it has any.
-    pub fn lens(&self, view: &Camera) -> Option<Lens> {
-        let [width, height] = view.resolution_px;
-        let [k1, k2] = self.distortion;
-        (k1 != 0.0 || k2 != 0.0).then_some(Lens { k1, k2, width, height })
-    }
-
-    fn same_optics(&self, other: &Self) -> bool {
-        let of = |shot: &Self| (shot.distortion, shot.vignette, shot.defocus_mm);
-        of(self) == of(other)
-    }
-
-    /// Light of the whole view through lens and vignette.
-    fn through(&self, planes: &Planes, view: &Camera) -> Planes {
-        let [width, height] = view.resolution_px;
-        let mut planes = planes.clone();
-        if self.defocus_mm > 0.0 {
-            planes = defocus::blur_whole(&planes, width, height, self.blur_px(view));
-        }
-        if let Some(lens) = self.lens(view) {
-            planes = lens.warp_whole(&planes);
-        }
-        vignette::darken(&mut planes, Rect::whole(width, height), view, self.vignette);
-        planes
-    }
-
-    fn blur_px(&self, view: &Camera) -> [f64; 2] {
-        view.mm_per_px.map(|pitch| self.defocus_mm / pitch)
-    }
-}
+pub use shot::{Settings, Shot};
 
 /// Red, green and blue, row-major.
 type Planes = [Vec<f32>; 3];
@@ -391,90 +252,4 @@ fn scale(gains: [f64; 3], planes: &mut Planes) {
             }
         },
     );
-}
-
-/// An 8-bit RGB image and what quantising cut.
-#[derive(Clone, Debug)]
-pub struct Image {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Row-major RGB.
-    pub rgb: Vec<u8>,
-    /// Pixels with a channel that was below 0 or above full scale and was cut.
-    pub clipped_px: u64,
-    /// Pixels with a channel at full scale.
-    pub saturated_px: u64,
-    /// True unless the light was NaN or infinite somewhere.
-    pub finite: bool,
-}
-
-impl Image {
-    /// A black one.
-    pub fn black(width: usize, height: usize) -> Self {
-        Self { width, height, rgb: vec![0; 3 * width * height], clipped_px: 0, saturated_px: 0, finite: true }
-    }
-
-    /// Writes light over a part of the image.
-    pub fn quantise(&mut self, light: &Light) {
-        wide(
-            #[inline(always)]
-            || {
-                if self.saturated_px > 0 {
-                    self.saturated_px -= self.saturated_in(light.region);
-                }
-                quantise_region(light, self);
-            },
-        );
-    }
-
-    /// Pixels of a part with a channel at full scale.
-    #[inline(always)]
-    fn saturated_in(&self, part: Rect) -> u64 {
-        let mut count = 0;
-        for y in part.y0..part.y1 {
-            let row = &self.rgb[(y * self.width + part.x0) * 3..][..part.width() * 3];
-            let saturated = row.chunks_exact(3).map(|pixel| u32::from(pixel[0].max(pixel[1]).max(pixel[2]) == 255));
-            count += u64::from(saturated.sum::<u32>());
-        }
-        count
-    }
-}
-
-#[inline(always)]
-fn quantise_region(light: &Light, image: &mut Image) {
-    let Rect { x0, y0, .. } = light.region;
-    let width = light.region.width();
-    let mut bytes = [vec![0_u8; width], vec![0; width], vec![0; width]];
-    for row in 0..light.region.height() {
-        let [red, green, blue] = light.planes.each_ref().map(|plane| &plane[row * width..][..width]);
-        let (mut clipped, mut not_finite) = (0_u32, 0_u32);
-        for x in 0..width {
-            let (low, high) = (red[x].min(green[x]).min(blue[x]), red[x].max(green[x]).max(blue[x]));
-            clipped += u32::from((low < 0.0) | (high > 1.0));
-            // Finite numbers times 0 are 0; NaN and infinities are NaN.
-            not_finite += u32::from((red[x] + green[x] + blue[x]) * 0.0 != 0.0);
-        }
-        image.clipped_px += u64::from(clipped);
-        image.finite &= not_finite == 0;
-
-        for (bytes, plane) in bytes.iter_mut().zip([red, green, blue]) {
-            for (byte, brightness) in bytes.iter_mut().zip(plane) {
-                *byte = quantise(*brightness);
-            }
-        }
-        let [red, green, blue] = bytes.each_ref().map(|bytes| &bytes[..width]);
-        let rgb = &mut image.rgb[((y0 + row) * image.width + x0) * 3..][..width * 3];
-        let mut saturated = 0_u32;
-        for (x, pixel) in rgb.chunks_exact_mut(3).enumerate() {
-            pixel[0] = red[x];
-            pixel[1] = green[x];
-            pixel[2] = blue[x];
-        }
-        for x in 0..width {
-            saturated += u32::from(red[x].max(green[x]).max(blue[x]) == 255);
-        }
-        image.saturated_px += u64::from(saturated);
-    }
 }

@@ -100,7 +100,7 @@ impl Markers {
 
 /// The dots of a sample, carried along by the pad; none if the pad has none.
 pub fn ink(plan: &Plan, scene: &Scene, drag: Option<&Drag>, effects: &mut Ledger) -> Option<Ink> {
-    let (markers, pattern) = plan.job.markers.as_ref().zip(scene.markers.as_ref())?;
+    let (markers, pattern) = plan.markers.as_ref().zip(scene.markers.as_ref())?;
     let moved_by = drag.map(|drag| &drag.field);
     Some(effects.timed(Effect::Markers, || markers.ink(pattern, moved_by, &plan.camera)))
 }

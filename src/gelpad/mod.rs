@@ -145,7 +145,7 @@ pub fn drag(plan: &Plan, scene: &Scene, contact: &Contact, effects: &mut Ledger)
     let in_plane = plan.ready.in_plane.as_ref();
     let still = scene.motion.shift_mm == [0.0; 2] && scene.motion.twist_rad == 0.0;
     let need = match (in_plane, &contact.load) {
-        _ if !plan.job.shear.any() => Need::Absent("the job moves no object"),
+        _ if !plan.shear.any() => Need::Absent("the job moves no object"),
         (None, _) => Need::Absent("no marker shows it, or the gelpad model knows no traction"),
         (_, None) => Need::Idle("nothing touches the pad"),
         _ if still => Need::Idle("this sample's object is not moved"),
@@ -158,7 +158,7 @@ pub fn drag(plan: &Plan, scene: &Scene, contact: &Contact, effects: &mut Ledger)
         effects.timed(Effect::Shear, || {
             let sensor = &plan.job.sensor;
             let (traction, outcome) =
-                shear::shear(elastic::layer::Layer::of(sensor), load, scene.motion, plan.job.shear.friction);
+                shear::shear(elastic::layer::Layer::of(sensor), load, scene.motion, plan.shear.friction);
             field.add(&in_plane.under_traction(&traction));
             outcome
         })

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use crate::camera::{self, Shot};
+use crate::camera::{self, Shot, print::Markers};
 use crate::config::diagnostic::{Problem, Problems, Report};
 use crate::config::output::{Exr, Layer};
 use crate::config::quantity::Quantity;
@@ -15,6 +15,7 @@ use crate::config::{self, Job, Overrides, Written, scene};
 use crate::dataset::layout::Layout;
 use crate::depth::Camera;
 use crate::depth::relief::Relief;
+use crate::depth::texture::Texture;
 use crate::effects::{Effect, Gate};
 use crate::fidelity::{Choices, Fidelity, Rung};
 use crate::gelpad::elastic::LARGEST_STRAIN;
@@ -66,6 +67,14 @@ pub struct Plan {
     pub indentation_mm: Quantity,
     /// Share of samples without contact.
     pub no_contact: f64,
+    /// Laws of the texture.
+    pub texture: Texture,
+    /// Laws of the object's motion in the pad's plane.
+    pub shear: scene::Shear,
+    /// Laws of the print on the pad; none if it has none, or is to be left out.
+    pub markers: Option<Markers>,
+    /// Laws of the camera.
+    pub settings: camera::Settings,
     /// Rung of the accuracy ladder. While it is still to be chosen, the most exact one.
     pub rung: Rung,
     /// The models that were chosen.
@@ -106,7 +115,7 @@ impl Ready {
             _ => rest::relief(drop_mm, sensor.grain.as_ref(), view),
         };
         let shader = optics::Shader::new(&models.optics, sensor, view, relief);
-        let printed = job.markers.as_ref().filter(|_| job.effects != Gate::Without(Effect::Markers));
+        let printed = printed(job);
         let in_plane = printed.and_then(|_| pad.in_plane(sensor, view));
         let print = printed.and_then(|markers| Some(markers.ink(&markers.constant()?, None, view)));
         let resting = Shot::resting(&job.camera).gated(job.effects);
@@ -177,6 +186,10 @@ impl Plan {
             pose: job.pose.clone(),
             indentation_mm: job.indentation.depth_mm.clone().unwrap_or_default(),
             no_contact: job.indentation.no_contact,
+            texture: job.texture.clone(),
+            shear: job.shear.clone(),
+            markers: printed(&job).cloned(),
+            settings: job.camera.clone(),
             rung: rung(&job),
             models,
             optics_named,
@@ -237,6 +250,10 @@ impl Plan {
             pose: self.pose.clone(),
             indentation_mm: self.indentation_mm.clone(),
             no_contact: self.no_contact,
+            texture: self.texture.clone(),
+            shear: self.shear.clone(),
+            markers: printed(&job).cloned(),
+            settings: self.settings.clone(),
             rung,
             models,
             optics_named: self.optics_named,
@@ -257,6 +274,11 @@ impl Plan {
     pub fn default_output(&self) -> PathBuf {
         Path::new("out").join(&self.name)
     }
+}
+
+/// The print on the pad, unless it is to be left out.
+fn printed(job: &Job) -> Option<&Markers> {
+    job.markers.as_ref().filter(|_| job.effects != Gate::Without(Effect::Markers))
 }
 
 /// Writes out the defaults that depend on other keys.

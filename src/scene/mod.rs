@@ -6,7 +6,6 @@ use crate::camera::print::Pattern;
 use crate::config::quantity::Quantity;
 use crate::dataset::layout::Split;
 use crate::depth::texture::Cut;
-use crate::effects::{Effect, Gate};
 use crate::gelpad::elastic::shear::Motion;
 use crate::plan::Plan;
 use crate::rng::{Stage, stream};
@@ -63,7 +62,7 @@ impl Scene {
         let pose = Pose::new(face, angles, position_mm, law.anchor, lowest_mm, &plan.objects[object].clusters);
 
         let cut = (!plan.textures.is_empty()).then(|| {
-            let texture = &plan.job.texture;
+            let texture = &plan.texture;
             let mut offset = stream(plan.seed, Stage::TextureOffset, index);
             Cut {
                 pattern: stream(plan.seed, Stage::TexturePattern, index).below(plan.textures.len()),
@@ -73,13 +72,12 @@ impl Scene {
                 offset: [offset.unit(), offset.unit()],
             }
         });
-        let shear = &plan.job.shear;
+        let shear = &plan.shear;
         let motion = Motion {
             shift_mm: [draw(Stage::ShearX, &shear.x_mm), draw(Stage::ShearY, &shear.y_mm)],
             twist_rad: draw(Stage::Twist, &shear.twist_deg).to_radians(),
             about_mm: position_mm,
         };
-        let printed = plan.job.markers.as_ref().filter(|_| plan.gate != Gate::Without(Effect::Markers));
         let noise_key = stream(plan.seed, Stage::Noise, index).bits();
         Self {
             index,
@@ -89,8 +87,8 @@ impl Scene {
             indentation_depth_mm: if touches { depth_mm } else { 0.0 },
             cut,
             motion,
-            markers: printed.and_then(|markers| markers.draw(draw)),
-            shot: Shot::draw(&plan.job.camera, noise_key, draw).gated(plan.gate),
+            markers: plan.markers.as_ref().and_then(|markers| markers.draw(draw)),
+            shot: Shot::draw(&plan.settings, noise_key, draw).gated(plan.gate),
         }
     }
 }
