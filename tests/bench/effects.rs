@@ -104,10 +104,10 @@ fn extent() {
              [pose]\nyaw_deg = [0.0, 360.0]\n[indentation]\n{indentation}\n"
         ))
     };
-    // A cube of 5 mm is pressed on 8 % of the view; the flat face in cm is far wider than the view.
+    // A cube of 5 mm touches 8 % of the view; the flat face in cm is far wider than the view.
     let none = of("cube", "mm", "depth_mm = 0.7\nno_contact = 1.0");
     let tenth = of("cube", "mm", "depth_mm = 0.7");
-    let all = of("wave", "cm", "depth_mm = 0.7");
+    let all = of("flat_face", "cm", "depth_mm = 0.7");
     for rung in Rung::ALL {
         let plans = [none.at(rung), tenth.at(rung), all.at(rung)];
         let ms = medians(&[&plans[0], &plans[1], &plans[2]]);
@@ -117,7 +117,7 @@ fn extent() {
     }
     let cover = render(&all, 0).label.contact.fraction;
     println!(
-        "(the cube touches {:.3} of the view, the wide wave {cover:.3})",
+        "(the cube touches {:.3} of the view, the wide plate {cover:.3})",
         render(&tenth, 0).label.contact.fraction
     );
 }
