@@ -6,9 +6,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Image;
 use crate::camera::lens::Lens;
 use crate::camera::print::Ink;
+use crate::camera::{Image, Shot};
 use crate::dataset::layout::Split;
 use crate::depth::Depth;
 use crate::effects::{Ledger, Note, PerEffect};
@@ -52,7 +52,7 @@ pub struct Label {
     /// The pad's markers.
     pub markers: MarkersLabel,
     /// The camera.
-    pub camera: CameraLabel,
+    pub camera: Shot,
     /// Rung of the accuracy ladder.
     pub fidelity: String,
     /// Model of the gelpad.
@@ -135,23 +135,6 @@ pub struct MarkersLabel {
     pub mean_motion_px: f64,
     /// Largest distance from where they rest, px.
     pub max_motion_px: f64,
-}
-
-/// The camera.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct CameraLabel {
-    /// Radial distortion k1 and k2.
-    pub distortion: [f64; 2],
-    /// Share of the light that is lost in the corners.
-    pub vignette: f64,
-    /// Standard deviation of the blur, mm on the pad.
-    pub defocus_mm: f64,
-    /// Factors on red, green and blue.
-    pub gains: [f64; 3],
-    /// Standard deviation of a white pixel's shot noise, grey levels.
-    pub shot_noise_levels: f64,
-    /// Standard deviation of the read noise, grey levels.
-    pub read_noise_levels: f64,
 }
 
 /// The sensor.
@@ -297,14 +280,7 @@ impl Label {
                 peak_pressure_kpa: contact.peak_pressure_kpa,
             },
             markers: ink.map_or_else(MarkersLabel::default, |ink| markers(ink, lens, [width, height])),
-            camera: CameraLabel {
-                distortion: scene.shot.distortion,
-                vignette: scene.shot.vignette,
-                defocus_mm: scene.shot.defocus_mm,
-                gains: scene.shot.gains,
-                shot_noise_levels: scene.shot.shot_noise_levels,
-                read_noise_levels: scene.shot.read_noise_levels,
-            },
+            camera: scene.shot,
             fidelity: plan.rung.name().to_owned(),
             gelpad_model: plan.models.gelpad.name().to_owned(),
             optics_model: plan.models.optics.name().to_owned(),

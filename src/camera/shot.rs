@@ -55,21 +55,22 @@ impl Default for Settings {
 }
 
 /// The camera in one sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Shot {
-    /// k1 and k2.
+    /// Radial distortion k1 and k2.
     pub distortion: [f64; 2],
-    /// See [`Settings::vignette`].
+    /// Share of the light that is lost in the corners.
     pub vignette: f64,
-    /// See [`Settings::defocus_mm`].
+    /// Standard deviation of the blur, mm on the pad.
     pub defocus_mm: f64,
     /// Factors on red, green and blue.
     pub gains: [f64; 3],
-    /// See [`Settings::shot_noise_levels`].
+    /// Standard deviation of a white pixel's shot noise, grey levels.
     pub shot_noise_levels: f64,
-    /// See [`Settings::read_noise_levels`].
+    /// Standard deviation of the read noise, grey levels.
     pub read_noise_levels: f64,
-    /// Key of the noise.
+    /// Key of the noise; known from seed and index, so not in the label.
+    #[serde(skip)]
     pub noise_key: u64,
 }
 

@@ -226,7 +226,7 @@ impl Shader {
         };
         let casters: Vec<Option<Caster>> = self.lamps.iter().map(caster).collect();
         let any = casters.iter().any(Option::is_some);
-        any.then_some(Casting { coarse, surface, casters, span_mm: steepest.span_mm, factor: soft.resolution.factor() })
+        any.then_some(Casting { coarse, surface, casters, span_mm: steepest.span_mm })
     }
 }
 
@@ -239,18 +239,17 @@ struct Casting {
     casters: Vec<Option<Caster>>,
     /// Highest point over the lowest one, mm.
     span_mm: f32,
-    /// Pixels of the camera from one of that grid to the next.
-    factor: usize,
 }
 
 impl Casting {
     /// `bent`, and the part of the view that what stands in it can shadow.
     fn reach(&self, bent: Rect, view: &Camera) -> Rect {
         let [width, height] = view.resolution_px;
+        let factor = self.coarse.factor;
         let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
             // Interpolation carries a trace further, on either grid.
-            let more = 2 * self.factor;
-            let px = |steps: f64| (steps.ceil() as usize).saturating_mul(self.factor);
+            let more = 2 * factor;
+            let px = |steps: f64| (steps.ceil() as usize).saturating_mul(factor);
             (
                 start.saturating_sub(px(-from).saturating_add(more)),
                 end.saturating_add(px(to)).saturating_add(more).min(size),

@@ -8,7 +8,8 @@ use crate::grid::{Grid, Rect};
 /// Every pixel of a surface, or every second or fourth one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Coarse {
-    factor: usize,
+    /// Pixels of the camera from one pixel of the grid to the next.
+    pub factor: usize,
 }
 
 /// The share of an LED that is seen, on a grid that may be coarser than the camera's.
