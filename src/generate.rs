@@ -1,11 +1,13 @@
 //! Writes a dataset: shards in parallel, each whole or not at all; stops cleanly and goes on where it stopped.
 //!
-//! Every thread takes the next shard that is not there yet. Within a shard, blocks of samples are rendered in
+//! What is there already is read first, and made again where it is not what was written. Every thread takes the next shard that is not there yet. Within a shard, blocks of samples are rendered in
 //! parallel and appended in order, so that threads without a shard of their own help the others. No bytes depend on
 //! who renders what: a shard is a function of plan and shard number.
 
+use std::any::Any;
 use std::io;
 use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
@@ -18,11 +20,14 @@ use crate::dataset::encode::{Member, members};
 use crate::dataset::folder::{self, Refused, prepare};
 use crate::dataset::layout::Shard;
 use crate::dataset::manifest::Manifest;
-use crate::dataset::shard::{Lock, Paths, Stats, Writer, write_whole};
+use crate::dataset::shard::{Lock, Paths, Writer, write_whole};
+use crate::dataset::stats::Stats;
+use crate::dataset::versioned::{Unreadable, Versioned};
 use crate::effects::PerEffect;
+use crate::health::{Accepted, Unfit, accept};
 use crate::label::Label;
-use crate::plan::Plan;
-use crate::render::{Clock, Seconds, render};
+use crate::plan::{Plan, usage};
+use crate::render::{Clock, Seconds};
 
 /// Samples that are rendered before the first of them is written: bounds memory, and keeps helping threads busy.
 const BLOCK: usize = 16;
@@ -40,7 +45,7 @@ pub struct Request {
 }
 
 /// What a run did.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Done {
     /// Samples rendered.
     pub samples: u64,
@@ -48,6 +53,14 @@ pub struct Done {
     pub shards: u64,
     /// Shards that were there already.
     pub skipped: u64,
+    /// Shards that were there but not as they were written, and so were made again.
+    pub damaged: Vec<String>,
+    /// Draws that were rejected and drawn again.
+    pub rejected: u64,
+    /// Samples written that are not healthy.
+    pub unhealthy: u64,
+    /// Samples written whose contact was not solved to the tolerance.
+    pub unconverged: u64,
     /// Bytes of the written shards.
     pub bytes: u64,
     /// Wall time, s.
@@ -65,6 +78,10 @@ pub enum Stopped {
     Io(PathBuf, io::Error),
     /// Other processes are writing some of the shards: names and holders.
     Held(Vec<String>),
+    /// A sample is unhealthy, and the job wants no such sample: its label.
+    Unhealthy(Box<Label>),
+    /// Rendering a sample panicked, which is a bug: the sample's number and what was said.
+    Panicked(u64, String),
     /// The stop flag was raised.
     Interrupted,
 }
@@ -89,25 +106,43 @@ pub struct Watch {
     pub expected: AtomicU64,
 }
 
+/// Draws a sample of a plan: [`accept`], but for tests.
+type Draw = dyn Fn(&Plan, u64) -> Result<Accepted, Unfit> + Sync;
+
 /// Generates the dataset, or the shards of it that were asked for.
 pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, Stopped> {
+    run(plan, request, watch, &accept)
+}
+
+fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Done, Stopped> {
     let start = Instant::now();
-    let count = plan.layout.shard_count();
-    let wanted = request.shards.clone().unwrap_or(0..count);
-    prepare(&request.root, plan, request.overwrite)?;
+    let root = &request.root;
+    prepare(root, plan, request.overwrite)?;
+    known::<Manifest>(&root.join("dataset.json"))?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| Stopped::Io(root.clone(), io::Error::other(error)))?;
+
     let mut done = Done::default();
     let mut missing = Vec::new();
-    for number in wanted {
+    let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
+    let there = |number| {
         let shard = plan.layout.shard(number);
-        match complete(plan, &request.root, &shard)? {
-            Some(_) => done.skipped += 1,
-            None => missing.push(shard),
+        let stop = watch.stop.load(Ordering::Relaxed);
+        if stop { Err(Stopped::Interrupted) } else { Ok((shard, there(plan, root, &shard)?)) }
+    };
+    let found: Vec<(Shard, There)> = pool.install(|| wanted.into_par_iter().map(there).collect::<Result<_, _>>())?;
+    for (shard, there) in found {
+        match there {
+            There::Whole(_) => done.skipped += 1,
+            There::Missing => missing.push(shard),
+            There::Damaged => {
+                done.damaged.push(shard.name());
+                missing.push(shard);
+            }
         }
     }
     watch.expected.store(missing.iter().map(|shard| shard.samples).sum(), Ordering::Relaxed);
 
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
-    let pool = pool.map_err(|error| Stopped::Io(request.root.clone(), io::Error::other(error)))?;
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);
     let results = pool.broadcast(|_| {
@@ -116,8 +151,8 @@ pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, S
             if failed.load(Ordering::Relaxed) {
                 break;
             }
-            let result = write_shard(plan, &request.root, shard, watch, &failed);
-            failed.fetch_or(matches!(result, Err(Stopped::Io(..) | Stopped::Interrupted)), Ordering::Relaxed);
+            let result = write_shard(plan, root, shard, watch, &failed, draw);
+            failed.fetch_or(!matches!(result, Ok(_) | Err(Stopped::Held(_))), Ordering::Relaxed);
             written.push(result);
         }
         written
@@ -131,18 +166,21 @@ pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, S
                 done.shards += 1;
                 done.samples += stats.samples;
                 done.bytes += stats.bytes;
+                done.rejected += stats.rejected;
+                done.unhealthy += stats.unhealthy;
+                done.unconverged += stats.unconverged;
             }
             Err(Stopped::Held(names)) => held.extend(names),
             // The cause, not the stops that it brought about elsewhere.
-            Err(stopped @ Stopped::Io(..)) => error = Some(stopped),
-            Err(stopped) => error = Some(error.unwrap_or(stopped)),
+            Err(Stopped::Interrupted) => error = Some(error.unwrap_or(Stopped::Interrupted)),
+            Err(cause) => error = Some(cause),
         }
     }
     if let Some(stopped) = error {
         return Err(stopped);
     }
     // Also after a shard was held: who finishes last describes the dataset, whoever that is.
-    done.complete = finalize(plan, &request.root)?;
+    done.complete = finalize(plan, root)?;
     if !done.complete && !held.is_empty() {
         held.sort();
         return Err(Stopped::Held(held));
@@ -151,14 +189,49 @@ pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, S
     Ok(done)
 }
 
-/// The stats of a shard that is complete and of this job.
-fn complete(plan: &Plan, root: &Path, shard: &Shard) -> Result<Option<Stats>, Stopped> {
-    let paths = Paths::new(root, shard);
-    let stats = paths.complete().map_err(|error| Stopped::Io(paths.stats.clone(), error))?;
-    Ok(stats.filter(|stats| stats.fingerprint == plan.fingerprint))
+/// What is there of a shard.
+enum There {
+    /// Nothing that counts.
+    Missing,
+    /// Its stats, but not the tar that they describe.
+    Damaged,
+    /// All of it.
+    Whole(Box<Stats>),
 }
 
-fn write_shard(plan: &Plan, root: &Path, shard: &Shard, watch: &Watch, failed: &AtomicBool) -> Result<Stats, Stopped> {
+/// Looks for a shard of this job, and reads it.
+fn there(plan: &Plan, root: &Path, shard: &Shard) -> Result<There, Stopped> {
+    let paths = Paths::new(root, shard);
+    let Some(stats) = stats(plan, &paths.stats)? else { return Ok(There::Missing) };
+    let whole = stats.vouches_for(&paths.tar).map_err(|error| Stopped::Io(paths.tar.clone(), error))?;
+    Ok(if whole { There::Whole(Box::new(stats)) } else { There::Damaged })
+}
+
+/// The stats at `path`, if they are of this job.
+fn stats(plan: &Plan, path: &Path) -> Result<Option<Stats>, Stopped> {
+    Ok(known::<Stats>(path)?.filter(|stats| stats.fingerprint == plan.fingerprint))
+}
+
+/// A file of the dataset, if it is there and whole. One that a newer gelsim wrote is not ours to replace.
+fn known<T: Versioned>(path: &Path) -> Result<Option<T>, Stopped> {
+    match T::read(path) {
+        Ok(found) => Ok(found),
+        Err(Unreadable::Io(error)) => Err(Stopped::Io(path.to_owned(), error)),
+        Err(Unreadable::Newer(version)) => {
+            let message = format!("{} was written by gelsim {version}, which is newer than this one", path.display());
+            Err(Stopped::Usage(usage(message, "go on with that version, or choose another folder with --out")))
+        }
+    }
+}
+
+fn write_shard(
+    plan: &Plan,
+    root: &Path,
+    shard: &Shard,
+    watch: &Watch,
+    failed: &AtomicBool,
+    draw: &Draw,
+) -> Result<Stats, Stopped> {
     let paths = Paths::new(root, shard);
     let partial = paths.partial.clone();
     let io = |error| Stopped::Io(partial.clone(), error);
@@ -167,53 +240,69 @@ fn write_shard(plan: &Plan, root: &Path, shard: &Shard, watch: &Watch, failed: &
         Err(holder) => return Err(Stopped::Held(vec![format!("{} is being written by {holder}", shard.name())])),
     };
     // Another process may have finished it since we looked.
-    if let Some(stats) = complete(plan, root, shard)? {
-        return Ok(stats);
+    if let There::Whole(stats) = there(plan, root, shard)? {
+        return Ok(*stats);
     }
     let mut writer = Writer::create(paths, lock, shard, &plan.fingerprint).map_err(io)?;
     let indices: Vec<u64> = plan.layout.indices(*shard).collect();
     for block in indices.chunks(BLOCK) {
-        let encoded: Vec<Option<Encoded>> = block
+        let encoded: Vec<Option<Result<Encoded, Stopped>>> = block
             .par_iter()
             .map(|&index| {
                 let stop = watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed);
                 (!stop).then(|| {
-                    let encoded = encode(plan, index);
+                    let encoded = encode(plan, index, draw);
                     watch.rendered.fetch_add(1, Ordering::Relaxed);
                     encoded
                 })
             })
             .collect();
         for sample in encoded {
-            let sample = sample.ok_or(Stopped::Interrupted)?;
-            writer.append(&sample.label, &sample.members, &sample.seconds, &sample.effects).map_err(io)?;
+            let sample = sample.unwrap_or(Err(Stopped::Interrupted))?;
+            writer.append(&sample.label.key, &sample.members).map_err(io)?;
+            writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
         }
     }
     writer.finish().map_err(io)
 }
 
+/// What is kept of a sample until it is written; its images are not.
 struct Encoded {
     label: Label,
+    rejected: Vec<Label>,
     members: Vec<Member>,
     seconds: Seconds,
     effects: PerEffect<f64>,
 }
 
-fn encode(plan: &Plan, index: u64) -> Encoded {
-    let sample = render(plan, index);
-    let mut clock = Clock::start();
-    let members = members(plan, &sample);
-    let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
-    Encoded { label: sample.label, members, seconds, effects: sample.effects }
+fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Encoded, Stopped> {
+    // Nothing outside is changed by what panics.
+    let encoded = catch_unwind(AssertUnwindSafe(|| {
+        let Accepted { sample, rejected } = draw(plan, index).map_err(|Unfit(label)| Stopped::Unhealthy(label))?;
+        let mut clock = Clock::start();
+        let members = members(plan, &sample);
+        let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
+        Ok(Encoded { label: sample.label, rejected, members, seconds, effects: sample.effects })
+    }));
+    encoded.unwrap_or_else(|panic| Err(Stopped::Panicked(index, said(&*panic))))
+}
+
+/// The message of a panic.
+fn said(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    text.unwrap_or("no message").to_owned()
 }
 
 /// Writes manifest, index and card once all shards are there. False while some are missing.
 pub fn finalize(plan: &Plan, root: &Path) -> Result<bool, Stopped> {
     let mut stats = Vec::new();
     for number in 0..plan.layout.shard_count() {
-        match complete(plan, root, &plan.layout.shard(number))? {
-            Some(found) => stats.push(found),
-            None => return Ok(false),
+        let paths = Paths::new(root, &plan.layout.shard(number));
+        match self::stats(plan, &paths.stats)? {
+            Some(found) if found.measures(&paths.tar).map_err(|error| Stopped::Io(paths.tar.clone(), error))? => {
+                stats.push(found);
+            }
+            _ => return Ok(false),
         }
     }
     let lock = folder::lock(root);
@@ -236,4 +325,51 @@ pub fn finalize(plan: &Plan, root: &Path) -> Result<bool, Stopped> {
         write_whole(&path, text.as_bytes()).map_err(|error| Stopped::Io(path.clone(), error))?;
     }
     Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Overrides;
+
+    /// 30 small samples in shards of 10.
+    fn job(folder: &Path) -> Plan {
+        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects/sphere.obj");
+        let text = format!(
+            "dataset = {{ name = \"t\", samples = 30, samples_per_shard = 10, seed = 5 }}\n\
+             sensor.resolution_px = [24, 18]\nindentation.depth_mm = 0.5\nobject = [{{ path = {ball:?} }}]\n"
+        );
+        let path = folder.join("job.toml");
+        std::fs::write(&path, text).expect("a file");
+        Plan::load(&path, &Overrides::default()).expect("a sound job")
+    }
+
+    #[test]
+    fn a_panic_in_a_worker_ends_the_run_with_the_samples_number_and_finished_shards_stay() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let plan = job(folder.path());
+        let root = folder.path().join("out");
+        for threads in [1, 4] {
+            let request = Request { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
+            let broken = |plan: &Plan, index: u64| match index {
+                27 => panic!("injected"),
+                _ => accept(plan, index),
+            };
+            match run(&plan, &request, &Watch::default(), &broken) {
+                Err(Stopped::Panicked(27, message)) => assert_eq!(message, "injected"),
+                other => panic!("{other:?}"),
+            }
+            // On one thread the shards before it are finished; on several they may be under way, and then are dropped.
+            let finished = |number| matches!(there(&plan, &root, &plan.layout.shard(number)), Ok(There::Whole(_)));
+            assert!(threads > 1 || finished(0) && finished(1));
+            assert!(!root.join("data/train-000002.tar").exists());
+            let partials = std::fs::read_dir(root.join("data")).expect("a folder").filter_map(Result::ok);
+            assert_eq!(partials.filter(|entry| entry.file_name().to_string_lossy().starts_with('.')).count(), 0);
+
+            let request = Request { overwrite: false, ..request };
+            let done = generate(&plan, &request, &Watch::default()).expect("the same command goes on");
+            assert!(done.complete);
+            assert!(threads > 1 || (done.shards, done.skipped) == (1, 2), "{done:?}");
+        }
+    }
 }

@@ -15,6 +15,7 @@ use crate::effects::{Ledger, Note, PerEffect};
 use crate::gelpad::elastic::LARGEST_STRAIN;
 use crate::gelpad::{Contact, Drag};
 use crate::grid::{Grid, Rect, bounding_box};
+use crate::health::Health;
 use crate::plan::Plan;
 use crate::scene::Scene;
 use crate::simd::wide;
@@ -33,6 +34,8 @@ pub struct Label {
     pub index: u64,
     /// Seed of the job.
     pub seed: u64,
+    /// How many draws of the sample were rejected before this one.
+    pub attempt: u32,
     /// Split that the sample belongs to.
     pub split: Split,
     /// What was pressed.
@@ -194,19 +197,6 @@ pub struct NumericsLabel {
     pub model_error_um: Option<f64>,
 }
 
-/// What a check of the sample found.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct Health {
-    /// True if every number computed for the sample is finite.
-    pub finite: bool,
-    /// Pixels with a channel below 0 or above full scale, cut when quantised.
-    pub clipped_px: u64,
-    /// Pixels with a channel at full scale.
-    pub saturated_px: u64,
-    /// Pixels where the object was limited to the pad's thickness.
-    pub over_thickness_px: u64,
-}
-
 /// The nine-digit key of a sample.
 pub fn key(index: u64) -> String {
     format!("{index:09}")
@@ -232,12 +222,12 @@ impl Label {
         let bbox = lens.as_ref().map_or(extent.bbox, |lens| lens.box_of(&contact.mask, extent.bbox));
         let in_contact = extent.pixels > 0;
         let view = Rect::whole(width, height);
-        let finite = image.finite && contact.finite;
         Self {
             schema_version: SCHEMA_VERSION,
             key: key(scene.index),
             index: scene.index,
             seed: plan.seed,
+            attempt: scene.attempt,
             split: scene.split,
             object: ObjectLabel {
                 id: object.id.clone(),
@@ -293,12 +283,7 @@ impl Label {
                 beyond_theory: scene.indentation_depth_mm > LARGEST_STRAIN * plan.thickness_mm,
                 model_error_um: contact.numerics.model_error_um,
             },
-            health: Health {
-                finite,
-                clipped_px: image.clipped_px,
-                saturated_px: image.saturated_px,
-                over_thickness_px: depth.over_thickness_px,
-            },
+            health: Health::check(image, depth, contact, plan.thickness_mm),
         }
     }
 }

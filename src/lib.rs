@@ -36,6 +36,8 @@ pub mod camera;
 
 pub mod label;
 
+pub mod health;
+
 pub mod dataset;
 pub mod forecast;
 pub mod generate;

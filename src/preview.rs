@@ -1,9 +1,6 @@
 //! Contact sheets: tactile image, depth and contact of some samples, with class and depth written under each.
 
 use std::convert::Infallible;
-use std::fs::File;
-use std::io::{self, BufReader, Read};
-use std::path::Path;
 
 use embedded_graphics::mono_font::{MonoTextStyle, ascii};
 use embedded_graphics::pixelcolor::Rgb888;
@@ -12,11 +9,10 @@ use embedded_graphics::text::{Baseline, Text};
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
-use crate::dataset::layout::Layout;
-use crate::dataset::shard::Paths;
+use crate::dataset::archive::Files;
 use crate::dataset::{exr, png};
 use crate::grid::Grid;
-use crate::label::{Label, key};
+use crate::label::Label;
 use crate::plan::Plan;
 use crate::render::{Sample, render};
 
@@ -41,41 +37,21 @@ impl Tile {
         Self { tactile, depth: Some(depth.below_pad()), contact: Some(contact.mask), caption: caption(&label) }
     }
 
-    /// Reads sample `index` from the shards of the dataset at `root`.
-    pub fn read(root: &Path, layout: &Layout, index: u64) -> io::Result<Self> {
-        let shard = layout.shard_of(index);
-        let path = Paths::new(root, &shard).tar;
-        let open = File::open(&path);
-        let mut tar = tar::Archive::new(BufReader::new(
-            open.map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))?,
-        ));
-        let bad = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{}: {what}", path.display()));
-        let (mut tactile, mut depth, mut contact, mut label) = (None, None, None, None);
-        let key = key(index);
-        for entry in tar.entries()? {
-            let mut entry = entry?;
-            let name = entry.path()?.to_string_lossy().into_owned();
-            let Some(suffix) = name.strip_prefix(&key).and_then(|rest| rest.strip_prefix('.')) else { continue };
-            let mut bytes = Vec::new();
-            entry.read_to_end(&mut bytes)?;
-            match suffix {
-                "tactile.png" => tactile = Some(png::decode_rgb(&bytes).map_err(bad)?),
-                "depth.exr" => depth = Some(exr::decode(&bytes).map_err(bad)?),
-                "contact.png" => {
-                    let grey = png::decode_rgb(&bytes).map_err(bad)?;
-                    let (width, height) = (grey.width() as usize, grey.height() as usize);
-                    contact = Some(Grid { width, height, data: grey.pixels().map(|pixel| pixel.0[0]).collect() });
-                }
-                "json" => {
-                    let read: Label = serde_json::from_slice(&bytes).map_err(|error| bad(error.to_string()))?;
-                    label = Some(read);
-                }
-                _ => {}
-            }
-        }
-        let (Some(tactile), Some(label)) = (tactile, label) else {
-            return Err(bad(format!("sample {key} is not in it")));
-        };
+    /// Shows a sample of a dataset from its files.
+    pub fn read(files: &Files) -> Result<Self, String> {
+        let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
+        let needed =
+            |suffix: &str| files.member(suffix).ok_or_else(|| named(suffix, String::from("is not in the shard")));
+        let tactile = png::decode_rgb(needed("tactile.png")?).map_err(|reason| named("tactile.png", reason))?;
+        let label: Label = serde_json::from_slice(needed("json")?).map_err(|error| named("json", error.to_string()))?;
+        let depth = files.member("depth.exr").map(exr::decode).transpose();
+        let contact = files.member("contact.png").map(png::decode_rgb).transpose();
+        let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
+            width: grey.width() as usize,
+            height: grey.height() as usize,
+            data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
+        });
+        let depth = depth.map_err(|reason| named("depth.exr", reason))?;
         Ok(Self { tactile, depth, contact, caption: caption(&label) })
     }
 

@@ -79,15 +79,20 @@ impl Seconds {
     }
 }
 
-/// Renders sample `index` of `plan`.
+/// Renders sample `index` of `plan` as it is drawn first.
 pub fn render(plan: &Plan, index: u64) -> Sample {
+    attempt(plan, index, 0)
+}
+
+/// Renders sample `index` of `plan` as it is drawn after `attempt` draws were rejected; see [`crate::health`].
+pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
     let mut clock = Clock::start();
     let mut seconds = Seconds::default();
     let mut effects = Ledger::new(plan.gate);
     let Ready { pad, shader, body, .. } = &plan.ready;
 
     // Object, pose, indentation: all randomness of the sample.
-    let scene = Scene::draw(plan, index);
+    let scene = Scene::draw(plan, index, attempt);
     seconds.scene = clock.lap();
 
     let mut window = pad.window(scene.indentation_depth_mm);

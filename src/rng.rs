@@ -138,6 +138,11 @@ pub fn stream(seed: u64, stage: Stage, index: u64) -> Stream {
     Stream(generator)
 }
 
+/// The number of the streams of sample `index`, below 2^32, when it is drawn after `attempt` rejected draws.
+pub fn redrawn(index: u64, attempt: u32) -> u64 {
+    index | u64::from(attempt) << 32
+}
+
 impl Stream {
     /// Uniform in [0, 1), in steps of 2^-53.
     pub fn unit(&mut self) -> f64 {

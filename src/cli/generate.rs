@@ -13,6 +13,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use super::{Extent, Failure, JobOverrides, print_notes, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::generate::{Done, Request, Stopped, Watch, generate};
+use crate::label::key;
 use crate::plan::{Plan, usage};
 
 /// Generate the dataset that a job describes. The same command goes on where a stopped run left off.
@@ -76,7 +77,7 @@ impl Generate {
                 }
                 Ok(())
             }
-            Err(stopped) => Err(failure(stopped, signal.load(Ordering::Relaxed))),
+            Err(stopped) => Err(failure(stopped, plan.seed, signal.load(Ordering::Relaxed))),
         }
     }
 }
@@ -126,10 +127,21 @@ fn summary(done: &Done, root: &str) -> String {
     if !done.complete {
         text += "; the dataset is not complete yet: other shards are missing";
     }
+    if !done.damaged.is_empty() {
+        text += &format!("\nmade again, because it was not what had been written: {}", done.damaged.join(", "));
+    }
+    let counts = [
+        (done.unconverged, "contact not solved to the tolerance", "samples, see numerics in their labels"),
+        (done.unhealthy, "not healthy", "samples, see health in their labels"),
+        (done.rejected, "rejected and drawn again", "draws, see rejections in the shards' stats"),
+    ];
+    for (count, what, of) in counts.iter().filter(|(count, ..)| *count > 0) {
+        text += &format!("\n{what}: {} {of}", HumanCount(*count));
+    }
     text
 }
 
-fn failure(stopped: Stopped, signal: usize) -> Failure {
+fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
     match stopped {
         Stopped::Usage(report) => report.into(),
         Stopped::Io(path, error) => Failure::running(format!(
@@ -139,6 +151,20 @@ fn failure(stopped: Stopped, signal: usize) -> Failure {
         Stopped::Held(holders) => Failure::running(format!(
             "{}\n  all other shards are done; the same command checks again",
             holders.join("\n  ")
+        )),
+        Stopped::Unhealthy(label) => Failure::running(format!(
+            "sample {} (seed {}, drawn {} time{}) is not healthy: {}\n  finished shards stay; output.on_unhealthy = \
+             \"keep\" takes such samples into the dataset, \"reject\" draws them again",
+            label.key,
+            label.seed,
+            label.attempt + 1,
+            if label.attempt == 0 { "" } else { "s" },
+            label.health.reason,
+        )),
+        Stopped::Panicked(index, message) => Failure::running(format!(
+            "sample {} (seed {seed}) brought gelsim down, which is a bug: {message}\n  finished shards stay; please \
+             report it with the job",
+            key(index),
         )),
         Stopped::Interrupted => Failure {
             message: String::from("stopped; finished shards stay, the same command goes on from there"),

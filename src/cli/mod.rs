@@ -18,8 +18,10 @@ mod init;
 pub mod list;
 mod plan;
 mod preview;
+mod reproduce;
 mod schema;
 mod tradeoff;
+mod verify;
 
 /// Synthetic datasets for optical tactile sensors.
 #[derive(Debug, Parser)]
@@ -37,6 +39,10 @@ enum Command {
     Plan(plan::Plan),
     /// Compare all rungs of the accuracy ladder on a job's samples: error and time.
     Tradeoff(tradeoff::Tradeoff),
+    /// Check that a dataset is whole, and name what is not.
+    Verify(verify::Verify),
+    /// Render a sample of a dataset again and compare the bytes.
+    Reproduce(reproduce::Reproduce),
     /// Draw a contact sheet of a dataset or of a job's samples.
     Preview(preview::Preview),
     /// Write a commented job to start from.
@@ -77,6 +83,8 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Generate(command) => command.run(),
         Command::Plan(command) => command.run(),
         Command::Tradeoff(command) => command.run(),
+        Command::Verify(command) => command.run(),
+        Command::Reproduce(command) => command.run(),
         Command::Preview(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),

@@ -7,9 +7,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::{Failure, JobOverrides, print_notes, settled};
-use crate::config;
-use crate::config::diagnostic::{Problems, Report};
-use crate::dataset::layout::Layout;
+use crate::dataset::recorded::Recorded;
 use crate::dataset::shard::write_whole;
 use crate::effects::Effect;
 use crate::plan::{Plan, usage};
@@ -112,16 +110,10 @@ impl Preview {
             let message = "--samples, --seed, --fidelity and --set change a job, not a dataset that is there";
             return Err(usage(message, "leave them out, or preview the job").into());
         }
-        let mut problems = Problems::default();
-        let written = config::read(&self.source.join("job.toml"), &Default::default(), &mut problems)?;
-        if !problems.is_empty() {
-            return Err(Report::new(&problems, &written.document.sources).into());
-        }
-        let dataset = &written.job.dataset;
-        let layout = Layout::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard, dataset.splits);
-        let indices = self.indices(layout.samples(), true)?;
-        let tiles = indices.par_iter().map(|&index| Tile::read(&self.source, &layout, index));
-        tiles.collect::<Result<_, _>>().map_err(|error| Failure::running(error.to_string()))
+        let dataset = Recorded::open(&self.source)?;
+        let indices = self.indices(dataset.layout.samples(), true)?;
+        let tiles = indices.par_iter().map(|&index| Tile::read(&dataset.sample(index)?));
+        tiles.collect::<Result<_, _>>().map_err(|reason: String| Failure::running(reason))
     }
 
     /// The samples to show: the one asked for, the first of a job, or some spread over a dataset.

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::health::OnUnhealthy;
+
 /// The `[output]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
@@ -11,11 +13,13 @@ pub struct Output {
     pub layers: Vec<Layer>,
     /// How float layers are stored.
     pub exr: Exr,
+    /// What becomes of a sample that is not finite, not within bounds or not solved.
+    pub on_unhealthy: OnUnhealthy,
 }
 
 impl Default for Output {
     fn default() -> Self {
-        Self { layers: vec![Layer::Depth], exr: Exr::default() }
+        Self { layers: vec![Layer::Depth], exr: Exr::default(), on_unhealthy: OnUnhealthy::default() }
     }
 }
 

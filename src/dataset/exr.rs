@@ -166,8 +166,25 @@ fn differences(raw: &[u8]) -> Vec<u8> {
     filtered
 }
 
+/// An image's channels.
+pub struct Planes {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Name and values, row by row, of each channel, in alphabetical order.
+    pub channels: Vec<(String, Vec<f32>)>,
+}
+
 /// Decodes the first channel of an image.
 pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let Planes { width, height, channels } = planes(bytes)?;
+    let (_, data) = channels.into_iter().next().ok_or("an image without channels")?;
+    Ok(Grid { width, height, data })
+}
+
+/// Decodes an image.
+pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -178,9 +195,12 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
         .from_buffered(Cursor::new(bytes))
         .map_err(|error| error.to_string())?;
     let layer = &image.layer_data;
-    let channel = layer.channel_data.list.first().ok_or("an image without channels")?;
-    let data = channel.sample_data.values_as_f32().collect();
-    Ok(Grid { width: layer.size.width(), height: layer.size.height(), data })
+    let values = |channel: &exr::prelude::AnyChannel<_>| {
+        let data: &exr::prelude::FlatSamples = &channel.sample_data;
+        (channel.name.to_string(), data.values_as_f32().collect())
+    };
+    let channels = layer.channel_data.list.iter().map(values).collect();
+    Ok(Planes { width: layer.size.width(), height: layer.size.height(), channels })
 }
 
 #[cfg(test)]

@@ -8,13 +8,19 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::layout::Split;
-use super::shard::Stats;
+use super::stats::Stats;
+use super::versioned::Versioned;
 use crate::label::SCHEMA_VERSION;
 use crate::plan::Plan;
+
+/// Version of the manifest's keys and their meaning.
+pub const MANIFEST_VERSION: u32 = 1;
 
 /// `dataset.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Manifest {
+    /// [`MANIFEST_VERSION`] of the generator that wrote it.
+    pub manifest_version: u32,
     /// Name of the dataset.
     pub name: String,
     /// What made it.
@@ -85,6 +91,10 @@ pub struct ShardEntry {
     pub sha256: String,
 }
 
+impl Versioned for Manifest {
+    const VERSION: (&'static str, u32) = ("manifest_version", MANIFEST_VERSION);
+}
+
 impl Manifest {
     /// Describes the dataset of `plan` from the stats of all its shards, in order.
     pub fn new(plan: &Plan, stats: &[Stats]) -> Self {
@@ -102,6 +112,7 @@ impl Manifest {
             mesh_sha256: object.sha256.clone(),
         });
         Self {
+            manifest_version: MANIFEST_VERSION,
             name: plan.name.clone(),
             generator: Generator { name: "gelsim".to_owned(), version: env!("CARGO_PKG_VERSION").to_owned() },
             fingerprint: plan.fingerprint.clone(),

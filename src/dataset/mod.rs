@@ -5,6 +5,7 @@
 //! OUT/data/train-000000.tar    OUT/stats/train-000000.json
 //! ```
 
+pub mod archive;
 pub mod card;
 pub mod encode;
 pub mod exr;
@@ -12,4 +13,8 @@ pub mod folder;
 pub mod layout;
 pub mod manifest;
 pub mod png;
+pub mod recorded;
 pub mod shard;
+pub mod stats;
+pub mod verify;
+pub mod versioned;

@@ -41,8 +41,8 @@ pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
     Ok(Grid { width, height, data: grey.pixels().map(|pixel| f32::from(pixel.0[0]) / 65535.0).collect() })
 }
 
-/// Larger than 8192 px on a side is refused before it is unpacked.
-fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+/// Decodes an image as it is. Larger than 8192 px on a side is refused before it is unpacked.
+pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(8192);
     limits.max_image_height = Some(8192);

@@ -8,60 +8,12 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::encode::Member;
 use super::layout::Shard;
-use crate::effects::{Effect, PerEffect};
-use crate::label::Label;
+use super::stats::Stats;
 use crate::plan::hex;
-use crate::render::Seconds;
-
-/// What is known of a finished shard: its `stats/NAME.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Stats {
-    /// Version of the generator that wrote it.
-    pub generator: String,
-    /// Fingerprint of the job.
-    pub fingerprint: String,
-    /// The tar, relative to the dataset's folder.
-    pub file: String,
-    /// Samples in it.
-    pub samples: u64,
-    /// Samples that were rejected and drawn again.
-    pub rejected: u64,
-    /// Bytes of the tar.
-    pub bytes: u64,
-    /// SHA-256 of the tar.
-    pub sha256: String,
-    /// Samples per class.
-    pub classes: std::collections::BTreeMap<String, u64>,
-    /// Seconds per stage, summed over the samples.
-    pub seconds: Seconds,
-    /// How many samples each effect ran in, and for how long.
-    pub effects: PerEffect<Count>,
-}
-
-/// Samples with and without an effect.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Count {
-    /// Samples in which it ran.
-    pub ran: u64,
-    /// Samples in which it was skipped.
-    pub skipped: u64,
-    /// CPU seconds that it took; part of its stage's.
-    pub seconds: f64,
-}
-
-impl Count {
-    fn add(&mut self, ran: bool, seconds: f64) {
-        self.ran += u64::from(ran);
-        self.skipped += u64::from(!ran);
-        self.seconds += seconds;
-    }
-}
 
 /// The names that a shard has on disk.
 #[derive(Clone, Debug)]
@@ -87,18 +39,6 @@ impl Paths {
             stats: root.join("stats").join(format!("{name}.json")),
             lock: data.join(format!(".{name}.lock")),
         }
-    }
-
-    /// The stats of the shard, if it is complete: its stats file is there and the tar has the size it says.
-    pub fn complete(&self) -> io::Result<Option<Stats>> {
-        let text = match fs::read(&self.stats) {
-            Ok(text) => text,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(error),
-        };
-        let Ok(stats) = serde_json::from_slice::<Stats>(&text) else { return Ok(None) };
-        let size = fs::metadata(&self.tar).map(|meta| meta.len()).unwrap_or(0);
-        Ok((size == stats.bytes).then_some(stats))
     }
 }
 
@@ -189,7 +129,8 @@ fn host() -> String {
 pub struct Writer {
     paths: Paths,
     tar: tar::Builder<BufWriter<Hashed>>,
-    stats: Stats,
+    /// What is known of the shard so far; whoever appends samples counts them here.
+    pub stats: Stats,
     finished: bool,
     _lock: Lock,
 }
@@ -199,33 +140,16 @@ impl Writer {
     pub fn create(paths: Paths, lock: Lock, shard: &Shard, fingerprint: &str) -> io::Result<Self> {
         let file = File::create(&paths.partial)?;
         let hashed = Hashed { file, hash: Sha256::new(), bytes: 0 };
-        let stats = Stats {
-            generator: env!("CARGO_PKG_VERSION").to_owned(),
-            fingerprint: fingerprint.to_owned(),
-            file: format!("data/{}.tar", shard.name()),
-            samples: 0,
-            rejected: 0,
-            bytes: 0,
-            sha256: String::new(),
-            classes: std::collections::BTreeMap::new(),
-            seconds: Seconds::default(),
-            effects: PerEffect::default(),
-        };
+        let stats = Stats::new(shard, fingerprint);
         let tar = tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed));
         Ok(Self { paths, tar, stats, finished: false, _lock: lock })
     }
 
-    /// Appends a sample. Samples must come in the order of the shard.
-    pub fn append(
-        &mut self,
-        label: &Label,
-        members: &[Member],
-        seconds: &Seconds,
-        effects: &PerEffect<f64>,
-    ) -> io::Result<()> {
+    /// Appends a sample's files. Samples must come in the order of the shard.
+    pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
         for member in members {
             let mut header = tar::Header::new_ustar();
-            header.set_path(format!("{}.{}", label.key, member.suffix))?;
+            header.set_path(format!("{key}.{}", member.suffix))?;
             header.set_size(member.bytes.len() as u64);
             header.set_mode(0o644);
             header.set_mtime(0);
@@ -234,12 +158,6 @@ impl Writer {
             header.set_cksum();
             self.tar.append(&header, member.bytes.as_slice())?;
         }
-        self.stats.samples += 1;
-        *self.stats.classes.entry(label.object.class.clone()).or_default() += 1;
-        for effect in Effect::ALL {
-            self.stats.effects[effect].add(label.effects[effect].ran, effects[effect]);
-        }
-        self.stats.seconds.add(seconds);
         Ok(())
     }
 

@@ -17,6 +17,7 @@ pub mod rest;
 
 use crate::plan::Plan;
 use crate::scene::Scene;
+use crate::simd::wide;
 use elastic::Elastic;
 use elastic::inplane::{Field, InPlane, Load};
 use elastic::shear;
@@ -196,6 +197,37 @@ pub struct Contact {
     pub peak_pressure_kpa: Option<f64>,
     /// What the model says of its own solution.
     pub numerics: Numerics,
+}
+
+impl Contact {
+    /// Lowest and highest displacement of the surface in view, mm; numbers that are none do not count.
+    pub fn range_mm(&self) -> [f32; 2] {
+        let mut range = [0.0_f32; 2];
+        let Rect { x0, y0, x1, y1 } = self.region;
+        wide(
+            #[inline(always)]
+            || {
+                for y in y0..y1 {
+                    // Eight at a time, which the compiler makes one vector of.
+                    let mut lanes = [[0.0_f32; 8]; 2];
+                    let row = &self.surface.row(y)[x0..x1];
+                    let chunks = row.chunks_exact(8);
+                    for w in chunks.remainder() {
+                        range = [range[0].min(*w), range[1].max(*w)];
+                    }
+                    for chunk in chunks {
+                        for (lane, w) in chunk.iter().enumerate() {
+                            lanes[0][lane] = lanes[0][lane].min(*w);
+                            lanes[1][lane] = lanes[1][lane].max(*w);
+                        }
+                    }
+                    range[0] = lanes[0].iter().fold(range[0], |lowest, w| lowest.min(*w));
+                    range[1] = lanes[1].iter().fold(range[1], |highest, w| highest.max(*w));
+                }
+            },
+        );
+        range
+    }
 }
 
 /// Honest numbers about a solution.

@@ -22,6 +22,7 @@ use crate::gelpad::elastic::LARGEST_STRAIN;
 use crate::gelpad::elastic::inplane::InPlane;
 use crate::gelpad::rest;
 use crate::grid::Grid;
+use crate::health::OnUnhealthy;
 use crate::optics::background::Reference;
 use crate::{gelpad, optics};
 
@@ -89,6 +90,8 @@ pub struct Plan {
     pub layers: Vec<Layer>,
     /// How float layers are stored.
     pub exr: Exr,
+    /// What becomes of an unhealthy sample.
+    pub on_unhealthy: OnUnhealthy,
     /// Things the user should know that are no mistakes.
     pub notes: Vec<String>,
 }
@@ -196,6 +199,7 @@ impl Plan {
             ready,
             layers,
             exr: job.output.exr,
+            on_unhealthy: job.output.on_unhealthy,
             notes,
             gate: job.effects,
             job,
@@ -259,6 +263,7 @@ impl Plan {
             optics_named: self.optics_named,
             layers: self.layers.clone(),
             exr: self.exr,
+            on_unhealthy: self.on_unhealthy,
             notes: self.notes.clone(),
             gate: job.effects,
             job,

@@ -8,7 +8,7 @@ use crate::dataset::layout::Split;
 use crate::depth::texture::Cut;
 use crate::gelpad::elastic::shear::Motion;
 use crate::plan::Plan;
-use crate::rng::{Stage, stream};
+use crate::rng::{self, Stage};
 
 pub mod pose;
 
@@ -22,6 +22,8 @@ pub const NO_CONTACT_GAP_MM: f64 = 0.1;
 pub struct Scene {
     /// The sample's number.
     pub index: u64,
+    /// How many draws of it were rejected before this one.
+    pub attempt: u32,
     /// Its split.
     pub split: Split,
     /// Number of the object in [`Plan::objects`].
@@ -41,14 +43,16 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Draws sample `index`. Depends on the plan's seed and laws and on `index` only.
-    pub fn draw(plan: &Plan, index: u64) -> Self {
-        let draw = |stage: Stage, quantity: &Quantity| stream(plan.seed, stage, index).draw(quantity);
+    /// Draws sample `index` for the first time, or after `attempt` draws of it were rejected. Depends on these two and on
+    /// the plan's seed and laws only.
+    pub fn draw(plan: &Plan, index: u64, attempt: u32) -> Self {
+        let stream = |stage: Stage| rng::stream(plan.seed, stage, rng::redrawn(index, attempt));
+        let draw = |stage: Stage, quantity: &Quantity| stream(stage).draw(quantity);
         let (split, position) = plan.layout.split_of(index);
-        let object = plan.draw[split.number()].pick(position, || stream(plan.seed, Stage::Object, index).unit());
+        let object = plan.draw[split.number()].pick(position, || stream(Stage::Object).unit());
 
         let law = &plan.pose;
-        let face = pose::draw_face(law.face, &mut stream(plan.seed, Stage::Face, index));
+        let face = pose::draw_face(law.face, &mut stream(Stage::Face));
         let angles = Angles {
             yaw_deg: draw(Stage::Yaw, &law.yaw_deg),
             tilt_deg: draw(Stage::Tilt, &law.tilt_deg),
@@ -56,16 +60,16 @@ impl Scene {
         };
         let position_mm = [draw(Stage::X, &law.x_mm), draw(Stage::Y, &law.y_mm)];
 
-        let touches = stream(plan.seed, Stage::Contact, index).unit() >= plan.no_contact;
+        let touches = stream(Stage::Contact).unit() >= plan.no_contact;
         let depth_mm = draw(Stage::Indentation, &plan.indentation_mm);
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
         let pose = Pose::new(face, angles, position_mm, law.anchor, lowest_mm, &plan.objects[object].clusters);
 
         let cut = (!plan.textures.is_empty()).then(|| {
             let texture = &plan.texture;
-            let mut offset = stream(plan.seed, Stage::TextureOffset, index);
+            let mut offset = stream(Stage::TextureOffset);
             Cut {
-                pattern: stream(plan.seed, Stage::TexturePattern, index).below(plan.textures.len()),
+                pattern: stream(Stage::TexturePattern).below(plan.textures.len()),
                 amplitude_mm: draw(Stage::TextureAmplitude, &texture.amplitude_mm),
                 scale_mm: draw(Stage::TextureScale, &texture.scale_mm),
                 angle_deg: draw(Stage::TextureAngle, &texture.angle_deg),
@@ -78,9 +82,10 @@ impl Scene {
             twist_rad: draw(Stage::Twist, &shear.twist_deg).to_radians(),
             about_mm: position_mm,
         };
-        let noise_key = stream(plan.seed, Stage::Noise, index).bits();
+        let noise_key = stream(Stage::Noise).bits();
         Self {
             index,
+            attempt,
             split,
             object,
             pose,

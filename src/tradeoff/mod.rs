@@ -187,7 +187,7 @@ impl Measured {
             seconds.push(if again.simulation() < first.simulation() { again } else { first });
             samples.push(sample);
         }
-        let objects = indices.iter().map(|index| Scene::draw(plan, *index).object).collect();
+        let objects = indices.iter().map(|index| Scene::draw(plan, *index, 0).object).collect();
         Self { samples, objects, seconds }
     }
 
@@ -239,7 +239,7 @@ fn rows(all: &[Compared], chosen: &[usize]) -> Vec<Row> {
 
 /// Presses sample `index` into a pad seen by another camera.
 fn press(plan: &Plan, index: u64, camera: &Camera, pad: &Pad) -> Contact {
-    let scene = Scene::draw(plan, index);
+    let scene = Scene::draw(plan, index, 0);
     let object = &plan.objects[scene.object].clusters;
     let window = Window { above_mm: plan.thickness_mm, ..pad.window(scene.indentation_depth_mm) };
     pad.press(&depth::capture(object, &scene.pose.placement(), camera, window, plan.thickness_mm))

@@ -68,14 +68,14 @@ fn capture(c: &mut Criterion) {
     }
     for name in ["dots", "sphere"] {
         let plan = plan(name);
-        let pose = Scene::draw(&plan, 0).pose.placement();
+        let pose = Scene::draw(&plan, 0, 0).pose.placement();
         let object = &plan.objects[0].clusters;
         group.bench_function(BenchmarkId::new("bundled", name), |b| {
             b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, WINDOW, 3.0));
         });
     }
     let plan = plan("dots");
-    let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0).pose.placement() };
+    let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0, 0).pose.placement() };
     group.bench_function(BenchmarkId::new("bundled", "out of reach"), |b| {
         b.iter(|| depth::capture(black_box(&plan.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
     });

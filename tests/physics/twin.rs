@@ -83,7 +83,7 @@ fn f32_stages_give_the_grey_levels_of_the_plain_f64_pipeline() {
         let shape = Shape::bundled(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("objects/{object}.obj")));
         for index in [0, 7] {
             let sample = render(&plan, index);
-            let expected = image(&plan, &shape, &Scene::draw(&plan, index).pose.placement());
+            let expected = image(&plan, &shape, &Scene::draw(&plan, index, 0).pose.placement());
             let (mut rounded_otherwise, mut changed, mut worst) = (0, 0, 0.0_f64);
             for (at, expected) in expected.iter().enumerate() {
                 let rgb = at * 3..at * 3 + 3;

@@ -1,0 +1,82 @@
+//! `gelsim reproduce`
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{Failure, print, print_notes};
+use crate::config::Overrides;
+use crate::dataset::archive::Files;
+use crate::dataset::encode::{Member, members};
+use crate::dataset::recorded::Recorded;
+use crate::health::{Accepted, accept};
+use crate::plan::{Plan, usage};
+
+/// Render one sample of a dataset again, from the seed in its label, and say whether the bytes are the same. Exit status 1
+/// if they are not.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim reproduce out/quickstart 42")]
+pub struct Reproduce {
+    /// The dataset's folder
+    #[arg(value_name = "DIR")]
+    dir: PathBuf,
+    /// The sample: its key, with or without leading zeros
+    #[arg(value_name = "KEY")]
+    key: u64,
+}
+
+impl Reproduce {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let dataset = Recorded::open(&self.dir)?;
+        let samples = dataset.layout.samples();
+        if self.key >= samples {
+            let help = format!("samples are numbered 0 to {}", samples - 1);
+            return Err(usage(format!("there is no sample {}", self.key), help).into());
+        }
+        let there = dataset.sample(self.key).map_err(Failure::running)?;
+        let plan = Plan::load(&self.dir.join("job.toml"), &Overrides::default())?;
+        print_notes(&plan.notes, false);
+        let drawn = accept(&plan, self.key);
+        let Accepted { sample, .. } =
+            drawn.map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
+        let (text, same) = compare(&there, &members(&plan, &sample));
+        print(&text)?;
+        // What differs has been said.
+        if same { Ok(()) } else { Err(Failure { message: String::new(), status: 1 }) }
+    }
+}
+
+/// A line per file, and whether all are the same.
+fn compare(there: &Files, here: &[Member]) -> (String, bool) {
+    let mut text = String::new();
+    let mut same = there.members.len() == here.len();
+    for member in here {
+        let bytes = member.bytes.len();
+        let _ = match there.member(member.suffix) {
+            Some(old) if old == member.bytes => {
+                writeln!(text, "{}.{}: the same {bytes} bytes", there.key, member.suffix)
+            }
+            other => {
+                same = false;
+                let how = match other {
+                    None => String::from("is not in the shard"),
+                    Some(old) => {
+                        let at = old.iter().zip(&member.bytes).take_while(|(old, new)| old == new).count();
+                        format!("differs from byte {at} on ({} bytes there, {bytes} here)", old.len())
+                    }
+                };
+                writeln!(text, "{}.{}: {how}", there.key, member.suffix)
+            }
+        };
+    }
+    for (suffix, _) in &there.members {
+        if here.iter().all(|member| member.suffix != suffix) {
+            let _ = writeln!(text, "{}.{suffix}: is not made by this job", there.key);
+        }
+    }
+    text += if same { "the same sample\n" } else { "not the same sample\n" };
+    (text, same)
+}

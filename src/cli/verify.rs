@@ -1,0 +1,47 @@
+//! `gelsim verify`
+
+use std::path::PathBuf;
+
+use clap::Args;
+use indicatif::{HumanBytes, HumanCount};
+
+use super::{Failure, print};
+use crate::dataset::verify::{Depth, verify};
+
+/// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged shards,
+/// files that cannot be decoded, numbers that are not finite, labels that break the schema. Exit status 1 if there is any.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim verify out/quickstart
+  gelsim verify out/quickstart --checksums
+
+What is named is made again by the command that generated the dataset; shards that are whole stay as they are.")]
+pub struct Verify {
+    /// The dataset's folder
+    #[arg(value_name = "DIR")]
+    dir: PathBuf,
+    /// Compare checksums only: as quick as the disk
+    #[arg(long)]
+    checksums: bool,
+}
+
+impl Verify {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let depth = if self.checksums { Depth::Checksums } else { Depth::Everything };
+        let verified = verify(&self.dir, depth)?;
+        let mut text: String = verified.findings.iter().map(|finding| format!("{finding}\n")).collect();
+        let count = verified.findings.len();
+        let [samples, shards] = [verified.samples, verified.shards].map(HumanCount);
+        text +=
+            &format!("{}: {samples} samples in {shards} shards, {}: ", self.dir.display(), HumanBytes(verified.bytes));
+        text += &match count {
+            0 => String::from("whole\n"),
+            1 => String::from("1 thing is wrong\n"),
+            count => format!("{count} things are wrong\n"),
+        };
+        print(&text)?;
+        // What is wrong has been said.
+        if count == 0 { Ok(()) } else { Err(Failure { message: String::new(), status: 1 }) }
+    }
+}

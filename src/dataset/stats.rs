@@ -1,0 +1,160 @@
+//! What is known of a finished shard: its `stats/NAME.json`, written last, which marks the shard as complete.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::layout::Shard;
+use super::versioned::Versioned;
+use crate::effects::{Effect, PerEffect};
+use crate::label::Label;
+use crate::plan::hex;
+use crate::render::Seconds;
+
+/// Version of the keys of stats and their meaning.
+pub const STATS_VERSION: u32 = 1;
+
+/// The stats of a shard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stats {
+    /// [`STATS_VERSION`] of the generator that wrote it.
+    pub stats_version: u32,
+    /// Version of the generator that wrote it.
+    pub generator: String,
+    /// Fingerprint of the job.
+    pub fingerprint: String,
+    /// The tar, relative to the dataset's folder.
+    pub file: String,
+    /// Samples in it.
+    pub samples: u64,
+    /// Draws that were rejected and drawn again.
+    pub rejected: u64,
+    /// Samples in it that are not healthy.
+    pub unhealthy: u64,
+    /// Samples in it whose contact was not solved to the tolerance.
+    pub unconverged: u64,
+    /// Bytes of the tar.
+    pub bytes: u64,
+    /// SHA-256 of the tar.
+    pub sha256: String,
+    /// Samples per class.
+    pub classes: BTreeMap<String, u64>,
+    /// Seconds per stage, summed over the samples.
+    pub seconds: Seconds,
+    /// How many samples each effect ran in, and for how long.
+    pub effects: PerEffect<Count>,
+    /// The rejected draws.
+    pub rejections: Vec<Rejection>,
+}
+
+/// A draw that did not go into the dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rejection {
+    /// Key of the sample.
+    pub key: String,
+    /// How many draws of the sample were rejected before this one.
+    pub attempt: u32,
+    /// Seed of the job: with key and attempt, all it takes to draw it again.
+    pub seed: u64,
+    /// What was wrong with it.
+    pub reason: String,
+    /// Its label.
+    pub label: Label,
+}
+
+/// Samples with and without an effect.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Count {
+    /// Samples in which it ran.
+    pub ran: u64,
+    /// Samples in which it was skipped.
+    pub skipped: u64,
+    /// CPU seconds that it took; part of its stage's.
+    pub seconds: f64,
+}
+
+impl Count {
+    fn add(&mut self, ran: bool, seconds: f64) {
+        self.ran += u64::from(ran);
+        self.skipped += u64::from(!ran);
+        self.seconds += seconds;
+    }
+}
+
+impl Versioned for Stats {
+    const VERSION: (&'static str, u32) = ("stats_version", STATS_VERSION);
+}
+
+impl Stats {
+    /// Those of a shard without samples yet.
+    pub fn new(shard: &Shard, fingerprint: &str) -> Self {
+        Self {
+            stats_version: STATS_VERSION,
+            generator: env!("CARGO_PKG_VERSION").to_owned(),
+            fingerprint: fingerprint.to_owned(),
+            file: format!("data/{}.tar", shard.name()),
+            samples: 0,
+            rejected: 0,
+            unhealthy: 0,
+            unconverged: 0,
+            bytes: 0,
+            sha256: String::new(),
+            classes: BTreeMap::new(),
+            seconds: Seconds::default(),
+            effects: PerEffect::default(),
+            rejections: Vec::new(),
+        }
+    }
+
+    /// Counts a sample, and the draws of it that were rejected.
+    pub fn count(&mut self, label: &Label, rejected: Vec<Label>, seconds: &Seconds, effects: &PerEffect<f64>) {
+        self.samples += 1;
+        self.rejected += rejected.len() as u64;
+        self.unhealthy += u64::from(!label.health.healthy);
+        self.unconverged += u64::from(!label.numerics.converged);
+        *self.classes.entry(label.object.class.clone()).or_default() += 1;
+        for effect in Effect::ALL {
+            self.effects[effect].add(label.effects[effect].ran, effects[effect]);
+        }
+        self.seconds.add(seconds);
+        self.rejections.extend(rejected.into_iter().map(|label| Rejection {
+            key: label.key.clone(),
+            attempt: label.attempt,
+            seed: label.seed,
+            reason: label.health.reason.clone(),
+            label,
+        }));
+    }
+
+    /// True if the tar at `path` is there and as long as the one that was written.
+    pub fn measures(&self, path: &Path) -> io::Result<bool> {
+        match fs::metadata(path) {
+            Ok(meta) => Ok(meta.len() == self.bytes),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// True if the tar at `path` is the one that was written, byte for byte: reads all of it.
+    pub fn vouches_for(&self, path: &Path) -> io::Result<bool> {
+        Ok(self.measures(path)? && sha256_of(path)? == self.sha256)
+    }
+}
+
+/// SHA-256 of a file's bytes, in lower-case hexadecimal digits.
+pub fn sha256_of(path: &Path) -> io::Result<String> {
+    let (mut file, mut hash) = (File::open(path)?, Sha256::new());
+    let mut bytes = vec![0; 1 << 18];
+    loop {
+        match file.read(&mut bytes)? {
+            0 => return Ok(hex(&hash.finalize())),
+            count => hash.update(&bytes[..count]),
+        }
+    }
+}

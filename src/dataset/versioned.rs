@@ -1,0 +1,64 @@
+//! JSON files of a dataset that a later gelsim may write differently: read if they are of a version that is known.
+
+use std::fs;
+use std::io;
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+/// Why a file cannot be had.
+#[derive(Debug)]
+pub enum Unreadable {
+    /// The disk said no.
+    Io(io::Error),
+    /// A newer gelsim wrote it: that one's version.
+    Newer(String),
+}
+
+/// A kind of file whose version stands in it under a key.
+pub trait Versioned: DeserializeOwned {
+    /// The key, and the newest version that is known.
+    const VERSION: (&'static str, u32);
+
+    /// Reads a file. `None` if it is not there or not whole.
+    fn read(path: &Path) -> Result<Option<Self>, Unreadable> {
+        match fs::read(path) {
+            Ok(text) => Self::parse(&text),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(Unreadable::Io(error)),
+        }
+    }
+
+    /// Reads JSON. `None` if it is not whole.
+    fn parse(text: &[u8]) -> Result<Option<Self>, Unreadable> {
+        let (key, known) = Self::VERSION;
+        let Ok(value) = serde_json::from_slice::<Value>(text) else { return Ok(None) };
+        if value[key].as_u64().is_some_and(|version| version > u64::from(known)) {
+            let generator = &value["generator"];
+            let name = generator.as_str().or(generator["version"].as_str());
+            return Err(Unreadable::Newer(name.unwrap_or("of a later version").to_owned()));
+        }
+        Ok(serde_json::from_value(value).ok())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::manifest::Manifest;
+    use crate::dataset::stats::Stats;
+
+    #[test]
+    fn a_file_of_a_newer_version_is_recognised_by_name_and_a_broken_one_is_none() {
+        let stats = br#"{ "stats_version": 99, "generator": "9.1.0", "what": ["nobody", "knows"] }"#;
+        assert!(matches!(Stats::parse(stats), Err(Unreadable::Newer(version)) if version == "9.1.0"));
+        let manifest = br#"{ "manifest_version": 99, "generator": { "name": "gelsim", "version": "9.1.0" } }"#;
+        assert!(matches!(Manifest::parse(manifest), Err(Unreadable::Newer(version)) if version == "9.1.0"));
+        for broken in [&b"{ \"stats_version\": 1, "[..], b"[]", b"", b"null", b"{ \"stats_version\": -1 }"] {
+            assert!(matches!(Stats::parse(broken), Ok(None)));
+        }
+        let deep = "[".repeat(1_000_000);
+        assert!(matches!(Stats::parse(deep.as_bytes()), Ok(None)));
+    }
+}
