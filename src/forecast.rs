@@ -12,8 +12,9 @@ use sha2::{Digest, Sha256};
 
 use crate::dataset::encode::members;
 use crate::effects::{Effect, PerEffect};
+use crate::health::shown;
 use crate::plan::Plan;
-use crate::render::{Clock, Seconds, render};
+use crate::render::{Clock, Seconds};
 
 /// Samples that are probed at least, if the job has them.
 const FEWEST: u64 = 32;
@@ -29,6 +30,8 @@ const LONGEST_S: f64 = 12.0;
 pub struct Forecast {
     /// Samples that were rendered.
     pub probed: u64,
+    /// Those among them that are not healthy.
+    pub unhealthy: u64,
     /// Of each effect, in those samples.
     pub effects: PerEffect<Probed>,
     /// CPU seconds of a sample, mean, per stage.
@@ -60,6 +63,7 @@ pub struct Probed {
 
 /// One sample of the probe.
 struct Probe {
+    healthy: bool,
     notes: PerEffect<crate::effects::Note>,
     effects: PerEffect<f64>,
     seconds: Seconds,
@@ -69,7 +73,7 @@ struct Probe {
 
 impl Probe {
     fn new(plan: &Plan, index: u64) -> Self {
-        let sample = render(plan, index);
+        let sample = shown(plan, index);
         let mut clock = Clock::start();
         let members = members(plan, &sample);
         let encode = clock.lap();
@@ -82,6 +86,7 @@ impl Probe {
         }
         std::hint::black_box(hash.finalize());
         Self {
+            healthy: sample.label.health.healthy,
             notes: sample.label.effects,
             effects: sample.effects,
             seconds: Seconds { encode, ..sample.seconds },
@@ -142,6 +147,7 @@ pub fn forecast(
     let wall_s = samples as f64 * (render_s / busy(samples) + write_s / busy(shards));
     Ok(Forecast {
         probed: probes.len() as u64,
+        unhealthy: probes.iter().filter(|probe| !probe.healthy).count() as u64,
         effects,
         seconds: seconds.scaled(1.0 / count),
         write_s,

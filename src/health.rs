@@ -91,6 +91,11 @@ pub struct Accepted {
 #[derive(Debug)]
 pub struct Unfit(pub Box<Label>);
 
+/// Sample `index` as a dataset would have it; its first draw if no draw may go into one.
+pub fn shown(plan: &Plan, index: u64) -> Sample {
+    accept(plan, index).map_or_else(|_| attempt(plan, index, 0), |accepted| accepted.sample)
+}
+
 /// Renders sample `index`, again and again if the plan rejects unhealthy ones. Stages of rejected draws count in the
 /// sample's seconds.
 pub fn accept(plan: &Plan, index: u64) -> Result<Accepted, Unfit> {

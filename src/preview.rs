@@ -12,9 +12,10 @@ use image::{Rgb, RgbImage};
 use crate::dataset::archive::Files;
 use crate::dataset::{exr, png};
 use crate::grid::Grid;
+use crate::health::shown;
 use crate::label::Label;
 use crate::plan::Plan;
-use crate::render::{Sample, render};
+use crate::render::Sample;
 
 pub mod effects;
 
@@ -31,7 +32,7 @@ pub struct Tile {
 impl Tile {
     /// Renders sample `index` of a plan.
     pub fn rendered(plan: &Plan, index: u64) -> Self {
-        let Sample { image, depth, contact, label, .. } = render(plan, index);
+        let Sample { image, depth, contact, label, .. } = shown(plan, index);
         let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
         tactile.copy_from_slice(&image.rgb);
         Self { tactile, depth: Some(depth.below_pad()), contact: Some(contact.mask), caption: caption(&label) }
