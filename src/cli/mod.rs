@@ -166,10 +166,17 @@ struct Extent {
     partition: Option<(u64, u64)>,
 }
 
+/// Beyond this, threads only take memory from each other.
+const MOST_THREADS: usize = 1024;
+
 impl Extent {
     fn threads(&self) -> Result<Option<usize>, Failure> {
         match self.threads {
             Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
+            Some(threads) if threads > MOST_THREADS => {
+                let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
+                Err(usage(format!("--threads {threads} are more than any machine has cores"), help).into())
+            }
             threads => Ok(threads),
         }
     }

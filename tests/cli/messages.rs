@@ -663,6 +663,7 @@ fn a_command_line_that_makes_no_sense_ends_with_status_2_and_writes_nothing() {
     let folder = Folder::with_job(JOB);
     for (flags, words) in [
         ("--threads 0", "--threads 0 cannot work"),
+        ("--threads 40000", "--threads 40000 are more than any machine has cores"),
         ("--threads x", "invalid value 'x'"),
         ("--shards 0..9", "--shards 0..9 reaches beyond the job's 4 shards"),
         ("--shards 2..2", "write A..B with A < B"),
