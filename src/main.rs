@@ -8,14 +8,14 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 use std::process::ExitCode;
 
 use clap::Parser;
-use gelsim::cli::{Arguments, run};
+use gelsim::cli::{Arguments, run, say};
 
 fn main() -> ExitCode {
     match run(Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if !failure.message.is_empty() {
-                eprintln!("{}", failure.message);
+                say(&failure.message);
             }
             ExitCode::from(failure.status)
         }

@@ -3,14 +3,14 @@
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use clap::Args;
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
-use super::{Extent, Failure, JobOverrides, print_notes, settled};
+use super::{Extent, Failure, JobOverrides, no_threads, print_notes, say, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::generate::{Done, Request, Stopped, Watch, generate};
 use crate::label::key;
@@ -59,7 +59,8 @@ impl Generate {
         let signal =
             raise_on_signals(&watch).map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
         let result = std::thread::scope(|scope| {
-            let worker = scope.spawn(|| generate(&plan, &request, &watch));
+            let worker = std::thread::Builder::new().spawn_scoped(scope, || generate(&plan, &request, &watch));
+            let worker = worker.map_err(|error| no_threads(&error))?;
             let bar = progress_bar(self.quiet);
             while !worker.is_finished() {
                 bar.set_length(watch.expected.load(Ordering::Relaxed));
@@ -67,13 +68,13 @@ impl Generate {
                 std::thread::sleep(Duration::from_millis(if bar.is_hidden() { 5 } else { 100 }));
             }
             bar.finish_and_clear();
-            worker.join()
-        });
+            Ok::<_, Failure>(worker.join())
+        })?;
         let result = result.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         match result {
             Ok(done) => {
                 if !self.quiet {
-                    eprintln!("{}", summary(&done, &root.display().to_string()));
+                    say(&summary(&done, &root.display().to_string()));
                 }
                 Ok(())
             }
@@ -83,18 +84,20 @@ impl Generate {
 }
 
 /// Raises the watch's stop flag on SIGINT and SIGTERM and notes which it was; a second one ends the process at once.
+/// SIGXFSZ ends nothing: a file beyond a limit of the user's is an error where it is written.
 fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
     let seen = Arc::new(AtomicUsize::new(0));
+    signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
     let (watch, noted) = (Arc::clone(watch), Arc::clone(&seen));
-    std::thread::spawn(move || {
+    std::thread::Builder::new().spawn(move || {
         for signal in signals.forever() {
             if noted.swap(signal as usize, Ordering::Relaxed) != 0 {
                 std::process::exit(128 + signal);
             }
             watch.stop.store(true, Ordering::Relaxed);
         }
-    });
+    })?;
     Ok(seen)
 }
 
@@ -145,8 +148,9 @@ fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
     match stopped {
         Stopped::Usage(report) => report.into(),
         Stopped::Io(path, error) => Failure::running(format!(
-            "{}: {error}\n  what is finished stays; the same command goes on from there",
-            path.display()
+            "{}: {error}\n  {}what is finished stays; the same command goes on from there",
+            path.display(),
+            way_out(&error),
         )),
         Stopped::Held(holders) => Failure::running(format!(
             "{}\n  all other shards are done; the same command checks again",
@@ -170,5 +174,19 @@ fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
             message: String::from("stopped; finished shards stay, the same command goes on from there"),
             status: (128 + signal) as u8,
         },
+    }
+}
+
+/// What to do before the same command is run again, where the error tells.
+fn way_out(error: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind::{FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    match error.kind() {
+        StorageFull | QuotaExceeded => "make room there; ",
+        FileTooLarge => "raise the limit of a file's size (ulimit -f), or write smaller shards; ",
+        PermissionDenied | ReadOnlyFilesystem => "make the folder writable, or choose another one with --out; ",
+        _ if error.raw_os_error() == Some(rustix::io::Errno::MFILE.raw_os_error()) => {
+            "raise the limit of open files (ulimit -n), or use fewer --threads; "
+        }
+        _ => "",
     }
 }

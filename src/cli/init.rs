@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Failure, print};
+use super::{Failure, print, say};
 use crate::plan::usage;
 
 /// The job that `init` writes.
@@ -34,7 +34,7 @@ impl Init {
             opened => opened.map_err(failed)?,
         };
         file.write_all(TEMPLATE.as_bytes()).map_err(failed)?;
-        eprintln!("wrote {}; next: put a mesh into it, then gelsim generate {0}", path.display());
+        say(&format!("wrote {}; next: put a mesh into it, then gelsim generate {0}", path.display()));
         Ok(())
     }
 }

@@ -79,6 +79,7 @@ impl From<Report> for Failure {
 
 /// Runs a command.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    start_threads(&arguments.command)?;
     match arguments.command {
         Command::Generate(command) => command.run(),
         Command::Plan(command) => command.run(),
@@ -93,19 +94,35 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
 }
 
+/// Starts the threads that read meshes and render, so that a system that has none to give is told in words.
+fn start_threads(command: &Command) -> Result<(), Failure> {
+    if matches!(command, Command::Init(_) | Command::List(_) | Command::Schema(_) | Command::Completions(_)) {
+        return Ok(());
+    }
+    rayon::ThreadPoolBuilder::new().build_global().map_err(|error| no_threads(&error))
+}
+
+/// The system gives no more threads.
+fn no_threads(error: &dyn std::fmt::Display) -> Failure {
+    Failure::running(format!(
+        "cannot start threads: {error}; raise the limit of processes or of memory (ulimit -u, -v)"
+    ))
+}
+
 /// A plan whose rung is known: one that the job leaves to be chosen is the recorded one, or is found by probing.
 fn settled(plan: Plan, recorded: Option<Rung>, quiet: bool) -> Result<Plan, Failure> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     if let Some(rung) = recorded {
         if !quiet {
-            eprintln!("note: fidelity {}, with which the dataset was begun", rung.name());
+            say(&format!("note: fidelity {}, with which the dataset was begun", rung.name()));
         }
         return Ok(plan.at(rung));
     }
     let chosen = choose(&plan, bound)?;
     if !quiet {
         let Chosen { rung, error_um, ms } = chosen;
-        eprintln!("note: fidelity {} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample", rung.name());
+        let name = rung.name();
+        say(&format!("note: fidelity {name} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample"));
     }
     Ok(plan.at(chosen.rung))
 }
@@ -228,11 +245,16 @@ fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
+/// Says something on standard error. If nobody can hear it, that is no failure of the work.
+pub fn say(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
 /// Prints notes about a plan on standard error.
 fn print_notes(notes: &[String], quiet: bool) {
     if !quiet {
         for note in notes {
-            eprintln!("note: {note}");
+            say(&format!("note: {note}"));
         }
     }
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{Failure, JobOverrides, print_notes, settled};
+use super::{Failure, JobOverrides, print_notes, say, settled};
 use crate::dataset::recorded::Recorded;
 use crate::dataset::shard::write_whole;
 use crate::effects::Effect;
@@ -94,7 +94,7 @@ impl Preview {
             return Err(usage(format!("{of}: no effect is called for"), "preview the job without --effects").into());
         }
         if !names.is_empty() {
-            eprintln!("note: {of}: not called for are {}", names.join(", "));
+            say(&format!("note: {of}: not called for are {}", names.join(", ")));
         }
         Ok(found)
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{Failure, print, print_notes};
+use super::{Failure, print, print_notes, say};
 use crate::config::Overrides;
 use crate::dataset::shard::write_whole;
 use crate::plan::{Plan, usage};
@@ -57,7 +57,7 @@ impl Tradeoff {
         let heard = !self.quiet && std::io::stderr().is_terminal();
         let result = tradeoff(&plan, self.samples, |what| {
             if heard {
-                eprintln!("rendering: {what}");
+                say(&format!("rendering: {what}"));
             }
         });
         let plot = report::plot(&result);
@@ -74,7 +74,7 @@ impl Tradeoff {
         }
         print(&report::table(&result))?;
         if !self.quiet {
-            eprintln!("-> {}", folder.display());
+            say(&format!("-> {}", folder.display()));
         }
         Ok(())
     }

@@ -25,7 +25,8 @@ fn used_splits(manifest: &Manifest) -> impl Iterator<Item = (&'static str, u64)>
 
 /// Column types are pinned: what a reader guesses from the first rows goes wrong where a value is null or whole.
 fn front_matter(text: &mut String, plan: &Plan, manifest: &Manifest) {
-    let _ = writeln!(text, "pretty_name: {}", manifest.name);
+    // In quotes: a name such as 2024 or null would not be text.
+    let _ = writeln!(text, "pretty_name: \"{}\"", manifest.name);
     text.push_str("tags:\n- tactile\n- synthetic\n- webdataset\n");
     text.push_str("configs:\n- config_name: default\n  data_files:\n");
     for (split, _) in used_splits(manifest) {
@@ -102,7 +103,7 @@ fn body(text: &mut String, plan: &Plan, manifest: &Manifest) {
          gelpad {} mm), made by gelsim {} at the rung `{}`. `job.toml` is the job that makes the same bytes again.\n",
         manifest.name,
         manifest.samples,
-        sensor.name,
+        one_line(&sensor.name).replace('`', "'"),
         sensor.gelpad_thickness_mm,
         manifest.generator.version,
         manifest.fidelity,
@@ -114,7 +115,7 @@ fn body(text: &mut String, plan: &Plan, manifest: &Manifest) {
     }
     text.push_str("\n| class | samples |\n|---|---|\n");
     for class in &manifest.classes {
-        let _ = writeln!(text, "| {} | {} |", class.name.replace('|', "\\|").replace(['\n', '\r'], " "), class.samples);
+        let _ = writeln!(text, "| {} | {} |", in_table(&class.name), class.samples);
     }
     text.push_str("\n## A sample\n\n| member | what it is |\n|---|---|\n");
     text.push_str("| `KEY.tactile.png` | the tactile image, 8-bit RGB |\n");
@@ -144,6 +145,16 @@ fn body(text: &mut String, plan: &Plan, manifest: &Manifest) {
     }
     text.push_str("```\n\n```python\nfrom datasets import load_dataset\n\n");
     let _ = writeln!(text, "samples = load_dataset(\"PATH/OF/THIS/FOLDER\", split=\"{first}\")\n```");
+}
+
+/// A name of the user's in one line, whatever is in it.
+fn one_line(name: &str) -> String {
+    name.replace(|c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}'), " ")
+}
+
+/// The same where Markdown could take it for a cell's border, a tag or an escape.
+fn in_table(name: &str) -> String {
+    one_line(name).replace('\\', "\\\\").replace('|', "\\|").replace('<', "\\<")
 }
 
 fn meaning(layer: Layer) -> &'static str {

@@ -4,16 +4,12 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::names::{self, FOLDERS, is_foreign};
+pub use super::names::{lock, sweep};
 use super::shard::{Lock, write_whole};
-use crate::config::Job;
 use crate::config::diagnostic::Report;
 use crate::fidelity::Rung;
 use crate::plan::{Plan, stem, usage};
-
-/// Names in a dataset's folder that are ours to write and, with `--overwrite`, to remove.
-/// job.toml goes last: while it is there, what remains is known to be ours.
-const FILES: [&str; 4] = ["README.md", "dataset.json", "wids.json", "job.toml"];
-const FOLDERS: [&str; 2] = ["data", "stats"];
 
 /// How the job.toml of a dataset begins; a version follows.
 const TITLE: &str = "# The job of this dataset with every default written out, resolved by gelsim";
@@ -27,15 +23,26 @@ pub enum Refused {
     Io(PathBuf, io::Error),
 }
 
-/// Makes `root` ready for `plan`: a new folder, an empty one, or one that the same job began.
+/// Makes `root` ready for `plan`: a new folder, an empty one, or one that the same job began. Nothing in it may be a
+/// link that leads out of it.
 pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused> {
     let io = |path: &Path| {
         let path = path.to_owned();
         move |error| Refused::Io(path, error)
     };
+    let failed = |(path, error)| Refused::Io(path, error);
     let refused = |message: String, help: &str| Err(Refused::Usage(usage(message, help)));
-    if root.exists() && !root.is_dir() {
+    if root.as_os_str().is_empty() {
+        return refused(String::from("the output folder has no name"), "choose a new or empty folder with --out");
+    }
+    if root.symlink_metadata().is_ok() && !root.is_dir() {
         return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
+    }
+    if let Some(strange) = names::strange(root).map_err(failed)? {
+        return refused(
+            format!("{strange}, which is not what gelsim made there"),
+            "remove it, or choose another folder with --out; gelsim writes nothing through a link",
+        );
     }
     let job_path = root.join("job.toml");
     loop {
@@ -46,9 +53,12 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
         };
         match there {
             Some(text) if text.starts_with(TITLE) => {
-                let differs = differences(&text, &plan.job);
+                let differs = differences(&text, plan);
                 if overwrite {
-                    clear(root).map_err(io(root))?;
+                    if let Err(writer) = names::clear(root).map_err(failed)? {
+                        let message = format!("{} cannot be replaced: {writer}", root.display());
+                        return refused(message, "wait until it is done, or stop it");
+                    }
                 } else if !differs.is_empty() {
                     let message = format!("{} holds a dataset of another job: {}", root.display(), differs.join("; "));
                     return refused(
@@ -74,7 +84,13 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
     let lock = lock(root);
     let _alone = Lock::wait(&lock).map_err(io(&lock))?;
     if !job_path.exists() {
-        let text = resolved_job(root, plan).map_err(io(&job_path))?;
+        let text = match resolved_job(root, plan).map_err(io(&job_path))? {
+            Ok(text) => text,
+            Err(path) => {
+                let message = format!("{} is not UTF-8, so that no job can hold it", path.display());
+                return refused(message, "rename the file or its folders");
+            }
+        };
         write_whole(&job_path, text.as_bytes()).map_err(io(&job_path))?;
     }
     Ok(())
@@ -82,97 +98,43 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
 
 /// The rung that the dataset in `root` was begun with, if there is one.
 pub fn recorded_rung(root: &Path) -> Option<Rung> {
-    let text = fs::read_to_string(root.join("job.toml")).ok().filter(|text| text.starts_with(TITLE))?;
+    let path = root.join("job.toml");
+    // Opening a pipe would wait for its other end.
+    let plain = path.symlink_metadata().is_ok_and(|meta| meta.is_file());
+    let text = plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(TITLE))?;
     let job: toml::Table = text.parse().ok()?;
     let name = job.get("fidelity")?.as_str()?;
     Rung::ALL.into_iter().find(|rung| rung.name() == name)
 }
 
-/// True if the folder has something in it that may not be a dataset's.
-fn is_foreign(root: &Path) -> io::Result<bool> {
-    let entries = match fs::read_dir(root) {
-        Ok(entries) => entries,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
-        Err(error) => return Err(error),
-    };
-    for entry in entries {
-        let entry = entry?;
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        // A run that was killed right at its start leaves these: shards come after job.toml.
-        let is_empty = || fs::read_dir(entry.path()).is_ok_and(|mut inside| inside.next().is_none());
-        let ours = name == LOCK || name.starts_with(".job.toml.") || FOLDERS.contains(&&*name) && is_empty();
-        if !ours {
-            return Ok(true);
-        }
-    }
-    Ok(false)
-}
-
-/// Removes the dataset in `root` and nothing else.
-fn clear(root: &Path) -> io::Result<()> {
-    for folder in FOLDERS {
-        absent_is_fine(fs::remove_dir_all(root.join(folder)))?;
-    }
-    for file in FILES {
-        absent_is_fine(fs::remove_file(root.join(file)))?;
-    }
-    Ok(())
-}
-
-/// The file that is locked while something other than a shard is written.
-pub fn lock(root: &Path) -> PathBuf {
-    root.join(LOCK)
-}
-
-const LOCK: &str = ".gelsim.lock";
-
-/// Removes what killed runs left. Only under the [`lock`] of a dataset of which all shards are complete: then nobody
-/// needs a partial file or a shard's lock any more.
-pub fn sweep(root: &Path) -> io::Result<()> {
-    for folder in [root.to_owned(), root.join("data"), root.join("stats")] {
-        for entry in fs::read_dir(folder)? {
-            let path = entry?.path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let leftover = name.ends_with(".partial") || name.ends_with(".lock");
-            if name.starts_with('.') && leftover && name != LOCK {
-                absent_is_fine(fs::remove_file(&path))?;
-            }
-        }
-    }
-    Ok(())
-}
-
-fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
-    match result {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
-    }
-}
-
-/// The text of `job.toml`: every default written out, paths relative to `root`, which must exist.
-fn resolved_job(root: &Path, plan: &Plan) -> io::Result<String> {
+/// The text of `job.toml`: every default written out, paths relative to `root`, which must exist. The inner error is a
+/// path that no text can hold.
+fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>> {
     let root = root.canonicalize()?;
-    let relative = |path: &str| -> io::Result<String> {
-        let path = std::path::absolute(path)?;
-        // A link keeps its name: an object is called by it.
-        let path = match (path.parent(), path.file_name()) {
-            (Some(folder), Some(name)) => folder.canonicalize()?.join(name),
-            _ => path,
-        };
-        let relative = pathdiff::diff_paths(&path, &root).unwrap_or(path);
-        Ok(relative.to_string_lossy().replace('\\', "/"))
-    };
     let mut job = plan.job.clone();
     for path in job.paths_mut() {
-        *path = relative(path)?;
+        match relative(path, &root)?.into_os_string().into_string() {
+            Ok(text) => *path = if cfg!(windows) { text.replace('\\', "/") } else { text },
+            Err(path) => return Ok(Err(path.into())),
+        }
     }
     let text = toml::to_string(&job).map_err(io::Error::other)?;
-    Ok(format!("{TITLE} {}.\n\n{text}", env!("CARGO_PKG_VERSION")))
+    Ok(Ok(format!("{TITLE} {}.\n\n{text}", env!("CARGO_PKG_VERSION"))))
 }
 
-/// What differs between the job of a dataset and `job`, by dotted key; folders aside, because contents have hashes.
-fn differences(there: &str, job: &Job) -> Vec<String> {
+fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {
+    let path = std::path::absolute(path)?;
+    // A link keeps its name: an object is called by it.
+    let path = match (path.parent(), path.file_name()) {
+        (Some(folder), Some(name)) => folder.canonicalize()?.join(name),
+        _ => path,
+    };
+    Ok(pathdiff::diff_paths(&path, root).unwrap_or(path))
+}
+
+/// What differs between the job of a dataset and the plan's, by dotted key and, where a file changed, by its name;
+/// folders aside, because contents have hashes.
+fn differences(there: &str, plan: &Plan) -> Vec<String> {
     let first = there.lines().next().unwrap_or_default();
     let version = first.strip_prefix(TITLE).unwrap_or_default().trim().trim_end_matches('.');
     if version != env!("CARGO_PKG_VERSION") {
@@ -181,13 +143,19 @@ fn differences(there: &str, job: &Job) -> Vec<String> {
     let Ok(there) = there.parse::<toml::Table>() else {
         return vec![String::from("its job.toml is not valid TOML")];
     };
-    let Ok(here) = toml::Table::try_from(job) else { return Vec::new() };
+    let Ok(here) = toml::Table::try_from(&plan.job) else { return Vec::new() };
     let mut found = Vec::new();
     compare("", &toml::Value::Table(there), &toml::Value::Table(here), &mut found);
     if found.len() > MOST_NAMED {
         let more = found.len() - MOST_NAMED;
         found.truncate(MOST_NAMED);
         found.push(format!("and {more} more keys"));
+    }
+    // Its keys are in the job as if they had been written there.
+    if let Some(file) = &plan.sensor_file
+        && found.iter().any(|key| ["sensor.", "markers.", "camera."].iter().any(|table| key.starts_with(table)))
+    {
+        found.push(format!("the sensor file is {}", file.display()));
     }
     found
 }
@@ -203,6 +171,10 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
                 let path = below(key);
                 let image = path.ends_with(".path") && !path.starts_with("object.");
                 if image || path == "sensor.background" {
+                    continue;
+                }
+                if let Some(file) = changed(key, a, b) {
+                    found.push(format!("{file} has changed: {path} is {} there and {} here", a[key], b[key]));
                     continue;
                 }
                 match (a.get(key), b.get(key)) {
@@ -227,4 +199,15 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
         (a, b) if a != b => found.push(format!("{path} is {a} there and {b} here")),
         _ => {}
     }
+}
+
+/// The file, by its path here, whose hash is at `key` of two tables and differs between them.
+fn changed<'a>(key: &str, there: &toml::Table, here: &'a toml::Table) -> Option<&'a str> {
+    let name = match key {
+        "sha256" => "path",
+        "background_sha256" => "background",
+        _ => return None,
+    };
+    let differs = there.get(key)? != here.get(key)?;
+    here.get(name)?.as_str().filter(|_| differs)
 }

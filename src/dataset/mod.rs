@@ -12,6 +12,7 @@ pub mod exr;
 pub mod folder;
 pub mod layout;
 pub mod manifest;
+pub mod names;
 pub mod png;
 pub mod recorded;
 pub mod shard;

@@ -6,8 +6,10 @@
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Read, Seek, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
+use rustix::fs::OFlags;
 use sha2::{Digest, Sha256};
 
 use super::encode::Member;
@@ -45,7 +47,7 @@ impl Paths {
 /// The right to write something, held until dropped. The operating system frees it when a process dies.
 pub struct Lock {
     path: PathBuf,
-    _file: File,
+    file: File,
 }
 
 impl Lock {
@@ -83,19 +85,40 @@ impl Lock {
 
     /// Writes into the locked file who holds it. `None` if the file is no longer the one at `path`: whoever finishes
     /// removes it, and a lock on a removed file protects nothing.
-    fn signed(mut file: File, path: &Path) -> io::Result<Option<Self>> {
+    fn signed(file: File, path: &Path) -> io::Result<Option<Self>> {
         if !same_file(&file, path) {
             return Ok(None);
         }
+        let holder = format!("process {} on {}\n", std::process::id(), host());
+        let lock = Self { path: path.to_owned(), file };
+        let mut file = &lock.file;
         file.set_len(0)?;
         file.rewind()?;
-        writeln!(file, "process {} on {}", std::process::id(), host())?;
-        Ok(Some(Self { path: path.to_owned(), _file: file }))
+        file.write_all(holder.as_bytes())?;
+        Ok(Some(lock))
     }
 }
 
+/// Opens a lock file, which is about to be written: only a plain file that has no other name, and not through a link.
 fn open_lock(path: &Path) -> io::Result<File> {
-    OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false);
+    // Without waiting for the other end, should it be a pipe.
+    options.custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32);
+    let file = options.open(path)?;
+    let meta = file.metadata()?;
+    if meta.is_file() && meta.nlink() <= 1 {
+        return Ok(file);
+    }
+    Err(io::Error::new(io::ErrorKind::InvalidInput, "not a plain file, or one with a second name; remove it"))
+}
+
+/// Makes a new file in place of what a killed run may have left there. Never opens what is there: it may be a link.
+fn create_anew(path: &Path) -> io::Result<File> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => OpenOptions::new().write(true).create_new(true).open(path),
+    }
 }
 
 impl Drop for Lock {
@@ -105,18 +128,12 @@ impl Drop for Lock {
     }
 }
 
-#[cfg(unix)]
+/// True if `path` itself, links not followed, is the open file.
 fn same_file(file: &File, path: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    match (file.metadata(), fs::metadata(path)) {
+    match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(open), Ok(named)) => open.dev() == named.dev() && open.ino() == named.ino(),
         _ => false,
     }
-}
-
-#[cfg(not(unix))]
-fn same_file(_: &File, path: &Path) -> bool {
-    path.exists()
 }
 
 fn host() -> String {
@@ -138,7 +155,7 @@ pub struct Writer {
 impl Writer {
     /// Starts a shard of which the lock is held.
     pub fn create(paths: Paths, lock: Lock, shard: &Shard, fingerprint: &str) -> io::Result<Self> {
-        let file = File::create(&paths.partial)?;
+        let file = create_anew(&paths.partial)?;
         let hashed = Hashed { file, hash: Sha256::new(), bytes: 0 };
         let stats = Stats::new(shard, fingerprint);
         let tar = tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed));
@@ -168,6 +185,9 @@ impl Writer {
         buffer.flush()?;
         let hashed = buffer.get_mut();
         hashed.file.sync_all()?;
+        if !same_file(&hashed.file, &self.paths.partial) {
+            return Err(io::Error::other("another process has replaced it"));
+        }
         self.stats.bytes = hashed.bytes;
         self.stats.sha256 = hex(&hashed.hash.clone().finalize());
         // A stats file of an earlier, damaged tar must not vouch for the new one while both are exchanged.
@@ -198,7 +218,7 @@ impl Drop for Writer {
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let name = path.file_name().map_or(String::from("file"), |name| name.to_string_lossy().into_owned());
     let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
-    let written = File::create(&partial).and_then(|mut file| {
+    let written = create_anew(&partial).and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_all()
     });

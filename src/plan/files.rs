@@ -23,7 +23,10 @@ fn read<T>(
     decode: impl Fn(&[u8]) -> Result<T, String>,
 ) -> Option<T> {
     let found = check.document.folder(key).join(&path);
-    let bytes = std::fs::read(&found).map_err(|error| error.to_string());
+    let bytes = match found.to_str() {
+        Some(_) => std::fs::read(&found).map_err(|error| error.to_string()),
+        None => Err(String::from("its path is not UTF-8, so that no job can hold it")),
+    };
     let (content, hash) = match bytes.and_then(|bytes| Ok((decode(&bytes)?, hex(&Sha256::digest(&bytes))))) {
         Ok(read) => read,
         Err(reason) => {

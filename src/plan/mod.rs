@@ -94,6 +94,8 @@ pub struct Plan {
     pub on_unhealthy: OnUnhealthy,
     /// Things the user should know that are no mistakes.
     pub notes: Vec<String>,
+    /// The sensor file that the job names, for messages: what is in it is in the job.
+    pub sensor_file: Option<PathBuf>,
 }
 
 /// The models of a plan, made ready: everything that is the same for every sample.
@@ -143,6 +145,7 @@ impl Plan {
         }
         let mut check = Check { document: &document, problems: &mut problems };
         let optics_named = job.optics.is_some();
+        let sensor_file = job.sensor.file.as_ref().map(|file| document.folder("sensor.file").join(file));
         fill(&mut job);
         ranges::dataset(&mut check, &job);
         ranges::sensor(&mut check, &job);
@@ -201,6 +204,7 @@ impl Plan {
             exr: job.output.exr,
             on_unhealthy: job.output.on_unhealthy,
             notes,
+            sensor_file,
             gate: job.effects,
             job,
         })
@@ -265,6 +269,7 @@ impl Plan {
             exr: self.exr,
             on_unhealthy: self.on_unhealthy,
             notes: self.notes.clone(),
+            sensor_file: self.sensor_file.clone(),
             gate: job.effects,
             job,
         }

@@ -154,7 +154,7 @@ fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf
     let is_pattern = written.contains(['*', '?', '[']);
     if path.exists() || !is_pattern {
         if path.is_file() {
-            return Ok(vec![path]);
+            return no_text(&path).map_or(Ok(vec![path]), |odd| refuse_name(check, place, &odd));
         }
         let what = if path.is_dir() { "is a folder" } else { "does not exist" };
         let help = "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
@@ -172,6 +172,9 @@ fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf
         }
     };
     found.sort();
+    if let Some(odd) = found.iter().find_map(|path| no_text(path)).or_else(|| passed_over(&path)) {
+        return refuse_name(check, place, &odd);
+    }
     if found.is_empty() {
         check.wrong(
             place,
@@ -181,6 +184,25 @@ fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf
         return Err(MANY);
     }
     Ok(found)
+}
+
+/// The path, if it is not UTF-8: no job can hold it, so that nobody could make the dataset again.
+fn no_text(path: &Path) -> Option<PathBuf> {
+    path.to_str().is_none().then(|| path.to_owned())
+}
+
+/// A file that the pattern's last part would match if its name were UTF-8; such names match no pattern.
+fn passed_over(pattern: &Path) -> Option<PathBuf> {
+    let last = Pattern::new(pattern.file_name()?.to_str()?).ok()?;
+    let mut names = std::fs::read_dir(pattern.parent()?).ok()?.filter_map(|entry| Some(entry.ok()?.file_name()));
+    let odd = names.find(|name| name.to_str().is_none() && last.matches(&name.to_string_lossy()))?;
+    Some(pattern.with_file_name(odd))
+}
+
+fn refuse_name(check: &mut Check<'_>, place: &str, path: &Path) -> Result<Vec<PathBuf>, usize> {
+    let message = format!("{} is not UTF-8, so that no job can hold it", path.display());
+    check.wrong(place, message, "rename the file or its folders");
+    Err(Split::ALL.len())
 }
 
 /// Divides the objects between the splits. `None` after a mistake.
