@@ -57,7 +57,7 @@ impl Generate {
 
         let watch = Arc::new(Watch::default());
         let signal =
-            raise_on_signals(&watch).map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
+            raise_on_signals(&watch).map_err(|error| running(&format!("cannot watch for signals: {error}"), &error))?;
         let result = std::thread::scope(|scope| {
             let worker = std::thread::Builder::new().spawn_scoped(scope, || generate(&plan, &request, &watch));
             let worker = worker.map_err(|error| no_threads(&error))?;
@@ -147,11 +147,7 @@ fn summary(done: &Done, root: &str) -> String {
 fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
     match stopped {
         Stopped::Usage(report) => report.into(),
-        Stopped::Io(path, error) => Failure::running(format!(
-            "{}: {error}\n  {}what is finished stays; the same command goes on from there",
-            path.display(),
-            way_out(&error),
-        )),
+        Stopped::Io(path, error) => running(&format!("{}: {error}", path.display()), &error),
         Stopped::Held(holders) => Failure::running(format!(
             "{}\n  all other shards are done; the same command checks again",
             holders.join("\n  ")
@@ -177,14 +173,27 @@ fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
     }
 }
 
-/// What to do before the same command is run again, where the error tells.
+/// What the system denied, and what to do before the same command is run again, where the error tells.
+fn running(what: &str, error: &std::io::Error) -> Failure {
+    let way_out = way_out(error);
+    Failure::running(format!("{what}\n  {way_out}what is finished stays; the same command goes on from there"))
+}
+
 fn way_out(error: &std::io::Error) -> &'static str {
-    use std::io::ErrorKind::{FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    use std::io::ErrorKind::{
+        FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull, WouldBlock,
+    };
+    let no_pool = error.get_ref().is_some_and(|inner| inner.is::<rayon::ThreadPoolBuildError>());
+    let too_many_files = Some(rustix::io::Errno::MFILE.raw_os_error());
     match error.kind() {
         StorageFull | QuotaExceeded => "make room there; ",
         FileTooLarge => "raise the limit of a file's size (ulimit -f), or write smaller shards; ",
         PermissionDenied | ReadOnlyFilesystem => "make the folder writable, or choose another one with --out; ",
-        _ if error.raw_os_error() == Some(rustix::io::Errno::MFILE.raw_os_error()) => {
+        // What the system says when it has no thread to give.
+        kind if kind == WouldBlock || no_pool => {
+            "raise the limit of processes or of memory (ulimit -u, -v), or use fewer --threads; "
+        }
+        _ if error.raw_os_error() == too_many_files => {
             "raise the limit of open files (ulimit -n), or use fewer --threads; "
         }
         _ => "",

@@ -200,7 +200,10 @@ impl Writer {
         sync_folder(&self.paths.tar)?;
         let mut text = serde_json::to_vec_pretty(&self.stats).map_err(io::Error::other)?;
         text.push(b'\n');
-        write_whole(&self.paths.stats, &text)?;
+        // Callers know this shard by its partial name.
+        let stats = self.paths.stats.display();
+        write_whole(&self.paths.stats, &text)
+            .map_err(|error| io::Error::new(error.kind(), format!("{stats}: {error}")))?;
         Ok(self.stats.clone())
     }
 }

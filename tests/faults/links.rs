@@ -1,0 +1,174 @@
+//! Links, pipes and folders under the names of a dataset's files: nothing is written outside, nothing waits.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::time::Duration;
+
+use gelsim::dataset::shard::{Lock, write_whole};
+
+use crate::rig::{assert_like_whole, with_whole};
+use crate::support::{Folder, JOB, assert_same_files};
+
+/// What is put in place of something of ours.
+#[derive(Clone, Copy, Debug)]
+enum Plant {
+    LinkToFile,
+    LinkToFolder,
+    LinkToNothing,
+    Folder,
+    Pipe,
+}
+
+const PLANTS: [Plant; 5] = [Plant::LinkToFile, Plant::LinkToFolder, Plant::LinkToNothing, Plant::Folder, Plant::Pipe];
+
+impl Plant {
+    fn what(self) -> &'static str {
+        match self {
+            Self::LinkToFile | Self::LinkToFolder | Self::LinkToNothing => "is a symbolic link",
+            Self::Folder => "is a folder",
+            Self::Pipe => "is neither a file nor a folder",
+        }
+    }
+
+    fn put(self, folder: &Folder, at: &Path) {
+        if let Ok(meta) = at.symlink_metadata() {
+            if meta.is_dir() { fs::remove_dir_all(at) } else { fs::remove_file(at) }.expect("it goes");
+        }
+        match self {
+            Self::LinkToFile => symlink(folder.path("outside/precious.txt"), at).expect("a link"),
+            Self::LinkToFolder => symlink(folder.path("outside"), at).expect("a link"),
+            Self::LinkToNothing => symlink(folder.path("outside/new"), at).expect("a link"),
+            Self::Folder => fs::create_dir(at).expect("a folder"),
+            Self::Pipe => {
+                let made = std::process::Command::new("mkfifo").arg(at).status();
+                assert!(made.expect("mkfifo").success());
+            }
+        }
+    }
+}
+
+/// A dataset of which one shard is there, and a folder beside it that must stay as it is.
+fn begun() -> (Folder, BTreeMap<String, Vec<u8>>) {
+    let folder = with_whole(JOB);
+    fs::create_dir(folder.path("outside")).expect("a folder");
+    folder.write("outside/precious.txt", "precious\n");
+    // With names of ours in it, which an --overwrite must not reach.
+    folder.write("outside/train-000000.tar", "theirs\n");
+    let outside = folder.files("outside");
+    (folder, outside)
+}
+
+const NAMES: [&str; 13] = [
+    "data",
+    "stats",
+    ".gelsim.lock",
+    "job.toml",
+    "dataset.json",
+    "wids.json",
+    "README.md",
+    "data/train-000000.tar",
+    "data/val-000000.tar",
+    "data/.val-000000.tar.partial",
+    "data/.val-000000.lock",
+    "stats/train-000000.json",
+    "stats/val-000000.json",
+];
+
+#[test]
+fn nothing_is_written_or_removed_through_what_stands_in_place_of_ours() {
+    let (folder, outside) = begun();
+    let mut tried = 0;
+    for name in NAMES {
+        for plant in PLANTS {
+            if ["data", "stats"].contains(&name) && matches!(plant, Plant::Folder) {
+                continue;
+            }
+            folder.succeed("generate job.toml --quiet --out out --shards 0..1");
+            plant.put(&folder, &folder.path("out").join(name));
+            for flags in ["", " --overwrite"] {
+                let mut command = folder.gelsim(&format!("generate job.toml --out out{flags}"));
+                let output = command.timeout(Duration::from_secs(60)).output().expect("it runs");
+                let said = String::from_utf8_lossy(&output.stderr);
+                assert_eq!(output.status.code(), Some(2), "{name} {plant:?}{flags}: {said}");
+                let words = format!("out/{name} {}, which is not what gelsim made there", plant.what());
+                assert!(said.contains(&words), "{name} {plant:?}{flags}: {said}");
+                assert_same_files(&outside, &folder.files("outside"));
+                tried += 1;
+            }
+            fs::remove_dir_all(folder.path("out")).expect("a folder");
+        }
+    }
+    println!("{tried} runs met a link, a pipe or a folder in place of a file of theirs");
+}
+
+#[test]
+fn files_with_a_second_name_keep_what_they_have_under_it() {
+    let (folder, outside) = begun();
+    let names = NAMES.into_iter().filter(|name| !["data", "stats", "job.toml"].contains(name));
+    for name in names {
+        folder.succeed("generate job.toml --quiet --out out --shards 0..1");
+        let _ = fs::remove_file(folder.path("out").join(name));
+        fs::hard_link(folder.path("outside/precious.txt"), folder.path("out").join(name)).expect("a link");
+        if name.ends_with(".lock") {
+            let text = folder.fail("generate job.toml --out out", 1);
+            assert!(text.contains(&format!("out/{name}: not a plain file, or one with a second name")), "{text}");
+            fs::remove_file(folder.path("out").join(name)).expect("a lock file");
+        }
+        folder.succeed("generate job.toml --quiet --out out");
+        assert_like_whole(&folder, "out");
+        assert_same_files(&outside, &folder.files("outside"));
+        fs::remove_dir_all(folder.path("out")).expect("a folder");
+    }
+}
+
+#[test]
+fn a_dataset_may_be_reached_through_a_link() {
+    let folder = with_whole(JOB);
+    fs::create_dir(folder.path("real")).expect("a folder");
+    symlink(folder.path("real"), folder.path("out")).expect("a link");
+    folder.succeed("generate job.toml --quiet --out out --shards 0..2");
+    folder.succeed("generate job.toml --quiet --out out");
+    assert_like_whole(&folder, "real");
+}
+
+#[test]
+fn overwrite_removes_nothing_but_the_dataset() {
+    let folder = with_whole(JOB);
+    folder.succeed("generate job.toml --quiet --out out");
+    let theirs = ["out/data/cube.obj", "out/data/.hidden.partial", "out/stats/notes.txt", "out/.mine.lock"];
+    for name in theirs {
+        folder.write(name, folder.read("cube.obj"));
+    }
+    // Also if a mesh of the job is among it.
+    folder.succeed("generate job.toml --quiet --out out --overwrite --set object.0.path=\"out/data/cube.obj\"");
+    for name in theirs {
+        assert_eq!(folder.read(name), folder.read("cube.obj"));
+    }
+    assert_same_files(
+        &folder.files("whole/data"),
+        &folder.files("out/data").into_iter().filter(|(name, _)| name.ends_with(".tar")).collect(),
+    );
+}
+
+#[test]
+fn neither_locks_nor_files_are_opened_through_links() {
+    // As if the link had been put there after the folder was looked at.
+    let (folder, outside) = begun();
+    let lock = folder.path("a.lock");
+    for plant in [Plant::LinkToFile, Plant::LinkToNothing, Plant::Folder, Plant::Pipe] {
+        plant.put(&folder, &lock);
+        assert!(Lock::take(&lock).is_err() && Lock::wait(&lock).is_err(), "{plant:?}");
+    }
+    let file = folder.path("a.json");
+    let partial = folder.path(&format!(".a.json.{}.partial", std::process::id()));
+    for plant in [Plant::LinkToFile, Plant::LinkToNothing, Plant::Pipe] {
+        plant.put(&folder, &partial);
+        plant.put(&folder, &file);
+        write_whole(&file, b"content").expect("in their place");
+        assert!(file.symlink_metadata().expect("a file").is_file());
+        assert_eq!(folder.read("a.json"), "content");
+    }
+    assert_same_files(&outside, &folder.files("outside"));
+}
