@@ -41,6 +41,7 @@ pub mod health;
 pub mod dataset;
 pub mod forecast;
 pub mod generate;
+pub mod inspect;
 pub mod preview;
 
 pub mod metrics;

@@ -15,6 +15,7 @@ use crate::tradeoff::choose::{Chosen, choose};
 mod completions;
 mod generate;
 mod init;
+mod inspect;
 pub mod list;
 mod plan;
 mod preview;
@@ -45,6 +46,8 @@ enum Command {
     Reproduce(reproduce::Reproduce),
     /// Draw a contact sheet of a dataset or of a job's samples.
     Preview(preview::Preview),
+    /// Say what meshes are like and what a sensor would see of them.
+    Inspect(inspect::Inspect),
     /// Write a commented job to start from.
     Init(init::Init),
     /// List what can be chosen.
@@ -87,6 +90,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Verify(command) => command.run(),
         Command::Reproduce(command) => command.run(),
         Command::Preview(command) => command.run(),
+        Command::Inspect(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),
         Command::Schema(command) => command.run(),

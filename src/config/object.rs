@@ -29,7 +29,7 @@ impl Default for Object {
 }
 
 /// Unit of length of a mesh file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
     /// Millimetres.
@@ -44,6 +44,16 @@ pub enum Unit {
 }
 
 impl Unit {
+    /// As it is written in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mm => "mm",
+            Self::Cm => "cm",
+            Self::M => "m",
+            Self::In => "in",
+        }
+    }
+
     /// Millimetres per unit.
     pub fn mm(self) -> f64 {
         match self {

@@ -67,6 +67,21 @@ pub enum Face {
     MinusZ,
 }
 
+impl Face {
+    /// As it is written in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Any => "any",
+            Self::PlusX => "+x",
+            Self::MinusX => "-x",
+            Self::PlusY => "+y",
+            Self::MinusY => "-y",
+            Self::PlusZ => "+z",
+            Self::MinusZ => "-z",
+        }
+    }
+}
+
 /// Point of an object that a position refers to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

@@ -86,10 +86,11 @@ fn markers(sample: &Sample) -> Vec<u8> {
     json(&positions)
 }
 
-fn json(value: &impl Serialize) -> Vec<u8> {
+/// A value as JSON on one line, its floats with a decimal point; those that are not finite become null.
+pub fn json(value: &impl Serialize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, DecimalPoints);
-    value.serialize(&mut serializer).expect("labels have string keys and finite or null numbers");
+    value.serialize(&mut serializer).expect("all that is written has string keys");
     bytes
 }
 

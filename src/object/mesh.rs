@@ -4,6 +4,8 @@
 //! from its origin keeps its micrometres; the centre itself is kept in f64. Equal positions become one vertex,
 //! so that triangle soup (STL) and indexed files give the same mesh.
 
+use serde::Serialize;
+
 use super::{MeshError, Problem};
 
 /// Triangles over shared vertices. Built by [`Mesh::new`] only, so every mesh is finite and non-empty.
@@ -18,7 +20,7 @@ pub struct Mesh {
 }
 
 /// What cleaning removed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Cleaned {
     /// Vertices with a NaN or infinite coordinate; triangles that used them went too.
     pub non_finite_vertices: usize,

@@ -9,9 +9,11 @@ mod obj;
 mod ply;
 mod polygon;
 mod stl;
+pub mod surface;
 
 pub use mesh::{Cleaned, Mesh};
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::fmt;
 use std::fs;
@@ -27,10 +29,26 @@ pub struct Loaded {
     pub cleaned: Cleaned,
     /// SHA-256 of the file's bytes, in lower-case hexadecimal digits.
     pub sha256: String,
+    /// What the file held.
+    pub given: Given,
+}
+
+/// What a file holds, before anything is cleaned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Given {
+    /// Its format.
+    pub format: Format,
+    /// Its size.
+    pub bytes: usize,
+    /// Vertices: three per triangle in STL.
+    pub vertices: usize,
+    /// Triangles, with those into which polygons were divided.
+    pub triangles: usize,
 }
 
 /// A format of mesh files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Format {
     /// Wavefront OBJ: `v` and `f` statements; everything else is passed over.
     Obj,
@@ -62,8 +80,11 @@ pub fn load(path: &Path, mm_per_unit: f64) -> Result<Loaded, MeshError> {
     let format = Format::of(path).ok_or_else(|| in_file(Problem::UnknownExtension.into()))?;
     let bytes = fs::read(path).map_err(|error| in_file(Problem::Unreadable(error).into()))?;
     let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-    let (mesh, cleaned) = parse(&bytes, format, mm_per_unit).map_err(in_file)?;
-    Ok(Loaded { mesh, cleaned, sha256 })
+    let raw = read(&bytes, format).map_err(in_file)?;
+    let given = Given { format, bytes: bytes.len(), vertices: raw.vertices.len(), triangles: raw.triangles.len() };
+    drop(bytes);
+    let (mesh, cleaned) = raw.mesh(mm_per_unit).map_err(in_file)?;
+    Ok(Loaded { mesh, cleaned, sha256, given })
 }
 
 /// Reads a mesh from the bytes of a file; a coordinate of 1 in it is `mm_per_unit` mm. Never panics.
@@ -72,15 +93,15 @@ pub fn load(path: &Path, mm_per_unit: f64) -> Result<Loaded, MeshError> {
 ///
 /// As [`load`], without the path.
 pub fn parse(bytes: &[u8], format: Format, mm_per_unit: f64) -> Result<(Mesh, Cleaned), MeshError> {
-    let mut raw = match format {
+    read(bytes, format)?.mesh(mm_per_unit)
+}
+
+fn read(bytes: &[u8], format: Format) -> Result<Raw, MeshError> {
+    match format {
         Format::Obj => obj::read(bytes),
         Format::Stl => stl::read(bytes),
         Format::Ply => ply::read(bytes),
-    }?;
-    for coordinate in raw.vertices.as_flattened_mut() {
-        *coordinate *= mm_per_unit;
     }
-    Mesh::new(raw.vertices, raw.triangles)
 }
 
 /// What a reader finds in a file, in the file's unit.
@@ -88,6 +109,15 @@ pub fn parse(bytes: &[u8], format: Format, mm_per_unit: f64) -> Result<(Mesh, Cl
 struct Raw {
     vertices: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
+}
+
+impl Raw {
+    fn mesh(mut self, mm_per_unit: f64) -> Result<(Mesh, Cleaned), MeshError> {
+        for coordinate in self.vertices.as_flattened_mut() {
+            *coordinate *= mm_per_unit;
+        }
+        Mesh::new(self.vertices, self.triangles)
+    }
 }
 
 /// Why a mesh cannot be used, and where. Its text is one line, such as

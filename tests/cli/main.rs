@@ -8,6 +8,7 @@ mod effects;
 mod fidelity;
 mod generate;
 mod health;
+mod inspect;
 mod messages;
 mod preview;
 mod properties;

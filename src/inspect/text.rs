@@ -1,0 +1,167 @@
+//! An inspection as text: a block of facts, a table of the six sides, findings with their ways out.
+
+use std::fmt::Write;
+
+use super::findings::{Finding, Severity};
+use super::{Facts, Inspection, Pad};
+use crate::config::scene::Anchor;
+
+/// What the meshes are held against, with an empty line at its end.
+pub fn heading(pad: &Pad) -> String {
+    let ([width, height], [x, y]) = (pad.resolution_px, pad.field_of_view_mm.map(figure));
+    let (pixel, thickness) = (figure(pad.pixel_mm()), figure(pad.thickness_mm));
+    format!(
+        "against {}: {width} x {height} px on {x} x {y} mm, {pixel} mm/px, pad {thickness} mm thick\n\n",
+        pad.sensor
+    )
+}
+
+/// The block of one mesh, with an empty line at its end.
+pub fn block(inspection: &Inspection, pad: &Pad) -> String {
+    let mut text = printable(&inspection.file) + "\n";
+    if let Some(facts) = &inspection.mesh {
+        text += &about(facts);
+        text += &sides(facts, pad);
+    }
+    for Finding { severity, message, help, .. } in &inspection.findings {
+        let _ = writeln!(text, "  {:<8} {message}\n  {:>8} {help}", severity.name(), "->");
+    }
+    if inspection.severity == Severity::Ok {
+        text += "  ok       nothing to note\n";
+    }
+    text + "\n"
+}
+
+/// One line about several meshes: how many are how bad.
+pub fn summary(inspections: &[Inspection]) -> String {
+    let count = |severity| inspections.iter().filter(|inspection| inspection.severity == severity).count();
+    format!(
+        "{}: {} ok, {} with notes, {} with warnings, {} with errors\n",
+        counted(inspections.len(), "mesh", "meshes"),
+        count(Severity::Ok),
+        count(Severity::Note),
+        count(Severity::Warning),
+        count(Severity::Error),
+    )
+}
+
+fn about(facts: &Facts) -> String {
+    let mut text = String::new();
+    let mut line = |name: &str, what: String| {
+        let _ = writeln!(text, "  {name:<8} {what}");
+    };
+    let Facts { given, surface, .. } = facts;
+    let format = format!("{:?}", given.format).to_uppercase();
+    line("file", format!("{format}, {}, sha256 {}", counted(given.bytes, "byte", "bytes"), facts.sha256));
+    let [x, y, z] = facts.size_mm.map(figure);
+    let [cx, cy, cz] = facts.centre_mm.map(figure);
+    line("size", format!("{x} x {y} x {z} mm around ({cx}, {cy}, {cz}), unit \"{}\"", facts.unit.name()));
+    let readings: Vec<String> = facts
+        .readings
+        .iter()
+        .map(|reading| {
+            let verdict = if reading.plausible { "" } else { " (unlikely)" };
+            format!("{}: {} mm{verdict}", reading.unit.name(), figure(reading.largest_mm))
+        })
+        .collect();
+    line("as unit", readings.join(", "));
+    let [triangles, vertices] =
+        [counted(facts.triangles, "triangle", "triangles"), counted(facts.vertices, "vertex", "vertices")];
+    line("mesh", format!("{triangles}, {vertices} (in the file {} and {})", given.triangles, given.vertices));
+    let mut hangs = vec![
+        counted(surface.parts, "part", "parts"),
+        format!("{} closed", surface.closed_parts),
+        counted(surface.holes, "hole", "holes"),
+    ];
+    for (count, one, many) in [
+        (surface.non_manifold_edges, "crowded edge", "crowded edges"),
+        (surface.flipped_triangles, "flipped triangle", "flipped triangles"),
+        (surface.inverted_parts, "part inside out", "parts inside out"),
+    ] {
+        if count > 0 {
+            hangs.push(counted(count, one, many));
+        }
+    }
+    line("surface", hangs.join(", "));
+    text
+}
+
+/// A line per side: what the camera would have under it.
+fn sides(facts: &Facts, pad: &Pad) -> String {
+    if facts.sides.is_empty() {
+        return String::new();
+    }
+    let touching = format!("touches at {} mm", figure(pad.press_mm));
+    let mut text = format!(
+        "  {:<4} {:>17} {:>15} {:>6} {:>7}  {:<13} {:>15} {:>6}  {}\n",
+        "face", "outline mm", "px", "fits", "of view", "relief mm", touching, "thin", "anchor"
+    );
+    for side in &facts.sides {
+        let [x, y] = side.outline_mm.map(figure);
+        let [u, v] = side.outline_px.map(|px| format!("{px:.0}"));
+        let relief = side.relief_mm.map_or(String::from("-"), |[low, high]| format!("{low:.3}..{high:.3}"));
+        let anchor = match side.anchor {
+            Some(Anchor::Contact) => "contact",
+            Some(_) => "bounds",
+            None => "-",
+        };
+        let _ = writeln!(
+            text,
+            "  {:<4} {:>17} {:>15} {:>6} {:>7}  {relief:<13} {:>15} {:>6}  {anchor}",
+            side.face.name(),
+            format!("{x} x {y}"),
+            format!("{u} x {v}"),
+            if side.fits { "yes" } else { "no" },
+            percent(side.view_share),
+            format!("{} px", side.touching_px),
+            percent(side.thin_share),
+        );
+    }
+    text
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// A file's name on one line, whatever is in it.
+fn printable(file: &str) -> String {
+    let plain = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    file.chars().map(plain).collect()
+}
+
+/// `1 hole`, `2 holes`.
+pub fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
+/// Three significant digits, more before the point where there are more, and no zeros at the end: 0.0313, 20, 1250.
+pub(super) fn figure(value: f64) -> String {
+    if value == 0.0 {
+        return String::from("0");
+    }
+    let magnitude = libm::floor(libm::log10(value.abs()));
+    if !(-4.0..7.0).contains(&magnitude) {
+        return format!("{value:.2e}");
+    }
+    let text = format!("{value:.*}", (2.0 - magnitude).max(0.0) as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_have_three_digits_and_no_idle_zeros() {
+        let figures = [20.0, 0.031_26, -1.5, 1250.4, 999_999.0, 1e7, 1e-5, 0.000_15, 0.0, 14.96, f64::INFINITY];
+        let texts = figures.map(figure);
+        let expected = ["20", "0.0313", "-1.5", "1250", "999999", "1.00e7", "1.00e-5", "0.00015", "0", "15", "inf"];
+        assert_eq!(texts, expected);
+    }
+
+    #[test]
+    fn a_file_name_stays_on_its_line() {
+        assert_eq!(printable("a b\nü.obj"), "a b\\nü.obj");
+    }
+}
