@@ -201,8 +201,9 @@ fn cleaning(facts: &Facts) -> Vec<Finding> {
 fn slow(facts: &Facts) -> Option<Finding> {
     (facts.rows_per_capture > MOST_ROWS).then(|| {
         let rows = figure(facts.rows_per_capture);
-        let message =
-            format!("its triangles fill {rows} rows of pixels: a sample would take seconds; sides are left out");
+        let message = format!(
+            "its triangles fill {rows} rows of pixels, half a second or more for every capture: its sides are left out"
+        );
         let help = "remesh it: many long, thin triangles lie side by side or over each other";
         Finding::new(Severity::Warning, Kind::Slow, message, help)
     })

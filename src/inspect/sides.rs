@@ -54,8 +54,8 @@ const FINER: usize = 3;
 /// What the opening takes off, as a share of the press, for a point to count as thin: edges are blunted a little.
 const BLUNTING: f64 = 0.05;
 
-/// The most rows per capture with which sides are captured: that takes about a second at the sensor's resolution.
-pub const MOST_ROWS: f64 = 3e7;
+/// The most rows per capture with which sides are captured: about half a second at the sensor's resolution.
+pub const MOST_ROWS: f64 = 1.5e7;
 
 /// Rows of the sensor's pixels that the triangles fill in the mean capture of a side in the middle of the view.
 pub fn rows(mesh: &Mesh, pad: &Pad) -> f64 {

@@ -30,7 +30,7 @@ fn a_sound_mesh_gets_a_block_with_its_figures_and_nothing_to_note() {
     let (text, err) = stdout(&folder, "inspect cube.obj", 0);
     assert_eq!(err, "");
     for line in [
-        "against gelsight-2014: 640 x 480 px on 20 x 15 mm, 0.0313 mm/px, pad 3 mm thick",
+        "against gelsight-2014: 640 x 480 px on 20 x 15 mm, 0.0312 mm/px, pad 3 mm thick",
         "cube.obj",
         "  size     5 x 5 x 5 mm around (0, 0, 2.5), unit \"mm\"",
         "  as unit  mm: 5 mm, cm: 50 mm, m: 5000 mm (unlikely), in: 127 mm",
