@@ -120,7 +120,10 @@ pub fn of(facts: &Facts, pad: &Pad) -> Vec<Finding> {
     let mut found: Vec<Finding> = size(facts, pad).into_iter().collect();
     found.extend(cleaning(facts));
     found.extend(slow(facts));
-    found.extend(captured(&facts.sides, pad));
+    // In the wrong unit, sides tell nothing.
+    if facts.likely().is_none() {
+        found.extend(captured(&facts.sides, pad));
+    }
     found.extend(shape(facts, pad));
     found
 }

@@ -114,7 +114,7 @@ const FACES_AND_OUTLINES: [(Face, [f64; 2]); 6] = [
 fn a_mug_in_metres_is_told_from_one_that_is_a_tenth_of_a_millimetre_large() {
     let mug = cup(0.04, 0.09);
     let wrong = inspected(&mug, Unit::Mm);
-    assert_eq!(wrong.severity, Severity::Warning);
+    assert_eq!((wrong.severity, kinds(&wrong)), (Severity::Warning, vec![Kind::Unit, Kind::Holes]));
     let text = message(&wrong, Kind::Unit);
     assert!(text.contains("0.09 mm long") && text.contains("look like metres (90 mm)"), "{text}");
     assert!(wrong.findings.iter().any(|finding| finding.help.contains("unit = \"m\"")));
