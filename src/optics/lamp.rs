@@ -8,6 +8,10 @@ use super::shadow::Caster;
 use crate::config::sensor::Led;
 use crate::scene::pose::sin_cos_deg;
 
+/// Square of the distance, mm^2, nearer than which no LED counts: at the point of an LED that lies in the pad's plane
+/// light would be infinite and come from nowhere.
+const NEAREST_MM2: f32 = 1e-6;
+
 /// An LED in the shader's numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Lamp {
@@ -77,7 +81,7 @@ impl Lamp {
     /// Brightness at a point of the pad, as a share of that in the middle of the image.
     pub fn strength(&self, point_mm: [f32; 2]) -> f32 {
         let [x, y, z] = self.seen_from(point_mm);
-        self.distance_mm.map_or(1.0, |distance| distance * distance / (x * x + y * y + z * z))
+        self.distance_mm.map_or(1.0, |distance| distance * distance / (x * x + y * y + z * z).max(NEAREST_MM2))
     }
 
     /// What casts its shadows around a point of the pad, mm.
@@ -111,7 +115,7 @@ impl Lamp {
             Some(distance) => {
                 let [led_x, led_y, led_z] = self.to_led.map(|v| v * distance);
                 let dy = led_y - row.y_mm;
-                let (nearest, full) = (dy * dy + led_z * led_z, distance * distance);
+                let (nearest, full) = ((dy * dy + led_z * led_z).max(NEAREST_MM2), distance * distance);
                 for x in 0..width {
                     let dx = led_x - (row.x_mm + row.pitch_mm * (row.first_px + x as f32));
                     let inverse = 1.0 / (dx * dx + nearest).sqrt();
