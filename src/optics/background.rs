@@ -66,8 +66,8 @@ impl Reference {
                     let distance = edge - (x * cos + y * sin);
                     let glow = look.glow * led.intensity * libm::exp(-distance / look.glow_reach_mm);
                     for (value, share) in color.iter_mut().zip(led.color) {
-                        // Light that is added to a bright pad saturates softly.
-                        *value += glow * share * (1.0 - *value);
+                        // Light that is added to a bright pad saturates softly, and never beyond white.
+                        *value += (glow * share).min(1.0) * (1.0 - *value);
                     }
                 }
                 let kept = 1.0 - look.vignette * (x * x + y * y) / corner;
