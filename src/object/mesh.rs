@@ -19,6 +19,9 @@ pub struct Mesh {
     pub centre_mm: [f64; 3],
 }
 
+/// Longest side of a mesh's bounding box, mm: its places are known to a part in 10^7, so a millimetre.
+pub const LARGEST_MM: f64 = 1e7;
+
 /// What cleaning removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Cleaned {
@@ -41,7 +44,8 @@ impl Mesh {
     ///
     /// # Errors
     ///
-    /// No vertex or triangle, before or after cleaning; an index without a vertex; more than u32 can count.
+    /// No vertex or triangle, before or after cleaning; an index without a vertex; more than u32 can count; an object
+    /// larger than [`LARGEST_MM`].
     pub fn new(vertices_mm: Vec<[f64; 3]>, mut triangles: Vec<[u32; 3]>) -> Result<(Mesh, Cleaned), MeshError> {
         let count = vertices_mm.len();
         for (what, count) in [("vertices", count), ("triangles", triangles.len())] {
@@ -84,6 +88,10 @@ impl Mesh {
             }
             true
         });
+        let across = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+        if across > LARGEST_MM {
+            return Err(Problem::TooLarge(across).into());
+        }
         // Adding 0.0 turns -0.0 into 0.0, here and below: equal positions must have equal bits.
         let centre_mm = [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]) + 0.0);
 

@@ -179,6 +179,9 @@ pub enum Problem {
     /// The file ends before it is complete.
     #[error("ends too early: in {0}")]
     EndsEarly(String),
+    /// Over [`mesh::LARGEST_MM`]. Of such an object 32 bits do not tell a millimetre.
+    #[error("is {0:.3e} mm across, over {limit:.0e} mm: is its unit right?", limit = mesh::LARGEST_MM)]
+    TooLarge(f64),
     /// More than 32-bit indices can count.
     #[error("has more than {} {}, the most there may be", u32::MAX - 1, .0)]
     TooMany(&'static str),
