@@ -11,16 +11,23 @@ use earcut::Earcut;
 /// damaged file could keep it busy for hours.
 pub(super) const MAX_CORNERS: usize = 1 << 14;
 
+/// Squared corners of all polygons of a mesh that are neither small nor convex: about a second of ear clipping where
+/// they cross themselves.
+const MAX_WORK: usize = 1 << 25;
+/// Corners of a polygon that is small.
+const FEW_CORNERS: usize = 16;
+
 /// Cuts polygons; holds the memory for it, so that a mesh needs one.
 pub(super) struct Cutter {
     earcut: Earcut<f64>,
     flat: Vec<[f64; 2]>,
     ears: Vec<u32>,
+    work: usize,
 }
 
 impl Cutter {
     pub(super) fn new() -> Self {
-        Cutter { earcut: Earcut::new(), flat: Vec::new(), ears: Vec::new() }
+        Cutter { earcut: Earcut::new(), flat: Vec::new(), ears: Vec::new(), work: 0 }
     }
 
     /// Appends the triangles of the polygon, turning the way it does. Every corner must index `vertices`.
@@ -54,6 +61,14 @@ impl Cutter {
                 {
                     triangles.extend(two);
                 } else if self.project(vertices, corners) {
+                    if corners.len() > FEW_CORNERS && !is_convex(&self.flat) {
+                        self.work += corners.len().pow(2);
+                    }
+                    if self.work > MAX_WORK {
+                        return Err(Problem::Malformed(
+                            "the concave faces up to here have too many corners: cut the mesh into triangles".into(),
+                        ));
+                    }
                     self.earcut.earcut_slice(&self.flat, &[], &mut self.ears);
                     if self.ears.is_empty() {
                         fan(corners, 0, triangles);
@@ -104,6 +119,22 @@ impl Cutter {
         }));
         true
     }
+}
+
+/// Whether a closed line turns left everywhere and goes around once.
+fn is_convex(points: &[[f64; 2]]) -> bool {
+    let count = points.len();
+    let step = |i: usize| {
+        let (from, to) = (points[i % count], points[(i + 1) % count]);
+        [to[0] - from[0], to[1] - from[1]]
+    };
+    let turns_left = |i: usize| {
+        let (u, v) = (step(i), step(i + 1));
+        u[0] * v[1] >= u[1] * v[0]
+    };
+    // Half of an outline goes to the right.
+    let is_start = |i: &usize| step(*i)[0] > 0.0 && step(*i + count - 1)[0] <= 0.0;
+    (0..count).all(turns_left) && (0..count).filter(is_start).count() <= 1
 }
 
 /// The two triangles of a convex quad; `None` for any other.
@@ -252,6 +283,24 @@ mod tests {
         let corners: Vec<u32> = (0..vertices.len() as u32).collect();
         let problem = Cutter::new().cut(&vertices, &corners, &mut Vec::new()).unwrap_err();
         assert_eq!(problem.to_string(), "a face has 16385 corners, more than the 16384 allowed");
+    }
+
+    #[test]
+    fn large_polygons_that_cross_themselves_are_refused_before_they_take_minutes() {
+        let circle = |count: u32, turns: u32| -> Vec<[f64; 3]> {
+            let angle = |i: u32| std::f64::consts::TAU * f64::from(i * turns % count) / f64::from(count);
+            (0..count).map(|i| [angle(i).cos(), angle(i).sin(), 0.0]).collect()
+        };
+        let cut_all = |vertices: &[[f64; 3]], times: usize| {
+            let corners: Vec<u32> = (0..vertices.len() as u32).collect();
+            let (mut cutter, mut triangles) = (Cutter::new(), Vec::new());
+            (0..times).try_for_each(|_| cutter.cut(vertices, &corners, &mut triangles)).map(|()| triangles.len())
+        };
+        // A cap of many corners is cut however often it comes; a star of as many is not.
+        assert_eq!(cut_all(&circle(9973, 1), 9).ok(), Some(9 * 9971));
+        assert!(cut_all(&circle(9973, 2), 1).unwrap_err().to_string().contains("cut the mesh into triangles"));
+        assert!(cut_all(&circle(997, 400), 4).is_ok());
+        assert!(cut_all(&circle(997, 400), 40).is_err());
     }
 
     proptest! {
