@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
+use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 
 use super::document::{Place, Source};
 
@@ -20,7 +20,7 @@ pub struct Problem {
 impl Problem {
     /// A mistake without a place yet.
     pub fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), place: None, help: None }
+        Self { message: shortened(message.into()), place: None, help: None }
     }
 
     /// Says where.
@@ -31,21 +31,33 @@ impl Problem {
 
     /// Says what would be right.
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(help.into());
+        self.help = Some(shortened(help.into()));
         self
     }
 }
+
+/// Mistakes that are collected; who made more does not read them all, and a hostile file has millions.
+const MOST: usize = 50;
 
 /// Everything found wrong so far. Work starts only when this is empty.
 #[derive(Clone, Debug, Default)]
 pub struct Problems(Vec<Problem>);
 
 impl Problems {
-    /// Adds a mistake, unless the same one at the same place is there already.
+    /// Adds a mistake, unless the same one at the same place is there already, or there are enough.
     pub fn push(&mut self, problem: Problem) {
-        if !self.0.contains(&problem) {
-            self.0.push(problem);
+        if self.is_full() || self.0.contains(&problem) {
+            return;
         }
+        self.0.push(problem);
+        if self.is_full() {
+            self.0.push(Problem::new("there may be more mistakes than these").help("mend them, then try again"));
+        }
+    }
+
+    /// True if no more mistakes are taken.
+    pub fn is_full(&self) -> bool {
+        self.0.len() >= MOST
     }
 
     /// Adds mistakes found elsewhere.
@@ -66,7 +78,8 @@ impl Problems {
     /// The mistakes, in the order in which they stand in their sources.
     pub fn sorted(&self) -> Vec<Problem> {
         let mut problems = self.0.clone();
-        problems.sort_by_key(|problem| problem.place);
+        let found = problems.len().min(MOST);
+        problems[..found].sort_by_key(|problem| problem.place);
         problems
     }
 }
@@ -100,15 +113,20 @@ impl Report {
 
     fn group<'a>(&'a self, problem: &'a Problem) -> Group<'a> {
         let title = Level::ERROR.primary_title(problem.message.as_str());
-        let snippet = problem.place.and_then(|place| {
-            let source = self.sources.get(place.source)?;
-            let (start, end) = visible_span(&source.text, place);
-            let mark = AnnotationKind::Primary.span(start..end);
-            Some(Snippet::source(source.text.as_str()).path(source.name.as_str()).annotation(mark))
-        });
-        let mut group = match snippet {
-            Some(snippet) => title.element(snippet),
+        let source = problem.place.and_then(|place| Some((self.sources.get(place.source)?, place)));
+        let mut group = match source.map(|(source, place)| (source, Line::of(&source.text, place))) {
             None => Group::with_title(title),
+            Some((source, line)) if line.text.len() > LONGEST_LINE => title.element(
+                Origin::path(source.name.as_str())
+                    .line(line.number)
+                    .char_column(line.text[..line.start].chars().count() + 1),
+            ),
+            Some((source, line)) => {
+                let mark = AnnotationKind::Primary.span(line.start..line.end);
+                title.element(
+                    Snippet::source(line.text).line_start(line.number).path(source.name.as_str()).annotation(mark),
+                )
+            }
         };
         if let Some(help) = &problem.help {
             group = group.element(Level::HELP.message(help.as_str()));
@@ -117,19 +135,49 @@ impl Report {
     }
 }
 
-/// The part of a place that is worth underlining: its first line only, on character boundaries.
-fn visible_span(text: &str, place: Place) -> (usize, usize) {
-    let floor = |mut at: usize| {
-        at = at.min(text.len());
-        while !text.is_char_boundary(at) {
-            at -= 1;
+/// A longer line is not shown, only where it is, bytes.
+const LONGEST_LINE: usize = 2000;
+
+/// The part of a place that is worth showing: its first line, and the bytes of it to be underlined.
+struct Line<'a> {
+    text: &'a str,
+    number: usize,
+    start: usize,
+    end: usize,
+}
+
+impl<'a> Line<'a> {
+    fn of(text: &'a str, place: Place) -> Self {
+        let floor = |mut at: usize| {
+            at = at.min(text.len());
+            while !text.is_char_boundary(at) {
+                at -= 1;
+            }
+            at
+        };
+        let start = floor(place.start);
+        let end = floor(place.end.max(start));
+        let first = text[..start].rfind('\n').map_or(0, |at| at + 1);
+        let last = text[start..].find('\n').map_or(text.len(), |length| start + length + 1);
+        let end = text[start..end].find('\n').map_or(end, |length| start + length);
+        let number = text[..first].bytes().filter(|byte| *byte == b'\n').count() + 1;
+        Self { text: &text[first..last], number, start: start - first, end: end - first }
+    }
+}
+
+/// Characters of a message or a hint that are shown.
+const LONGEST_MESSAGE: usize = 1000;
+
+/// The text, or its start and its end: it may quote what the user wrote, which may be megabytes.
+fn shortened(text: String) -> String {
+    match text.char_indices().nth(LONGEST_MESSAGE) {
+        None => text,
+        Some(_) => {
+            let cut = |at: usize| text.char_indices().nth(at).map_or(text.len(), |(at, _)| at);
+            let last = text.char_indices().rev().nth(LONGEST_MESSAGE / 4).map_or(0, |(at, _)| at);
+            format!("{} .. {}", &text[..cut(LONGEST_MESSAGE / 2)], &text[last..])
         }
-        at
-    };
-    let start = floor(place.start);
-    let end = floor(place.end.max(start));
-    let line_end = text[start..end].find('\n').map_or(end, |length| start + length);
-    (start, line_end)
+    }
 }
 
 impl fmt::Display for Report {
@@ -140,8 +188,14 @@ impl fmt::Display for Report {
 
 impl std::error::Error for Report {}
 
+/// Longer than every name there is, slips included, bytes.
+const LONGEST_NAME: usize = 200;
+
 /// The known name closest to what was written, if it is close enough to be a slip.
 pub fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    if written.len() > LONGEST_NAME {
+        return None;
+    }
     known
         .into_iter()
         .map(|name| (strsim::damerau_levenshtein(written, name), name))

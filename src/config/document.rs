@@ -10,6 +10,11 @@ use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Problem, Problems};
 
+/// Largest text, bytes.
+pub const MOST_BYTES: usize = 8 << 20;
+/// Most memory that parsing a text may take, bytes: enough for the resolved job of twenty thousand objects.
+const MOST_MEMORY: usize = 160 << 20;
+
 /// One text that contributes to a job.
 #[derive(Clone, Debug)]
 pub struct Source {
@@ -98,11 +103,19 @@ impl Document {
     /// Parses one more text and returns its tree, which is not merged yet.
     pub fn add_source(&mut self, name: &str, text: String, folder: &Path, problems: &mut Problems) -> Node {
         let source = self.sources.len();
+        if let Some(reason) = oversize(&text) {
+            problems.push(Problem::new(format!("{name}: {reason}")));
+            self.sources.push(Source { name: name.to_owned(), text: String::new(), folder: folder.to_owned() });
+            return Self::empty().root;
+        }
         let (table, errors) = DeTable::parse_recoverable(&text);
         let whole = Place { source, start: 0, end: text.len() };
         // After a slip in a table's header its keys count to the table before: not the user's doubles.
         let doubles = errors.iter().all(is_duplicate);
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
+            if problems.is_full() {
+                break;
+            }
             let span = error.span().unwrap_or(0..text.len());
             let place = Place { source, start: span.start, end: span.end };
             problems.push(Problem::new(format!("not valid TOML: {}", error.message())).at(place));
@@ -212,6 +225,25 @@ impl Document {
     pub fn underlay(&mut self, name: &str, below: Node) {
         let Value::Table(root) = &mut self.root.value else { return };
         lay_under(root, Entry { key: name.to_owned(), key_place: below.place, node: below });
+    }
+}
+
+/// Why a text is not worth parsing: it would take far more memory and time than any job or sensor.
+fn oversize(text: &str) -> Option<String> {
+    if text.len() > MOST_BYTES {
+        return Some(format!("larger than {} MB", MOST_BYTES >> 20));
+    }
+    let needed: usize = text.bytes().map(parsing).sum();
+    (needed > MOST_MEMORY).then(|| String::from("too many keys and values for a job or a sensor"))
+}
+
+/// Memory that a byte takes at most while it is parsed, as measured on texts made of nothing but keys, values, tables,
+/// empty lists, mistakes, blanks or brackets.
+fn parsing(byte: u8) -> usize {
+    match byte {
+        b'[' | b'{' | b',' | b'.' | b'=' | b'\n' | b'\r' => 280,
+        b'_' | b'-' | b'/' | b'0'..=b'9' | b'A'..=b'Z' | b'a'..=b'z' | 0x80.. => 8,
+        _ => 70,
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Reading collects every mistake ([`diagnostic`]); what values mean together is the plan's business.
 
+use std::io;
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -25,6 +26,7 @@ use crate::depth::texture::{Pattern, Texture};
 use crate::effects::Gate;
 use crate::fidelity::{Fidelity, Rung};
 use crate::gelpad::rest::RestShape;
+use crate::input;
 use crate::{gelpad, optics};
 
 /// A job. Keys that are left out have the defaults named with each.
@@ -108,7 +110,8 @@ pub struct Written {
 /// the same, so that the plan finds the mistakes of meaning in one go. Fails only if there is no text at all.
 pub fn read(path: &Path, overrides: &Overrides, problems: &mut Problems) -> Result<Written, Report> {
     let name = path.display().to_string();
-    let text = std::fs::read(path).map_err(|error| Report::message(format!("{name}: cannot read the job: {error}")))?;
+    let text = input::read(path, document::MOST_BYTES as u64)
+        .map_err(|error| Report::message(format!("{name}: cannot read the job: {error}")))?;
     let text = String::from_utf8(text)
         .map_err(|error| Report::message(format!("{name}: not UTF-8 at byte {}", error.utf8_error().valid_up_to())))?;
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -197,7 +200,9 @@ fn lay_under_sensor(document: &mut Document, problems: &mut Problems) -> bool {
             problems.push(problem);
         }
         let path = document.folder("sensor.file").join(written);
-        match std::fs::read_to_string(&path) {
+        let text = input::read(&path, document::MOST_BYTES as u64)
+            .and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other));
+        match text {
             Ok(text) => {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 let mut found = Problems::default();

@@ -24,10 +24,11 @@ pub fn read<T: DeserializeOwned>(node: &Node, problems: &mut Problems) -> Option
                 let echo = mistake.echo || mistake.missing && context.lost_a_child(node, mistake.place);
                 if !echo {
                     let place = mistake.place.unwrap_or(node.place);
-                    let problem = Problem { message: mistake.message, place: Some(place), help: mistake.help };
-                    context.problems.borrow_mut().push(problem);
+                    let problem = Problem { help: mistake.help, ..Problem::new(mistake.message) };
+                    context.problems.borrow_mut().push(problem.at(place));
                 }
                 match mistake.field {
+                    _ if context.problems.borrow().is_full() => break None,
                     Some(field) if context.skipped.borrow_mut().insert(field) => {}
                     _ => break None,
                 }
@@ -163,7 +164,10 @@ impl<'a> Reader<'a> {
             Value::String(text) => visitor.visit_str(text),
             Value::Datetime => Err(self.wrong_type("a value that is not a date")),
             Value::Array(items) => {
-                let lost = items.iter().any(|item| self.context.skipped.borrow().contains(&item.place));
+                let lost = {
+                    let skipped = self.context.skipped.borrow();
+                    !skipped.is_empty() && items.iter().any(|item| skipped.contains(&item.place))
+                };
                 let mut items = Items { items: items.iter(), context: self.context };
                 match (visitor.visit_seq(&mut items), items.items.len()) {
                     // A mistake with a place is one in a further element.
@@ -287,6 +291,9 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
             return Err(self.wrong_type("a table").located(self.node.place));
         };
         for entry in entries {
+            if self.context.problems.borrow().is_full() {
+                break;
+            }
             let unknown = !fields.contains(&entry.key.as_str());
             if unknown && self.context.skipped.borrow_mut().insert(entry.node.place) {
                 let help = match nearest(&entry.key, fields.iter().copied()) {

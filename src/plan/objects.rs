@@ -1,5 +1,6 @@
 //! The objects of a plan: files found, read, named, and divided between the splits.
 
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use glob::Pattern;
@@ -99,6 +100,8 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         .collect();
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
+    // The names that are taken, and of each stem the number that was given last.
+    let (mut ids, mut numbers) = (HashSet::new(), HashMap::new());
     for ((i, path), read) in files.iter().zip(read) {
         let entry = &job.object[*i];
         let (clusters, loaded) = match read {
@@ -120,10 +123,9 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         }
         let stem = stem(&path.to_string_lossy());
         let class = entry.class.clone().unwrap_or_else(|| stem.clone());
-        let mut id = stem.clone();
-        let mut number = 1;
-        while objects.iter().any(|object| object.id == id) {
-            number += 1;
+        let (mut id, number) = (stem.clone(), numbers.entry(stem.clone()).or_insert(1));
+        while !ids.insert(id.clone()) {
+            *number += 1;
             id = format!("{stem}-{number}");
         }
         entries.push(Entry {
@@ -160,6 +162,10 @@ fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf
         let help = "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
         check.wrong(place, format!("{} {what}", path.display()), help);
         return Err(if path.is_dir() { MANY } else { 1 });
+    }
+    if written.matches("**").count() > 1 {
+        check.wrong(place, "more than one `**` in a pattern", "one `**` stands for any number of folders");
+        return Err(MANY);
     }
     // Only what the user wrote is a pattern, not the folder that it starts from.
     let pattern = Path::new(&Pattern::escape(&folder.to_string_lossy())).join(written);
@@ -218,12 +224,9 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
         SplitBy::Sample => [drawn.clone(), drawn.clone(), drawn],
         SplitBy::Object => {
             // Files of the same content are one object: a twin in another split would not be unseen.
-            let mut contents: Vec<&str> = Vec::new();
-            for &i in &drawn {
-                if !contents.contains(&objects[i].sha256.as_str()) {
-                    contents.push(&objects[i].sha256);
-                }
-            }
+            let mut known = HashSet::new();
+            let hashes = drawn.iter().map(|&i| objects[i].sha256.as_str());
+            let contents: Vec<&str> = hashes.filter(|hash| known.insert(*hash)).collect();
             let used = shares.iter().filter(|share| **share > 0.0).count();
             if used > contents.len() + unread {
                 let message = format!("{used} splits but {} different object(s)", contents.len() + unread);
@@ -238,8 +241,8 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
             let mut groups: [Vec<usize>; 3] = Default::default();
             let mut next = order.into_iter();
             for (group, count) in groups.iter_mut().zip(counts) {
-                let mine: Vec<&str> = next.by_ref().take(count).map(|at| contents[at]).collect();
-                *group = drawn.iter().copied().filter(|&i| mine.contains(&objects[i].sha256.as_str())).collect();
+                let mine: HashSet<&str> = next.by_ref().take(count).map(|at| contents[at]).collect();
+                *group = drawn.iter().copied().filter(|&i| mine.contains(objects[i].sha256.as_str())).collect();
             }
             groups
         }
