@@ -49,4 +49,5 @@ pub mod tradeoff;
 
 pub mod cli;
 pub mod grid;
+pub mod input;
 pub mod simd;

@@ -9,13 +9,14 @@ use std::io::Cursor;
 use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
 use exr::block::writer::ChunksWriter;
-use exr::meta::BlockDescription;
 use exr::meta::header::Header;
-use exr::prelude::{ChannelDescription, LineOrder, ReadChannels, ReadLayers, SampleType, SmallVec, Text};
+use exr::meta::{BlockDescription, MetaData};
+use exr::prelude::{ChannelDescription, LineOrder, ReadChannels, ReadLayers, SampleType, SmallVec, Text, Vec2};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use miniz_oxide::deflate::compress_to_vec_zlib;
 
+use super::unpack;
 use crate::config::output::{Compression, Exr, Pixel};
 use crate::grid::Grid;
 use crate::simd::wide;
@@ -183,8 +184,20 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
     Ok(Grid { width, height, data })
 }
 
+/// Decodes an image of one channel that anybody may have made: refused if it would unpack to far more than its bytes.
+pub fn decode_single(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let (size, names) = header(bytes)?;
+    if names.len() != 1 {
+        return Err(format!("it has {} channels instead of one", names.len()));
+    }
+    // A sample of up to 4 bytes, and the same as f32.
+    unpack::check(size, 8, bytes.len())?;
+    decode(bytes)
+}
+
 /// Decodes an image.
 pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
+    header(bytes)?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -201,6 +214,28 @@ pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
     };
     let channels = layer.channel_data.list.iter().map(values).collect();
     Ok(Planes { width: layer.size.width(), height: layer.size.height(), channels })
+}
+
+/// Most channels that an image may have.
+const MOST_CHANNELS: usize = 4;
+
+/// Width, height and channels that an image says it has. What [`planes`] does not read is refused: more than one part,
+/// deep or subsampled data, more than 4 channels or 8192 px on a side.
+pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|error| error.to_string())?;
+    let [header] = meta.headers.as_slice() else {
+        return Err(format!("it has {} parts instead of one", meta.headers.len()));
+    };
+    let Vec2(width, height) = header.layer_size;
+    let channels = &header.channels.list;
+    if header.deep || channels.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
+        return Err(String::from("it has deep or subsampled data"));
+    }
+    if channels.len() > MOST_CHANNELS {
+        return Err(format!("it has {} channels; the most is {MOST_CHANNELS}", channels.len()));
+    }
+    unpack::sides([width, height])?;
+    Ok(([width, height], channels.iter().map(|channel| channel.name.to_string()).collect()))
 }
 
 #[cfg(test)]

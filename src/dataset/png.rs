@@ -1,8 +1,11 @@
 //! PNG files of a sample: 8-bit RGB and grey.
 
-use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageEncoder, RgbImage};
+use std::io::Cursor;
 
+use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
+use image::{ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, RgbImage};
+
+use super::unpack;
 use crate::grid::Grid;
 
 /// Encodes row-major RGB.
@@ -30,25 +33,44 @@ pub fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, String> {
     decode(bytes).map(DynamicImage::into_rgb8)
 }
 
-/// Decodes a grey image of heights: 0 where it is black, 1 where it is white.
-pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
-    let image = decode(bytes)?;
-    if !matches!(image, DynamicImage::ImageLuma8(_) | DynamicImage::ImageLuma16(_)) {
-        return Err(String::from("not a grey image"));
-    }
-    let grey = image.into_luma16();
-    let (width, height) = (grey.width() as usize, grey.height() as usize);
-    Ok(Grid { width, height, data: grey.pixels().map(|pixel| f32::from(pixel.0[0]) / 65535.0).collect() })
+/// The same of a file that anybody may have made: refused if it would unpack to far more than its bytes.
+pub fn decode_background(bytes: &[u8]) -> Result<RgbImage, String> {
+    let (size, pixel) = header(bytes)?;
+    unpack::check(size, pixel.bytes_per_pixel() as usize + 3, bytes.len())?;
+    decode_rgb(bytes)
 }
 
-/// Decodes an image as it is. Larger than 8192 px on a side is refused before it is unpacked.
+/// Decodes a grey image of heights: 0 where it is black, 1 where it is white. Refused as [`decode_background`] does.
+pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let ([width, height], pixel) = header(bytes)?;
+    unpack::check([width, height], pixel.bytes_per_pixel() as usize + 4, bytes.len())?;
+    let data = match decode(bytes)? {
+        DynamicImage::ImageLuma8(grey) => grey.as_raw().iter().map(|value| f32::from(*value) / 255.0).collect(),
+        DynamicImage::ImageLuma16(grey) => grey.as_raw().iter().map(|value| f32::from(*value) / 65535.0).collect(),
+        _ => return Err(String::from("not a grey image")),
+    };
+    Ok(Grid { width, height, data })
+}
+
+/// Width, height and kind of pixel that an image says it has.
+pub fn header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
+    let decoder = decoder(bytes)?;
+    let (width, height) = decoder.dimensions();
+    Ok(([width as usize, height as usize], decoder.color_type()))
+}
+
+/// Decodes an image as it is.
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+    DynamicImage::from_decoder(decoder(bytes)?).map_err(|error| error.to_string())
+}
+
+/// Larger than 8192 px on a side is refused before it is unpacked.
+fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
     let mut limits = image::Limits::default();
-    limits.max_image_width = Some(8192);
-    limits.max_image_height = Some(8192);
+    limits.max_image_width = Some(unpack::MOST_PX as u32);
+    limits.max_image_height = Some(unpack::MOST_PX as u32);
     limits.max_alloc = Some(1 << 30);
-    let decoder = PngDecoder::with_limits(std::io::Cursor::new(bytes), limits).map_err(|error| error.to_string())?;
-    DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())
+    PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| error.to_string())
 }
 
 /// Encodes a picture for people: slowly, and as small as it gets.

@@ -230,21 +230,21 @@ fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, fo
 }
 
 fn check_png(bytes: &[u8], [width, height]: [usize; 2], color: image::ColorType) -> Result<(), String> {
-    let picture = png::decode(bytes)?;
-    let size = [picture.width() as usize, picture.height() as usize];
-    match size == [width, height] && picture.color() == color {
-        true => Ok(()),
-        false => Err(format!("is {}x{} px {:?}, not {width}x{height} {color:?}", size[0], size[1], picture.color())),
+    // Before it is unpacked: what it says it is must be what belongs there.
+    let (size, found) = png::header(bytes)?;
+    if size != [width, height] || found != color {
+        return Err(format!("is {}x{} px {found:?}, not {width}x{height} {color:?}", size[0], size[1]));
     }
+    png::decode(bytes).map(|_| ())
 }
 
 fn check_exr(bytes: &[u8], [width, height]: [usize; 2], channels: &[&str], least: f32) -> Result<(), String> {
-    let planes = exr::planes(bytes)?;
-    let names: Vec<&str> = planes.channels.iter().map(|(name, _)| name.as_str()).collect();
-    if [planes.width, planes.height] != [width, height] || names != channels {
-        let size = format!("{}x{} px", planes.width, planes.height);
+    let (size, names) = exr::header(bytes)?;
+    if size != [width, height] || names != channels {
+        let size = format!("{}x{} px", size[0], size[1]);
         return Err(format!("is {size} of {names:?}, not {width}x{height} of {channels:?}"));
     }
+    let planes = exr::planes(bytes)?;
     for (name, values) in &planes.channels {
         if let Some(at) = values.iter().position(|value| !value.is_finite() || *value < least) {
             return Err(format!("channel {name} is {} in column {}, row {}", values[at], at % width, at / width));

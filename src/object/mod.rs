@@ -13,10 +13,10 @@ pub mod surface;
 
 pub use mesh::{Cleaned, Mesh};
 
+use crate::input;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::fmt;
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -78,7 +78,8 @@ impl Format {
 pub fn load(path: &Path, mm_per_unit: f64) -> Result<Loaded, MeshError> {
     let in_file = |error: MeshError| MeshError { path: Some(path.to_path_buf()), ..error };
     let format = Format::of(path).ok_or_else(|| in_file(Problem::UnknownExtension.into()))?;
-    let bytes = fs::read(path).map_err(|error| in_file(Problem::Unreadable(error).into()))?;
+    let bytes =
+        input::read(path, input::MOST_MESH_BYTES).map_err(|error| in_file(Problem::Unreadable(error).into()))?;
     let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
     let raw = read(&bytes, format).map_err(in_file)?;
     let given = Given { format, bytes: bytes.len(), vertices: raw.vertices.len(), triangles: raw.triangles.len() };
@@ -320,6 +321,7 @@ fn quoted(word: &[u8]) -> String {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::fs;
 
     const CORNERS: [[f32; 3]; 8] = [
         [1.5, 2.0, -4.0],

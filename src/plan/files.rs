@@ -5,11 +5,12 @@ use sha2::{Digest, Sha256};
 use super::check::Check;
 use super::{hex, view};
 use crate::config::Job;
-use crate::dataset::png;
+use crate::dataset::{heights, png};
 use crate::depth::relief::Relief;
 use crate::depth::texture::Pattern;
 use crate::gelpad::rest::{self, RestShape};
 use crate::grid::Grid;
+use crate::input;
 use crate::optics::background::Reference;
 
 /// Reads the file that the key at `key` names. Sets `path` to where it was found and `sha256` to its hash, which must be
@@ -24,7 +25,7 @@ fn read<T>(
 ) -> Option<T> {
     let found = check.document.folder(key).join(&path);
     let bytes = match found.to_str() {
-        Some(_) => std::fs::read(&found).map_err(|error| error.to_string()),
+        Some(_) => input::read(&found, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string()),
         None => Err(String::from("its path is not UTF-8, so that no job can hold it")),
     };
     let (content, hash) = match bytes.and_then(|bytes| Ok((decode(&bytes)?, hex(&Sha256::digest(&bytes))))) {
@@ -33,7 +34,7 @@ fn read<T>(
             let message = format!("cannot read the {what} {}: {reason}", found.display());
             let help = match what {
                 "background" => "an 8-bit PNG of the untouched pad belongs here",
-                _ => "a grey PNG of 8 or 16 bits belongs here",
+                _ => "a grey PNG of 8 or 16 bits, or an npy or EXR file with values from 0 to 1, belongs here",
             };
             check.wrong(key, message, help);
             return None;
@@ -60,7 +61,7 @@ pub fn background(check: &mut Check<'_>, job: &mut Job) -> Option<(Reference, Op
         return sound.then(|| (Reference::rendered(&job.sensor, &camera), None));
     };
     let sha256 = &mut job.sensor.background_sha256;
-    let image = read(check, "sensor.background", "background", path, sha256, png::decode_rgb)?;
+    let image = read(check, "sensor.background", "background", path, sha256, png::decode_background)?;
     if !sizes {
         return None;
     }
@@ -84,7 +85,7 @@ pub fn textures(check: &mut Check<'_>, job: &mut Job) -> Vec<Relief> {
         let relief = match pattern {
             Pattern::Image(image) => {
                 let key = format!("texture.patterns.{i}.image.path");
-                read(check, &key, "height map", &mut image.path, &mut image.sha256, png::decode_heights)
+                read(check, &key, "height map", &mut image.path, &mut image.sha256, heights::decode)
                     .map(Relief::from_heights)
             }
             procedural if wanted => Relief::of(procedural),
@@ -103,7 +104,7 @@ pub fn drop_mm(check: &mut Check<'_>, job: &mut Job) -> Option<Grid<f32>> {
         RestShape::Dome(_) => None,
         RestShape::HeightMap(map) => {
             let key = "sensor.rest_shape.height_map.path";
-            Some(read(check, key, "height map", &mut map.path, &mut map.sha256, png::decode_heights)?)
+            Some(read(check, key, "height map", &mut map.path, &mut map.sha256, heights::decode)?)
         }
     };
     check.problems.is_empty().then(|| rest::drop_mm(shape, heights.as_ref(), &camera))
