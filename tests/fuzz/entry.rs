@@ -1,0 +1,222 @@
+//! What is done with the bytes of a file: one function per target, the same under `cargo fuzz` and in the test `fuzz`.
+//!
+//! A function returns if the bytes are refused with a message, or if what they became holds its invariants and comes
+//! back the same after being written and read again. Everything else panics.
+
+#![allow(dead_code)] // A fuzz target calls one of them.
+
+use std::path::Path;
+
+use gelsim::config::diagnostic::{Problem, Problems};
+use gelsim::config::output::{Compression, Exr, Pixel};
+use gelsim::config::{self, Overrides, Written};
+use gelsim::dataset::{exr as exr_file, heights, npy as npy_file, png as png_file};
+use gelsim::grid::Grid;
+use gelsim::object::clusters::Clusters;
+use gelsim::object::{Format, Mesh, parse};
+use gelsim::plan::Plan;
+
+/// One function per kind of input, by the name of its target.
+pub const TARGETS: [(&str, fn(&[u8])); 9] = [
+    ("job", job),
+    ("obj", obj),
+    ("stl", stl),
+    ("ply", ply),
+    ("npy", npy),
+    ("exr", exr),
+    ("png", png),
+    ("shard", shard),
+    ("manifest", manifest),
+];
+
+/// A job is refused with a report that can be shown, or is the same after being written out and read again.
+pub fn job(bytes: &[u8]) {
+    let Ok(text) = str::from_utf8(bytes) else { return };
+    let mut problems = Problems::default();
+    let mut written = read_job(text, &mut problems);
+    if problems.is_empty() {
+        let again = toml::to_string(&written.job).expect("a job can be written");
+        let read = read_job(&again, &mut problems);
+        assert!(problems.is_empty(), "{again}");
+        assert_eq!(json(&read.job), json(&written.job));
+    }
+    // All that the plan checks without a file; what it would make of a sound job is no matter of reading.
+    written.job.paths_mut().for_each(|path| *path = String::from("none.obj"));
+    problems.push(Problem::new("a plan is not wanted"));
+    let report = Plan::resolve(written, problems).err().expect("one problem at least");
+    assert!(report.render(false).contains("error: "));
+}
+
+fn read_job(text: &str, problems: &mut Problems) -> Written {
+    config::read_text("job.toml", text.to_owned(), Path::new("none"), &Overrides::default(), problems)
+}
+
+fn json(value: &impl serde::Serialize) -> serde_json::Value {
+    serde_json::to_value(value).expect("JSON can hold it")
+}
+
+/// See [`mesh`].
+pub fn obj(bytes: &[u8]) {
+    mesh(bytes, Format::Obj);
+}
+
+/// See [`mesh`].
+pub fn stl(bytes: &[u8]) {
+    mesh(bytes, Format::Stl);
+}
+
+/// See [`mesh`].
+pub fn ply(bytes: &[u8]) {
+    mesh(bytes, Format::Ply);
+}
+
+/// A mesh is finite and its indices are in range; written in all three formats it is the same mesh in each.
+fn mesh(bytes: &[u8], format: Format) {
+    let mesh = match parse(bytes, format, 1.0) {
+        Ok((mesh, _)) => mesh,
+        Err(error) => return assert!(!error.to_string().contains('\n'), "{error}"),
+    };
+    assert!(!mesh.triangles.is_empty());
+    assert!(mesh.vertices.as_flattened().iter().all(|x| x.is_finite()));
+    assert!(mesh.centre_mm.iter().all(|x| x.is_finite()));
+    let mut used = vec![false; mesh.vertices.len()];
+    for [a, b, c] in &mesh.triangles {
+        assert!(a != b && b != c && c != a);
+        [a, b, c].map(|corner| used[*corner as usize] = true);
+    }
+    assert!(used.iter().all(|used| *used));
+    let mut distinct = mesh.vertices.clone();
+    distinct.sort_by(|a, b| a.partial_cmp(b).expect("finite"));
+    assert!(distinct.windows(2).all(|pair| pair[0] != pair[1]));
+    // What a plan does next.
+    Clusters::new(&mesh);
+    if mesh.triangles.len() <= 1000 {
+        let [from_obj, from_stl, from_ply] = [
+            (written_obj(&mesh), Format::Obj),
+            (written_stl(&mesh), Format::Stl),
+            (written_ply(&mesh), Format::Ply),
+        ]
+        .map(|(bytes, format)| parse(&bytes, format, 1.0).map_err(|error| error.to_string()));
+        assert_eq!(from_obj, from_stl);
+        assert_eq!(from_obj, from_ply);
+        if mesh.centre_mm == [0.0; 3] {
+            assert_eq!(from_obj.map(|(mesh, _)| mesh), Ok(mesh));
+        }
+    }
+}
+
+fn written_obj(mesh: &Mesh) -> Vec<u8> {
+    let mut text = String::new();
+    mesh.vertices.iter().for_each(|[x, y, z]| text += &format!("v {x} {y:e} {z:?}\n"));
+    mesh.triangles.iter().for_each(|t| text += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1));
+    text.into_bytes()
+}
+
+fn written_stl(mesh: &Mesh) -> Vec<u8> {
+    let mut bytes = vec![0; 80];
+    bytes.extend((mesh.triangles.len() as u32).to_le_bytes());
+    for triangle in &mesh.triangles {
+        bytes.extend([0; 12]);
+        for corner in triangle {
+            bytes.extend(mesh.vertices[*corner as usize].map(f32::to_le_bytes).as_flattened());
+        }
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+fn written_ply(mesh: &Mesh) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat binary_big_endian 1.0\nelement face {}\nproperty list uchar uint vertex_indices\n\
+         element vertex {}\nproperty double x\nproperty float y\nproperty float z\nend_header\n",
+        mesh.triangles.len(),
+        mesh.vertices.len()
+    )
+    .into_bytes();
+    for triangle in &mesh.triangles {
+        bytes.push(3);
+        bytes.extend(triangle.map(u32::to_be_bytes).as_flattened());
+    }
+    for [x, y, z] in &mesh.vertices {
+        bytes.extend(f64::from(*x).to_be_bytes());
+        bytes.extend(y.to_be_bytes());
+        bytes.extend(z.to_be_bytes());
+    }
+    bytes
+}
+
+/// An array has as many values as its shape says, and is the same after being written and read again.
+pub fn npy(bytes: &[u8]) {
+    heights_of(bytes);
+    let Some(read) = image(npy_file::decode(bytes).map(|array| array.values)) else { return };
+    let text = format!(
+        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}\n",
+        read.height, read.width
+    );
+    let mut again = b"\x93NUMPY\x01\x00".to_vec();
+    again.extend((text.len() as u16).to_le_bytes());
+    again.extend(text.as_bytes());
+    read.data.iter().for_each(|value| again.extend(value.to_le_bytes()));
+    let again = npy_file::decode(&again).expect("what was written can be read");
+    assert_eq!(again.most, None);
+    assert_same_bits(&again.values, &read);
+}
+
+/// Heights are from 0 to 1 and not more than a side may have, whatever the format.
+fn heights_of(bytes: &[u8]) {
+    if let Some(read) = image(heights::decode(bytes)) {
+        assert!(read.width <= 8192 && read.height <= 8192);
+        assert!(read.data.iter().all(|height| (0.0..=1.0).contains(height)));
+    }
+}
+
+fn assert_same_bits(a: &Grid<f32>, b: &Grid<f32>) {
+    assert_eq!((a.width, a.height), (b.width, b.height));
+    let same = |(a, b): (&f32, &f32)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
+    assert!(a.data.iter().zip(&b.data).all(same));
+}
+
+/// A picture has as many values as its size says, and is the same after being written losslessly and read again.
+pub fn exr(bytes: &[u8]) {
+    heights_of(bytes);
+    let Some(read) = image(exr_file::decode(bytes)) else { return };
+    for compression in [Compression::None, Compression::Rle, Compression::Zip] {
+        let storage = Exr { pixel: Pixel::Float, compression };
+        let again = exr_file::encode(read.width, read.height, &[("Z", &read.data)], storage);
+        assert_same_bits(&exr_file::decode(&again).expect("what was written can be read"), &read);
+    }
+}
+
+/// A background is the same after being written and read again.
+pub fn png(bytes: &[u8]) {
+    heights_of(bytes);
+    match png_file::decode_rgb(bytes) {
+        Err(reason) => assert!(!reason.is_empty()),
+        Ok(picture) => {
+            let (width, height) = (picture.width() as usize, picture.height() as usize);
+            let again = png_file::encode_rgb(width, height, &picture);
+            assert_eq!(png_file::decode_rgb(&again).as_ref(), Ok(&picture));
+        }
+    }
+}
+
+/// What was read, if it was; its size must be that of its data.
+fn image(read: Result<Grid<f32>, String>) -> Option<Grid<f32>> {
+    match read {
+        Err(reason) => {
+            assert!(!reason.is_empty());
+            None
+        }
+        Ok(grid) => {
+            assert!(grid.width > 0 && grid.height > 0);
+            assert_eq!(grid.data.len(), grid.width * grid.height);
+            Some(grid)
+        }
+    }
+}
+
+/// Not there yet.
+pub fn shard(_bytes: &[u8]) {}
+
+/// Not there yet.
+pub fn manifest(_bytes: &[u8]) {}
