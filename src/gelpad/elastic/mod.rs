@@ -186,16 +186,23 @@ impl Pad {
     /// See [`super::Pad::window`].
     pub fn window(&self, depth_mm: f64) -> Window {
         // Some tolerances more, because nobody can tell within them whether a bulge got there.
-        let above_mm = (BULGE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
-        Window { margin_px: self.margin_px, above_mm: above_mm.min(self.layer.thickness_mm) }
+        let bulge_mm = (BULGE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
+        Window { margin_px: self.margin_px, above_mm: (bulge_mm + self.taken_for_mm()).min(self.layer.thickness_mm) }
     }
 
     /// See [`super::Pad::higher`]. Over a pad's thickness above it nothing is looked for: linear theory has ended long
     /// before.
     pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
-        let reached = f64::from(contact.bulge_mm) + 2e-3 * self.elastic.tolerance_um >= window.above_mm;
+        let spare_mm = 2e-3 * self.elastic.tolerance_um + self.taken_for_mm();
+        let reached = f64::from(contact.bulge_mm) + spare_mm >= window.above_mm;
         let higher = Window { above_mm: (2.0 * window.above_mm).min(self.layer.thickness_mm), ..window };
         (reached && higher.above_mm > window.above_mm).then_some(higher)
+    }
+
+    /// Where the surface is interpolated, what is captured this close to it is taken for the object: no object at all
+    /// must stay further away, mm.
+    fn taken_for_mm(&self) -> f64 {
+        if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.close_mm()) }
     }
 
     /// Presses the object into the pad.

@@ -30,7 +30,8 @@ impl Pad {
                 let fine = [depth.overlap.width, depth.overlap.height];
                 contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, fine, Shape::Cubic);
                 let area = lattice.covered_by(solution.contact_box, fine);
-                let pressure = self.enlarge_pressure(solution, depth, area, seen, &mut contact.surface);
+                let highest = -contact.bulge_mm;
+                let pressure = self.enlarge_pressure(solution, depth, area, seen, highest, &mut contact.surface);
                 (area, Cow::Owned(pressure))
             }
         };
@@ -105,13 +106,15 @@ impl Pad {
     }
 
     /// Pressure on the camera's grid within `area`. Half-way to the next coarse pixel that touches, a pixel touches too,
-    /// unless the object ends before it; from there to the coarse pixel the surface goes over to the object's own.
+    /// unless the object ends before it; from there to the coarse pixel the surface goes over to the object's own, but to
+    /// no higher place than the pad's `highest`.
     fn enlarge_pressure(
         &self,
         solution: &Solution,
         depth: &Depth,
         area: Rect,
         seen: Rect,
+        highest: f32,
         surface: &mut Grid<f32>,
     ) -> Grid<f32> {
         let lattice = self.elastic.resolution.lattice();
@@ -138,9 +141,9 @@ impl Pad {
             let pressure = &mut pressure.row_mut(y - area.y0)[inside];
             for (((p, touching), w), g) in pressure.iter_mut().zip(touching).zip(surface).zip(object) {
                 let gap = *w - g;
-                *p = if (*touching >= 0.5) & (gap < close) { *p } else { 0.0 };
+                *p = if (*touching >= 0.5) & (gap < close) & (*g >= highest) { *p } else { 0.0 };
                 let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
-                *w -= share * gap;
+                *w -= share * gap.min((*w - highest).max(0.0));
                 fine_sum += f64::from(*p);
             }
         }
