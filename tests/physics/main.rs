@@ -10,6 +10,8 @@ mod border;
 mod capture;
 mod contact;
 mod convolution;
+#[path = "../oracle/dense_contact.rs"]
+mod dense_contact;
 mod gaussian;
 mod gelpad;
 mod greens;
@@ -19,9 +21,13 @@ mod inplane;
 mod interreflection;
 mod kernel;
 mod ladder;
+#[path = "../oracle/light.rs"]
+mod light;
 mod optics;
 mod oracle;
 mod plan;
+#[path = "../oracle/pressed_pixel.rs"]
+mod pressed_pixel;
 mod reference_solutions;
 mod rig;
 mod scene;

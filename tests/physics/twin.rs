@@ -8,7 +8,7 @@ use gelsim::plan::Plan;
 use gelsim::render::render;
 use gelsim::scene::Scene;
 
-use crate::optics::brightness;
+use crate::light::brightness;
 use crate::oracle::Scenery;
 use crate::plan::plan;
 use crate::support::Shape;

@@ -1,0 +1,109 @@
+//! A millionth in, how much out? No number of a press may make the image flicker.
+//!
+//! Lengths are moved by 1e-6 mm, angles by 1e-6 rad, Young's modulus and Poisson ratio by 1e-6 of themselves. Noise and
+//! jitter are left out: the sample's number decides them. A pixel shows the object at its centre, so where an edge
+//! crosses a pixel centre, depth jumps whatever one does: such pixels are counted.
+
+use gelsim::fidelity::Rung;
+
+use crate::press::{Change, Extras, GENERIC, Numbers, Setting};
+
+/// A millionth of a radian, degrees.
+const MICRORADIAN_DEG: f64 = 1e-6 * 57.295_779_513_082_32;
+
+/// A number, the jobs that have it, and how it is moved.
+type Nudge = (&'static str, Extras, fn(&mut Numbers));
+
+const NUDGES: [Nudge; 17] = [
+    ("depth", Extras::None, |n| n.depth_mm += 1e-6),
+    ("x", Extras::None, |n| n.x_mm += 1e-6),
+    ("y", Extras::None, |n| n.y_mm += 1e-6),
+    ("yaw", Extras::None, |n| n.yaw_deg += MICRORADIAN_DEG),
+    ("tilt", Extras::None, |n| n.tilt_deg += MICRORADIAN_DEG),
+    ("tilt azimuth", Extras::None, |n| n.tilt_azimuth_deg += MICRORADIAN_DEG),
+    ("Young's modulus", Extras::None, |n| n.youngs_modulus_kpa *= 1.0 + 1e-6),
+    ("Poisson ratio", Extras::None, |n| n.poisson_ratio *= 1.0 + 1e-6),
+    ("thickness", Extras::None, |n| n.thickness_mm += 1e-6),
+    ("LED azimuth", Extras::None, |n| n.led_azimuth_deg += MICRORADIAN_DEG),
+    ("LED elevation", Extras::None, |n| n.led_elevation_deg += MICRORADIAN_DEG),
+    ("texture amplitude", Extras::All, |n| n.texture_amplitude_mm += 1e-6),
+    ("texture scale", Extras::All, |n| n.texture_scale_mm += 1e-6),
+    ("texture angle", Extras::All, |n| n.texture_angle_deg += MICRORADIAN_DEG),
+    ("marker pitch", Extras::All, |n| n.marker_pitch_mm += 1e-6),
+    ("shift", Extras::All, |n| n.shift_mm += 1e-6),
+    ("twist", Extras::All, |n| n.twist_deg += MICRORADIAN_DEG),
+];
+
+/// Nowhere special either.
+const ELSEWHERE: Numbers =
+    Numbers { depth_mm: 0.3377, x_mm: -1.773, y_mm: 0.9171, yaw_deg: 71.33, led_azimuth_deg: 33.1, ..GENERIC };
+
+const NO_SHADOWS: &str = "optics.phong.shadows = 'none'\n";
+
+/// The most that any nudge of a press changes.
+fn most(setting: &Setting<'_>, numbers: &Numbers) -> Change {
+    let base = setting.shown(numbers);
+    let nudged = NUDGES.iter().filter(|(_, needs, _)| *needs == Extras::None || setting.extras == Extras::All);
+    nudged.fold(Change::default(), |most, (_, _, nudge)| {
+        let mut moved = *numbers;
+        nudge(&mut moved);
+        most.or(base.change(&setting.shown(&moved)))
+    })
+}
+
+#[test]
+fn a_millionth_more_of_anything_does_not_show() {
+    for rung in Rung::ALL {
+        let mut all = Change::default();
+        for (extras, objects) in [
+            (Extras::None, &["sphere", "cone", "torus", "cube", "coin"][..]),
+            (Extras::All, &["sphere", "cube", "coin"][..]),
+        ] {
+            for object in objects {
+                let setting = Setting { object, rung, extras, more: NO_SHADOWS, ..Setting::default() };
+                let change = most(&setting, &GENERIC).or(match extras {
+                    Extras::None => most(&setting, &ELSEWHERE),
+                    Extras::All => Change::default(),
+                });
+                assert_eq!(change.flipped_px, 0, "{object}, {rung:?}, {extras:?}: no edge is near a pixel centre");
+                assert!(change.surface_um < 0.3, "{object}, {rung:?}, {extras:?}: {change:?}");
+                assert!(change.light_levels < 0.1, "{object}, {rung:?}, {extras:?}: {change:?}");
+                assert!(change.image_levels <= 1, "{object}, {rung:?}, {extras:?}: {change:?}");
+                assert!(change.image_share < 1e-3, "{object}, {rung:?}, {extras:?}: {change:?}");
+                all = all.or(change);
+            }
+        }
+        println!("a millionth, {rung:?}: {all:?}");
+    }
+}
+
+#[test]
+fn a_millionth_more_of_anything_moves_no_shadow_but_in_single_pixels() {
+    // Where two obstacles are as high over a ray, the nearer one takes over, and how soft its shadow is jumps.
+    for rung in [Rung::Draft, Rung::Standard, Rung::High] {
+        let mut all = Change::default();
+        for object in ["sphere", "cone", "torus", "cube", "coin"] {
+            let setting = Setting { object, rung, ..Setting::default() };
+            let change = most(&setting, &GENERIC).or(most(&setting, &ELSEWHERE));
+            assert!(change.light_levels < 8.0 && change.light_share < 1e-3, "{object}, {rung:?}: {change:?}");
+            assert!(change.image_share < 2e-3, "{object}, {rung:?}: {change:?}");
+            all = all.or(change);
+        }
+        println!("a millionth, shadows, {rung:?}: {all:?}");
+    }
+}
+
+#[test]
+fn an_edge_that_crosses_pixel_centres_moves_by_a_row_of_pixels() {
+    // The sides of a cube of 5 mm lie on pixel centres: 20 of them on each.
+    for rung in Rung::ALL {
+        let setting = Setting { rung, object: "cube", more: NO_SHADOWS, ..Setting::default() };
+        let numbers = |x_mm: f64| Numbers { x_mm, y_mm: 0.0, yaw_deg: 0.0, tilt_deg: 0.0, ..GENERIC };
+        for x_mm in [0.125 - 1e-6, 0.125] {
+            let change = setting.shown(&numbers(x_mm)).change(&setting.shown(&numbers(x_mm + 1e-6)));
+            println!("an edge on pixel centres, {rung:?}, from {x_mm}: {change:?}");
+            assert_eq!(change.flipped_px, 20, "{rung:?}, {x_mm}");
+            assert!(change.light_share < 0.3, "{rung:?}, {x_mm}: {change:?}");
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! Whole samples against a second pipeline in f64: mesh, depth, contact, normals, light, camera, grey levels.
+//!
+//! The surface of the elastic pad is solved densely, with the layer's response integrated another way. A rung that
+//! solves on every second or fourth pixel has a twin that does so too; in between it interpolates.
+
+use std::f64::consts::TAU;
+use std::path::Path;
+
+use gelsim::depth::Camera;
+use gelsim::effects::{Gate, Ledger};
+use gelsim::fidelity::Rung;
+use gelsim::gelpad::SURFACE_BORDER;
+use gelsim::gelpad::elastic::layer::Layer;
+use gelsim::grid::Grid;
+use gelsim::object;
+use gelsim::optics::normals::normals;
+use gelsim::plan::Plan;
+use gelsim::render::{Sample, render};
+use gelsim::scene::Scene;
+
+use crate::dense_contact::dense_contact;
+use crate::light::brightness;
+use crate::press::{Extras, GENERIC, Numbers, Setting, levels};
+use crate::pressed_pixel::pressed_pixel;
+
+/// 12 x 9 mm in pixels of 0.25 mm, on a pad that is 2.1 mm thick.
+const SETTING: Setting<'_> = Setting {
+    object: "sphere",
+    rung: Rung::Reference,
+    extras: Extras::None,
+    resolution_px: [48, 36],
+    anchor: "bounds",
+    more: "sensor.field_of_view_mm = [12.0, 9.0]\noptics.phong.shadows = 'none'\n",
+};
+const NUMBERS: Numbers = Numbers { depth_mm: 0.6, thickness_mm: 2.1, x_mm: 0.337, y_mm: -0.219, ..GENERIC };
+const OBJECTS: [&str; 4] = ["sphere", "cone", "dots", "cube"];
+
+/// How far the object reaches below the pad at each pixel of the window around the view, mm, in f64: minus infinity
+/// where there is none of it.
+fn overlap(plan: &Plan, name: &str, margin: usize) -> Grid<f64> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("objects/{name}.obj"));
+    let mesh = object::load(&path, 1.0).unwrap_or_else(|error| panic!("{error}")).mesh;
+    let placement = Scene::draw(plan, 0).pose.placement();
+    let placed = |vertex: &[f32; 3]| {
+        let point: [f64; 3] = std::array::from_fn(|k| f64::from(vertex[k]) + mesh.centre_mm[k]);
+        std::array::from_fn(|k| {
+            let turned: f64 = placement.rotation[k].iter().zip(point).map(|(r, q)| r * q).sum();
+            turned + placement.translation_mm[k]
+        })
+    };
+    let placed: Vec<[f64; 3]> = mesh.vertices.iter().map(placed).collect();
+    let [width, height] = plan.camera.resolution_px.map(|px| px + 2 * margin);
+    let mut grid = Grid { width, height, data: vec![f64::NEG_INFINITY; width * height] };
+    for (at, deepest) in grid.data.iter_mut().enumerate() {
+        let point = plan.camera.point_mm([at % width, at / width].map(|px| px as f64 + 0.5 - margin as f64));
+        for corners in &mesh.triangles {
+            if let Some(z) = height_of(corners.map(|corner| placed[corner as usize]), point) {
+                *deepest = deepest.max(-z).min(plan.thickness_mm);
+            }
+        }
+    }
+    grid
+}
+
+/// Height of a triangle over a point in it or on its edge.
+fn height_of(triangle: [[f64; 3]; 3], point: [f64; 2]) -> Option<f64> {
+    let [a, b, c] = triangle.map(|corner| [corner[0] - point[0], corner[1] - point[1]]);
+    let edge = |p: [f64; 2], q: [f64; 2]| p[0] * q[1] - p[1] * q[0];
+    let edges = [edge(b, c), edge(c, a), edge(a, b)];
+    let sum: f64 = edges.iter().sum();
+    let inside = edges.iter().all(|e| *e >= 0.0) || edges.iter().all(|e| *e <= 0.0);
+    (inside && sum != 0.0).then(|| edges.iter().zip(triangle).map(|(e, corner)| e * corner[2]).sum::<f64>() / sum)
+}
+
+/// Displacement at all lags of a window around one pressed pixel, a square of `pitch` mm.
+fn lags(layer: Layer, pitch: f64, size: [usize; 2]) -> Grid<f64> {
+    // G(q) q less the half-space's over s = q h: gone beyond s = 24.
+    let h = layer.thickness_mm;
+    let panel = |k: usize| GAUSS.map(|(at, weight)| ((k as f64 + 0.5 + at) * 0.08, weight * 0.08));
+    let spectrum: Vec<(f64, f64)> = (0..300)
+        .flat_map(panel)
+        .map(|(s, weight)| (s, weight * (s * layer.normal(s / h) / h - layer.half_space()) / (TAU * h)))
+        .collect();
+    // Under a unit force; averaged over the pixel.
+    let force = |r: f64| {
+        let rest: f64 = spectrum.iter().map(|(s, value)| value * libm::j0(s * r / h)).sum();
+        layer.half_space() / (TAU * r) + rest
+    };
+    let far = |x: f64, y: f64| {
+        let points = GAUSS.iter().flat_map(|a| GAUSS.iter().map(move |b| (a, b)));
+        let mean: f64 = points.map(|((u, p), (v, q))| p * q * force((x + u * pitch).hypot(y + v * pitch))).sum();
+        mean * pitch * pitch
+    };
+    let most = size[0].max(size[1]);
+    // Pixels are square: half of a square of lags is all there are.
+    let mut known = vec![0.0; most * most];
+    for y in 0..most {
+        for x in y..most {
+            let [u, v] = [x, y].map(|lag| lag as f64 * pitch);
+            let value = if x < 4 { pressed_pixel(layer, [pitch; 2], u, v) } else { far(u, v) };
+            (known[y * most + x], known[x * most + y]) = (value, value);
+        }
+    }
+    let data = (0..size[0] * size[1]).map(|at| known[at / size[0] * most + at % size[0]]).collect();
+    Grid { width: size[0], height: size[1], data }
+}
+
+/// Offsets in a unit interval, and weights.
+const GAUSS: [(f64, f64); 3] =
+    [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];
+
+/// Pixels from one solved pixel to the next.
+fn factor(rung: Rung) -> usize {
+    match rung {
+        Rung::Draft => 4,
+        Rung::Standard => 2,
+        Rung::Paper | Rung::High | Rung::Reference => 1,
+    }
+}
+
+/// The surface that an elastic pad takes on every `factor`-th pixel of the window, from pixel `factor / 2` on, mm;
+/// `lags` is its response on these.
+fn pressed(overlap: &Grid<f64>, factor: usize, lags: &Grid<f64>) -> Grid<f64> {
+    let solved = |size: usize| (factor / 2..size).step_by(factor);
+    let rows = solved(overlap.height).flat_map(|y| solved(overlap.width).map(move |x| overlap.at(x, y)));
+    let (width, height) = (solved(overlap.width).count(), solved(overlap.height).count());
+    let coarse = Grid { width, height, data: rows.collect() };
+    let (_, displacement) = dense_contact(&coarse, |x, y| lags.at(x, y));
+    Grid { data: displacement, ..coarse }
+}
+
+/// Five means over 15 x 15 px of the depth, and the object where it lies deeper, mm.
+fn blurred(overlap: &Grid<f64>) -> Grid<f64> {
+    let depth: Vec<f64> = overlap.data.iter().map(|mm| mm.max(0.0)).collect();
+    let (width, height) = (overlap.width as isize, overlap.height as isize);
+    let mean = |from: &[f64], dx: isize, dy: isize| -> Vec<f64> {
+        let at = |x: isize, y: isize| {
+            let inside = (0..width).contains(&x) && (0..height).contains(&y);
+            if inside { from[(y * width + x) as usize] } else { 0.0 }
+        };
+        let sum = |x: isize, y: isize| (-7..=7).map(|k| at(x + k * dx, y + k * dy)).sum::<f64>() / 15.0;
+        (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| sum(x, y)).collect()
+    };
+    let blur = (0..5).fold(depth.clone(), |from, _| mean(&mean(&from, 1, 0), 0, 1));
+    let data = blur.iter().zip(&depth).map(|(blur, depth)| blur.max(*depth)).collect();
+    Grid { width: overlap.width, height: overlap.height, data }
+}
+
+/// Unit normals of the view from a surface given with [`SURFACE_BORDER`] around it.
+pub fn normals_of(surface: &Grid<f64>, camera: &Camera) -> Vec<[f64; 3]> {
+    slopes_of(surface, camera).into_iter().map(unit).collect()
+}
+
+fn unit([x, y]: [f64; 2]) -> [f64; 3] {
+    let length = (x * x + y * y + 1.0).sqrt();
+    [-x / length, -y / length, -1.0 / length]
+}
+
+/// How fast the displacement of the view's pixels grows along x and y.
+pub fn slopes_of(surface: &Grid<f64>, camera: &Camera) -> Vec<[f64; 2]> {
+    let [width, height] = camera.resolution_px;
+    let [dx, dy] = camera.mm_per_px.map(|pitch| 2.0 * pitch);
+    let slope = |x: usize, y: usize| {
+        let at = |u: usize, v: usize| surface.at(x + u, y + v);
+        [(at(2, 1) - at(0, 1)) / dx, (at(1, 2) - at(1, 0)) / dy]
+    };
+    (0..width * height).map(|at| slope(at % width, at / width)).collect()
+}
+
+/// Largest angle between two sets of normals, degrees.
+pub fn turned_deg(found: &[[f32; 3]], expected: &[[f64; 3]]) -> f64 {
+    let angle = |(a, b): (&[f32; 3], &[f64; 3])| {
+        let a = a.map(f64::from);
+        let apart: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+        2.0 * (0.5 * apart.sqrt()).asin().to_degrees()
+    };
+    found.iter().zip(expected).map(angle).fold(0.0, f64::max)
+}
+
+/// Light of a surface without shadows, grey levels, not cut.
+pub fn light_of(surface: &Grid<f64>, plan: &Plan) -> Vec<f64> {
+    let constants = plan.models.optics.phong();
+    let inner = surface_in_view(surface);
+    let pixel = |(at, slope): (usize, [f64; 2])| {
+        let rest = std::array::from_fn(|k| f64::from(plan.reference.rgb[3 * at + k]) / 255.0);
+        brightness(slope, inner[at], &plan.job.sensor, constants, rest).map(|value| 255.0 * value)
+    };
+    slopes_of(surface, &plan.camera).into_iter().enumerate().flat_map(pixel).collect()
+}
+
+fn surface_in_view(surface: &Grid<f64>) -> Vec<f64> {
+    let (width, height) = (surface.width - 2 * SURFACE_BORDER, surface.height - 2 * SURFACE_BORDER);
+    (0..width * height).map(|at| surface.at(at % width + SURFACE_BORDER, at / width + SURFACE_BORDER)).collect()
+}
+
+/// 0 of none.
+pub fn largest(found: impl Iterator<Item = f64>) -> f64 {
+    found.fold(0.0, f64::max)
+}
+
+/// Largest difference.
+pub fn apart(found: &[f32], expected: &[f64]) -> f64 {
+    largest(found.iter().zip(expected).map(|(found, expected)| (f64::from(*found) - expected).abs()))
+}
+
+/// The sample's light, grey levels, everywhere.
+pub fn light(plan: &Plan, sample: &Sample) -> Vec<f32> {
+    levels(plan, &plan.ready.shader.shade(&sample.contact, &plan.reference, &mut Ledger::new(Gate::All)))
+}
+
+/// By how much quantised values are away from the levels that they stand for, beyond half a level.
+pub fn misrounded(rgb: &[u8], levels: &[f64]) -> f64 {
+    let off = |(found, level): (&u8, &f64)| (f64::from(*found) - level.clamp(0.0, 255.0)).abs() - 0.5;
+    largest(rgb.iter().zip(levels).map(off))
+}
+
+#[test]
+fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
+    let plan_of = |object, rung| Setting { object, rung, ..SETTING }.plan(&NUMBERS).with_gate(Gate::All);
+    let plan = plan_of(OBJECTS[0], Rung::Reference);
+    let margin = |plan: &Plan| plan.ready.pad.window(NUMBERS.depth_mm).margin_px;
+    // Of the elastic pad; the response on each of its grids.
+    let window = plan.camera.resolution_px.map(|px| px + 2 * margin(&plan));
+    let layer = Layer::of(&plan.job.sensor);
+    let lags = [1, 2, 4].map(|factor| {
+        let pitch = plan.camera.mm_per_px[0] * factor as f64;
+        lags(layer, pitch, window.map(|size| size.div_ceil(factor)))
+    });
+    for object in OBJECTS {
+        // The blur reaches further than any margin here.
+        let plan = plan_of(object, Rung::Paper);
+        let widest = margin(&plan);
+        let overlap = overlap(&plan, object, widest);
+        for rung in Rung::ALL {
+            let plan = plan_of(object, rung);
+            let sample = render(&plan, 0);
+            let (margin, factor) = (margin(&plan), factor(rung));
+            let known = overlap.inner(widest - margin);
+            let window = match rung {
+                Rung::Paper => blurred(&known),
+                _ => pressed(&known, factor, &lags[factor.ilog2() as usize]),
+            };
+            let surface_um = surface_error_um(&sample, &window, margin, factor);
+            let (most_um, most_deg, most_levels) = match rung {
+                Rung::Paper => (0.05, 0.005, 0.02),
+                Rung::Draft => (3.0, 0.0, 0.0),
+                Rung::Standard => (1.0, 0.0, 0.0),
+                Rung::High => (1.0, 0.1, 0.4),
+                Rung::Reference => (0.05, 0.005, 0.02),
+            };
+            assert!(surface_um < most_um, "{object}, {rung:?}: {surface_um} um");
+            if factor > 1 {
+                println!("{object}, {rung:?}: surface {surface_um:.4} um on the solver's pixels");
+                continue;
+            }
+            let expected = window.inner(margin - SURFACE_BORDER);
+            let turned = turned_deg(&normals(&sample.contact, &plan.camera), &normals_of(&expected, &plan.camera));
+            let expected = light_of(&expected, &plan);
+            let off = apart(&light(&plan, &sample), &expected);
+            let misrounded = misrounded(&sample.image.rgb, &expected);
+            println!(
+                "{object}, {rung:?}: surface {surface_um:.4} um, normals {turned:.4} degrees, light {off:.4} levels, \
+                 image {misrounded:.4} beyond half a level"
+            );
+            assert!(turned < most_deg && off < most_levels, "{object}, {rung:?}: {turned} degrees, {off} levels");
+            assert!(misrounded < most_levels, "{object}, {rung:?}: {misrounded} levels");
+        }
+    }
+}
+
+/// Largest error of a sample's surface on the pixels that its rung solves, um.
+fn surface_error_um(sample: &Sample, window: &Grid<f64>, margin: usize, factor: usize) -> f64 {
+    let (surface, corner) = (&sample.contact.surface, margin - SURFACE_BORDER);
+    let mut worst = 0.0_f64;
+    for (at, w) in surface.data.iter().enumerate() {
+        let [u, v] = [at % surface.width + corner, at / surface.width + corner];
+        if u % factor == factor / 2 && v % factor == factor / 2 {
+            worst = worst.max(1e3 * (f64::from(*w) - window.at(u / factor, v / factor)).abs());
+        }
+    }
+    worst
+}
