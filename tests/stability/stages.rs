@@ -180,14 +180,14 @@ fn the_camera_makes_the_image_from_the_light_at_every_rung() {
             let plan = setting.plan(&GENERIC).with_gate(Gate::All);
             let sample = render(&plan, 0);
             let light: Vec<f64> = light(&plan, &sample).iter().map(|level| f64::from(*level)).collect();
-            let expected = seen(&light, &plan, &Scene::draw(&plan, 0).shot);
+            let expected = seen(&light, &plan, &Scene::draw(&plan, 0, 0).shot);
             let misrounded = misrounded(&sample.image.rgb, &expected);
             println!("{rung:?} {}: {misrounded:.1e} beyond half a level", camera.trim());
             assert!(misrounded < bound, "{rung:?}, {camera}: {misrounded}");
 
             // Without what it does not call for, by the bound of docs/effects.md.
             let gated = setting.plan(&GENERIC);
-            let gain = Scene::draw(&gated, 0).shot.gains.iter().copied().fold(0.0, f64::max);
+            let gain = Scene::draw(&gated, 0, 0).shot.gains.iter().copied().fold(0.0, f64::max);
             let misrounded = self::misrounded(&render(&gated, 0).image.rgb, &expected);
             assert!(misrounded < 0.46 * gain + bound, "{rung:?}, {camera}: {misrounded} with what is called for");
         }

@@ -44,7 +44,7 @@ fn allowed_um(rung: Rung, step_um: f64, pitch_mm: f64) -> f64 {
 
 /// The sample of a plan with its object `lower_mm` deeper, without print and lens.
 fn lowered(plan: &Plan, lower_mm: f64) -> Shown {
-    let scene = Scene::draw(plan, 0);
+    let scene = Scene::draw(plan, 0, 0);
     let mut placement = scene.pose.placement();
     placement.translation_mm[2] -= lower_mm;
     let mut effects = Ledger::new(Gate::CalledFor);
@@ -132,7 +132,7 @@ fn crossing_the_size_from_which_a_coarser_grid_is_tried_first_does_not_show() {
 
 /// True if the press makes the pad bulge up to where nothing is known of the object.
 fn looks_higher(plan: &Plan) -> bool {
-    let (scene, pad) = (Scene::draw(plan, 0), &plan.ready.pad);
+    let (scene, pad) = (Scene::draw(plan, 0, 0), &plan.ready.pad);
     let window = pad.window(scene.indentation_depth_mm);
     let mut effects = Ledger::new(Gate::CalledFor);
     let depth = depth::overlap(plan, &scene, window, &mut effects);

@@ -40,7 +40,7 @@ const OBJECTS: [&str; 4] = ["sphere", "cone", "dots", "cube"];
 fn overlap(plan: &Plan, name: &str, margin: usize) -> Grid<f64> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("objects/{name}.obj"));
     let mesh = object::load(&path, 1.0).unwrap_or_else(|error| panic!("{error}")).mesh;
-    let placement = Scene::draw(plan, 0).pose.placement();
+    let placement = Scene::draw(plan, 0, 0).pose.placement();
     let placed = |vertex: &[f32; 3]| {
         let point: [f64; 3] = std::array::from_fn(|k| f64::from(vertex[k]) + mesh.centre_mm[k]);
         std::array::from_fn(|k| {
