@@ -186,15 +186,15 @@ fn beside_a_shallow_press_the_pad_does_not_rise_to_a_flank_that_it_does_not_touc
 
 #[test]
 fn where_the_pads_response_is_computed_otherwise_the_surface_hardly_jumps() {
-    // Thicknesses at which the window grows by a pixel, the response is averaged more finely over a pixel, or its end
+    // Thicknesses at which the window grows by four pixels, the response is averaged more finely over a pixel, or its end
     // stands for the tail; and one at which nothing happens.
     for (what, thickness_mm, depth_mm, bound_um) in [
-        ("a pixel more of margin", 3.0, 0.5, 2.5),
+        ("four pixels more of margin", 10.0 / 3.0, 0.5, 6.0),
         ("finer pixels than a 32nd", 8.0, 0.5, 0.05),
         ("a wide window", 23.5 / 22.5, 0.2, 0.05),
         ("nothing", 3.333, 0.5, 0.01),
     ] {
-        for rung in [Rung::High, Rung::Reference] {
+        for rung in [Rung::Draft, Rung::Standard, Rung::High, Rung::Reference] {
             for object in ["cube", "wave", "torus"] {
                 let setting = Setting { rung, object, more: NO_SHADOWS, ..Setting::default() };
                 let at = |t: f64| Numbers {

@@ -152,7 +152,9 @@ impl Pad {
         let [dx, dy] = camera.mm_per_px;
         // On a pad much thicker than the view is wide, no margin would do; one of half a view is not too slow.
         let widest = (width.max(height) / 2).max(16);
-        let margin_px = ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest);
+        // In whole pixels of the coarsest grid, so that a hair of thickness does not shift coarse grids against the view.
+        let margin_px =
+            ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest).next_multiple_of(4);
         let lattice = elastic.resolution.lattice();
         let coarse_mm_per_px = camera.mm_per_px.map(|pitch| pitch * lattice.factor as f64);
         let window = [width, height].map(|size| lattice.count(size + 2 * margin_px));
