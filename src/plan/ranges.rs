@@ -3,12 +3,16 @@
 use super::check::Check;
 use super::chosen_models;
 use crate::camera::lens;
+use crate::camera::print::Markers;
 use crate::config::Job;
 use crate::config::output::Layer;
 use crate::fidelity::{Choices, Fidelity};
 use crate::gelpad;
 use crate::gelpad::elastic::shear::Friction;
 use crate::gelpad::rest::RestShape;
+
+/// Longer side of a pixel over its shorter one: the pad's response to one that is much longer takes minutes.
+const LONGEST_PIXEL: f64 = 1000.0;
 
 /// `[dataset]`.
 pub fn dataset(check: &mut Check<'_>, job: &Job) {
@@ -53,6 +57,12 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     for k in 0..2 {
         check.number(&format!("sensor.resolution_px.{k}"), f64::from(sensor.resolution_px[k]), 1.0..=8192.0, "px");
         check.number(&format!("sensor.field_of_view_mm.{k}"), sensor.field_of_view_mm[k], 1e-3..=1e4, "mm");
+    }
+    let [width, height] = [0, 1].map(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k]));
+    let longer = (width / height).max(height / width);
+    if longer > LONGEST_PIXEL && check.sound("sensor.resolution_px") && check.sound("sensor.field_of_view_mm") {
+        let message = format!("pixels of {width:.3e} x {height:.3e} mm are {longer:.0} times as long as wide");
+        check.wrong("sensor.field_of_view_mm", message, format!("allowed: up to {LONGEST_PIXEL} times"));
     }
     check.number("sensor.gelpad_thickness_mm", sensor.gelpad_thickness_mm, 1e-2..=1e3, "mm");
     check.number("sensor.gelpad_youngs_modulus_kpa", sensor.gelpad_youngs_modulus_kpa, 1e-3..=1e9, "kPa");
@@ -206,6 +216,30 @@ pub fn object_effects(check: &mut Check<'_>, job: &Job) {
     }
 }
 
+/// Dots on and around the view, and how many of them may lie over each other: more of either take seconds a sample.
+fn dots(check: &mut Check<'_>, markers: &Markers, field_of_view_mm: [f64; 2]) {
+    const MOST: f64 = 200_000.0;
+    const WIDEST: f64 = 20.0;
+    let (pitch, diameter) = (markers.pitch_mm.support().0, markers.diameter_mm.support().1);
+    let around = diameter + markers.jitter_mm.support().1;
+    let dots: f64 = field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product();
+    if diameter > 0.0 && dots > MOST {
+        let message = format!("a pitch of {pitch} mm may need {dots:.0} dots on the view and around it");
+        check.wrong(
+            "markers.pitch_mm",
+            message,
+            format!("allowed: up to {MOST} dots; raise pitch_mm, or lower jitter_mm"),
+        );
+    } else if diameter + markers.edge_mm > WIDEST * pitch {
+        let message = format!("dots of {diameter} mm with edges of {} mm lie over each other", markers.edge_mm);
+        check.wrong(
+            "markers.pitch_mm",
+            message,
+            format!("allowed: up to {WIDEST} times as wide as pitch_mm, {pitch} mm"),
+        );
+    }
+}
+
 /// `[markers]` and `[camera]`.
 pub fn camera(check: &mut Check<'_>, job: &Job) {
     if let Some(markers) = &job.markers {
@@ -216,6 +250,9 @@ pub fn camera(check: &mut Check<'_>, job: &Job) {
         for k in 0..3 {
             check.number(&format!("markers.color.{k}"), markers.color[k], 0.0..=1.0, "");
         }
+    }
+    if let Some(markers) = job.markers.as_ref().filter(|_| check.sound("markers") && check.sound("sensor")) {
+        dots(check, markers, job.sensor.field_of_view_mm);
     }
     let camera = &job.camera;
     check.quantity("camera.distortion_k1", &camera.distortion_k1, -1.0..=1.0, "");

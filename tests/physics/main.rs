@@ -21,8 +21,6 @@ mod inplane;
 mod interreflection;
 mod kernel;
 mod ladder;
-#[path = "../oracle/light.rs"]
-mod light;
 mod optics;
 mod oracle;
 mod plan;
@@ -31,6 +29,8 @@ mod pressed_pixel;
 mod reference_solutions;
 mod rig;
 mod scene;
+#[path = "../oracle/shading.rs"]
+mod shading;
 mod shadow;
 mod solutions;
 mod support;

@@ -10,8 +10,8 @@ use gelsim::optics::background::Reference;
 use gelsim::optics::phong::{Equation, Phong};
 use gelsim::render::render;
 
-use crate::light::{brightness, phong};
 use crate::plan::plan;
+use crate::shading::{brightness, phong};
 use crate::support::{
     Random, camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor,
     shade,

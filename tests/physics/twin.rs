@@ -8,9 +8,9 @@ use gelsim::plan::Plan;
 use gelsim::render::render;
 use gelsim::scene::Scene;
 
-use crate::light::brightness;
 use crate::oracle::Scenery;
 use crate::plan::plan;
+use crate::shading::brightness;
 use crate::support::Shape;
 
 struct Plane {

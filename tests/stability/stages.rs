@@ -15,8 +15,8 @@ use gelsim::plan::Plan;
 use gelsim::render::render;
 use gelsim::scene::Scene;
 
-use crate::light::phong;
 use crate::press::{GENERIC, Setting};
+use crate::shading::phong;
 use crate::twin::{apart, light, light_of, misrounded, normals_of, slopes_of, turned_deg};
 
 fn exact(surface: &Grid<f32>) -> Grid<f64> {

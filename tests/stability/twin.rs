@@ -19,9 +19,9 @@ use gelsim::render::{Sample, render};
 use gelsim::scene::Scene;
 
 use crate::dense_contact::dense_contact;
-use crate::light::brightness;
 use crate::press::{Extras, GENERIC, Numbers, Setting, levels};
 use crate::pressed_pixel::pressed_pixel;
+use crate::shading::brightness;
 
 /// 12 x 9 mm in pixels of 0.25 mm, on a pad that is 2.1 mm thick.
 const SETTING: Setting<'_> = Setting {

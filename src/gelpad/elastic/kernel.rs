@@ -229,7 +229,9 @@ fn summed(layer: Layer, pitch: [f64; 2], size: [usize; 2]) -> Grid<f64> {
         let count = if n == 0 || 2 * n == torus[k] { 1.0 } else { 2.0 };
         if n == 0 { count } else { count * libm::sin(half) / half }
     };
-    let wave = |k: usize, n: usize, lag: usize| libm::cos(TAU * ((n * lag) % torus[k]) as f64 / torus[k] as f64);
+    // A frequency at a lag is one of so many steps of a turn.
+    let turn = torus.map(|steps| (0..steps).map(|at| libm::cos(TAU * at as f64 / steps as f64)).collect::<Vec<_>>());
+    let wave = |k: usize, n: usize, lag: usize| turn[k][(n * lag) % torus[k]];
     let (columns, rows) = (torus[0] / 2 + 1, torus[1] / 2 + 1);
     let mut along_y = Grid::<f64>::new(columns, size[1]);
     for n in 0..rows {

@@ -330,7 +330,7 @@ impl Pad {
                 torus.convolve(response, &solution.pressure, &mut solution.displacement, buffers);
             }
             let missed = solution.check(overlap, 2.0 * tolerance);
-            // Steps add up to a displacement that 32 bits may not hold: it is computed anew, and counts.
+            // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
             let solved = residual_mm <= tolerance && solution.residual_mm <= 2.0 * tolerance;
             solution.converged = solved && missed.is_empty();
             if missed.is_empty() || solution.iterations >= self.elastic.max_iterations {
