@@ -338,11 +338,13 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_floats_stay_finite() {
-        let big = f64::from(f32::MAX);
-        let vertices = vec![[-big, 0.0, 0.0], [big, 0.0, 0.0], [0.0, big, -big]];
-        let (mesh, _) = Mesh::new(vertices, vec![[0, 1, 2]]).unwrap();
-        assert!(mesh.vertices.as_flattened().iter().all(|x| x.is_finite()));
+    fn a_mesh_of_10_km_is_the_largest() {
+        let across = |mm: f64| vec![[-0.5 * mm, 0.0, 0.0], [0.5 * mm, 0.0, 0.0], [0.0, 0.5 * mm, -0.5 * mm]];
+        assert!(Mesh::new(across(LARGEST_MM), vec![[0, 1, 2]]).is_ok());
+        for mm in [1.001 * LARGEST_MM, f64::from(f32::MAX), 2.0 * f64::from(f32::MAX)] {
+            let text = Mesh::new(across(mm), vec![[0, 1, 2]]).unwrap_err().to_string();
+            assert!(text.contains("mm across, over 1e7 mm: is its unit right?"), "{text}");
+        }
     }
 
     #[test]
