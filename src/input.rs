@@ -20,11 +20,14 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     if !there.is_file() {
         return Err(io::Error::other("it is not a regular file"));
     }
+    let too_large = || io::Error::other(format!("it is larger than {} MB", most >> 20));
+    if there.len() > most {
+        return Err(too_large());
+    }
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(there.len().min(most) as usize)?;
-    let too_large = there.len() > most || File::open(path)?.take(most + 1).read_to_end(&mut bytes)? as u64 > most;
-    if too_large {
-        return Err(io::Error::other(format!("it is larger than {} MB", most >> 20)));
+    bytes.try_reserve_exact(there.len() as usize)?;
+    if File::open(path)?.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
+        return Err(too_large());
     }
     Ok(bytes)
 }

@@ -216,13 +216,17 @@ pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
     Ok(Planes { width: layer.size.width(), height: layer.size.height(), channels })
 }
 
+/// Largest header, bytes: its attributes take fifty times as much memory.
+const MOST_HEADER: usize = 1 << 20;
 /// Most channels that an image may have.
 const MOST_CHANNELS: usize = 4;
 
 /// Width, height and channels that an image says it has. What [`planes`] does not read is refused: more than one part,
-/// deep or subsampled data, more than 4 channels or 8192 px on a side.
+/// deep or subsampled data, more than 4 channels or 8192 px on a side, compression by B44 (the crate's arithmetic
+/// overflows on damaged blocks).
 pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|error| error.to_string())?;
+    let start = &bytes[..bytes.len().min(MOST_HEADER)];
+    let meta = MetaData::read_from_buffered(Cursor::new(start), false).map_err(|error| error.to_string())?;
     let [header] = meta.headers.as_slice() else {
         return Err(format!("it has {} parts instead of one", meta.headers.len()));
     };
@@ -230,6 +234,9 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     let channels = &header.channels.list;
     if header.deep || channels.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
         return Err(String::from("it has deep or subsampled data"));
+    }
+    if matches!(header.compression, exr::compression::Compression::B44 | exr::compression::Compression::B44A) {
+        return Err(String::from("it is compressed by B44: store it with ZIP"));
     }
     if channels.len() > MOST_CHANNELS {
         return Err(format!("it has {} channels; the most is {MOST_CHANNELS}", channels.len()));

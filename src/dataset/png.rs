@@ -69,7 +69,8 @@ fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(unpack::MOST_PX as u32);
     limits.max_image_height = Some(unpack::MOST_PX as u32);
-    limits.max_alloc = Some(1 << 30);
+    // For what is beside the pixels, such as a compressed colour profile.
+    limits.max_alloc = Some(1 << 24);
     PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| error.to_string())
 }
 

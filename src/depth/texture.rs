@@ -62,7 +62,8 @@ pub enum Pattern {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImagePattern {
-    /// An 8- or 16-bit grey PNG, relative to the file this stands in; the lightest grey is the peak.
+    /// A grey PNG of 8 or 16 bits, a two-dimensional npy array or an EXR picture of one channel, relative to the file this
+    /// stands in; the largest value is the peak. Floats are from 0 to 1.
     pub path: String,
     /// SHA-256 of the file in lower-case hex; if given, another content is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -37,9 +37,10 @@ pub struct Dome {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeightMap {
-    /// Grey PNG of 8 or 16 bits, relative to the file this stands in.
+    /// Grey PNG of 8 or 16 bits, two-dimensional npy array or EXR picture of one channel, relative to the file this stands
+    /// in. Floats are from 0 to 1.
     pub path: String,
-    /// Height of white over black, mm.
+    /// Height of white over black, or of 1 over 0, mm.
     pub height_mm: f64,
     /// SHA-256 of the file in lower-case hex; if given, another content is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]

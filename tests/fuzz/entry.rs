@@ -5,16 +5,26 @@
 
 #![allow(dead_code)] // A fuzz target calls one of them.
 
-use std::path::Path;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
+use gelsim::config::dataset::Dataset;
 use gelsim::config::diagnostic::{Problem, Problems};
 use gelsim::config::output::{Compression, Exr, Pixel};
 use gelsim::config::{self, Overrides, Written};
-use gelsim::dataset::{exr as exr_file, heights, npy as npy_file, png as png_file};
+use gelsim::dataset::layout::Layout;
+use gelsim::dataset::manifest::Manifest;
+use gelsim::dataset::recorded::Recorded;
+use gelsim::dataset::stats::Stats;
+use gelsim::dataset::versioned::Versioned;
+use gelsim::dataset::{archive, exr as exr_file, heights, npy as npy_file, png as png_file, verify};
 use gelsim::grid::Grid;
+use gelsim::label::Label;
 use gelsim::object::clusters::Clusters;
 use gelsim::object::{Format, Mesh, parse};
 use gelsim::plan::Plan;
+use gelsim::preview::{Tile, sheet};
 
 /// One function per kind of input, by the name of its target.
 pub const TARGETS: [(&str, fn(&[u8])); 9] = [
@@ -82,7 +92,7 @@ fn mesh(bytes: &[u8], format: Format) {
     let mut used = vec![false; mesh.vertices.len()];
     for [a, b, c] in &mesh.triangles {
         assert!(a != b && b != c && c != a);
-        [a, b, c].map(|corner| used[*corner as usize] = true);
+        [a, b, c].into_iter().for_each(|corner| used[*corner as usize] = true);
     }
     assert!(used.iter().all(|used| *used));
     let mut distinct = mesh.vertices.clone();
@@ -91,12 +101,9 @@ fn mesh(bytes: &[u8], format: Format) {
     // What a plan does next.
     Clusters::new(&mesh);
     if mesh.triangles.len() <= 1000 {
-        let [from_obj, from_stl, from_ply] = [
-            (written_obj(&mesh), Format::Obj),
-            (written_stl(&mesh), Format::Stl),
-            (written_ply(&mesh), Format::Ply),
-        ]
-        .map(|(bytes, format)| parse(&bytes, format, 1.0).map_err(|error| error.to_string()));
+        let [from_obj, from_stl, from_ply] =
+            [(written_obj(&mesh), Format::Obj), (written_stl(&mesh), Format::Stl), (written_ply(&mesh), Format::Ply)]
+                .map(|(bytes, format)| parse(&bytes, format, 1.0).map_err(|error| error.to_string()));
         assert_eq!(from_obj, from_stl);
         assert_eq!(from_obj, from_ply);
         if mesh.centre_mm == [0.0; 3] {
@@ -107,7 +114,9 @@ fn mesh(bytes: &[u8], format: Format) {
 
 fn written_obj(mesh: &Mesh) -> Vec<u8> {
     let mut text = String::new();
-    mesh.vertices.iter().for_each(|[x, y, z]| text += &format!("v {x} {y:e} {z:?}\n"));
+    for [x, y, z] in mesh.vertices.iter().map(|vertex| vertex.map(f64::from)) {
+        text += &format!("v {x} {y:e} {z:?}\n");
+    }
     mesh.triangles.iter().for_each(|t| text += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1));
     text.into_bytes()
 }
@@ -149,10 +158,7 @@ fn written_ply(mesh: &Mesh) -> Vec<u8> {
 pub fn npy(bytes: &[u8]) {
     heights_of(bytes);
     let Some(read) = image(npy_file::decode(bytes).map(|array| array.values)) else { return };
-    let text = format!(
-        "{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}\n",
-        read.height, read.width
-    );
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}\n", read.height, read.width);
     let mut again = b"\x93NUMPY\x01\x00".to_vec();
     again.extend((text.len() as u16).to_le_bytes());
     again.extend(text.as_bytes());
@@ -190,7 +196,7 @@ pub fn exr(bytes: &[u8]) {
 /// A background is the same after being written and read again.
 pub fn png(bytes: &[u8]) {
     heights_of(bytes);
-    match png_file::decode_rgb(bytes) {
+    match png_file::decode_background(bytes) {
         Err(reason) => assert!(!reason.is_empty()),
         Ok(picture) => {
             let (width, height) = (picture.width() as usize, picture.height() as usize);
@@ -215,8 +221,81 @@ fn image(read: Result<Grid<f32>, String>) -> Option<Grid<f32>> {
     }
 }
 
-/// Not there yet.
-pub fn shard(_bytes: &[u8]) {}
+/// The job of the shards in the corpus of `shard`.
+pub const SHARD_JOB: &str = r#"
+[dataset]
+name = "tiny"
+samples = 2
+samples_per_shard = 1
+seed = 1
+splits = { train = 1.0 }
 
-/// Not there yet.
-pub fn manifest(_bytes: &[u8]) {}
+[sensor]
+resolution_px = [6, 5]
+field_of_view_mm = [12.0, 10.0]
+
+[[object]]
+path = "cube.obj"
+
+[indentation]
+depth_mm = 0.5
+
+[markers]
+pitch_mm = 3.0
+diameter_mm = 0.5
+
+[output]
+layers = ["depth", "surface", "contact", "normal", "pressure", "markers", "reference"]
+"#;
+
+/// A shard has no more in it than its bytes, and is found whole again after its files are put into a new tar if it was
+/// whole; a mistake in it is said in words.
+pub fn shard(bytes: &[u8]) {
+    static JOB: LazyLock<Recorded> = LazyLock::new(|| {
+        let job = read_job(SHARD_JOB, &mut Problems::default()).job;
+        let Dataset { samples, samples_per_shard, splits, .. } = &job.dataset;
+        let layout = Layout::new(samples.unwrap_or(1), *samples_per_shard, *splits);
+        Recorded { root: PathBuf::new(), job, layout }
+    });
+    let found = verify::check(bytes, &JOB, JOB.layout.shard(0));
+    assert!(found.iter().all(|what| !what.is_empty()));
+    let (mut length, mut again) = (0, tar::Builder::new(Vec::new()));
+    let read = archive::read(bytes, |files| {
+        for (suffix, bytes) in &files.members {
+            length += bytes.len();
+            let mut header = tar::Header::new_gnu();
+            header.set_size(bytes.len() as u64);
+            again.append_data(&mut header, format!("{}.{suffix}", files.key), bytes.as_slice()).expect("memory");
+        }
+        Tile::read(&files).map(|tile| sheet(&[tile], 1, 64)).ok();
+        ControlFlow::Continue(())
+    });
+    assert!(length <= bytes.len());
+    if read.is_ok() && found.is_empty() {
+        let again = again.into_inner().expect("memory");
+        assert_eq!(verify::check(again.as_slice(), &JOB, JOB.layout.shard(0)), Vec::<String>::new());
+    }
+}
+
+/// What describes a dataset is refused, or the same after being written and read again.
+pub fn manifest(bytes: &[u8]) {
+    if let Ok(Some(manifest)) = Manifest::parse(bytes) {
+        manifest.wids();
+        same_again(&manifest, |text| Manifest::parse(text).ok().flatten());
+    }
+    if let Ok(Some(stats)) = Stats::parse(bytes) {
+        same_again(&stats, |text| Stats::parse(text).ok().flatten());
+    }
+    if let Ok(label) = serde_json::from_slice::<Label>(bytes) {
+        same_again(&label, |text| serde_json::from_slice(text).ok());
+    }
+    // A dataset's job.toml: read as `verify`, `reproduce` and a resumed run read it.
+    if let Ok(text) = str::from_utf8(bytes) {
+        read_job(text, &mut Problems::default());
+    }
+}
+
+fn same_again<T: serde::Serialize>(value: &T, read: impl Fn(&[u8]) -> Option<T>) {
+    let text = serde_json::to_vec(value).expect("JSON can hold it");
+    assert_eq!(read(&text).as_ref().map(json), Some(json(value)));
+}
