@@ -218,12 +218,14 @@ pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
 
 /// Largest header, bytes: its attributes take fifty times as much memory.
 const MOST_HEADER: usize = 1 << 20;
+/// Largest side of a tile that is larger than its image, px: memory is taken for all of a tile.
+const MOST_TILE: usize = 1024;
 /// Most channels that an image may have.
 const MOST_CHANNELS: usize = 4;
 
 /// Width, height and channels that an image says it has. What [`planes`] does not read is refused: more than one part,
-/// deep or subsampled data, more than 4 channels or 8192 px on a side, compression by B44 (the crate's arithmetic
-/// overflows on damaged blocks).
+/// deep or subsampled data, more than 4 channels or 8192 px on a side, tiles far larger than the image, compression by B44
+/// (the crate's arithmetic overflows on damaged blocks).
 pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     let start = &bytes[..bytes.len().min(MOST_HEADER)];
     let meta = MetaData::read_from_buffered(Cursor::new(start), false).map_err(|error| error.to_string())?;
@@ -240,6 +242,11 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     }
     if channels.len() > MOST_CHANNELS {
         return Err(format!("it has {} channels; the most is {MOST_CHANNELS}", channels.len()));
+    }
+    if let BlockDescription::Tiles(tiles) = header.blocks
+        && (tiles.tile_size.0 > width.max(MOST_TILE) || tiles.tile_size.1 > height.max(MOST_TILE))
+    {
+        return Err(String::from("its tiles are far larger than the image"));
     }
     unpack::sides([width, height])?;
     Ok(([width, height], channels.iter().map(|channel| channel.name.to_string()).collect()))

@@ -213,6 +213,10 @@ fn images_that_unpack_to_far_more_than_they_are_are_refused() {
     ] {
         refused(HEIGHTS, &format!("{what}.exr"), &exr(size, channels), &[words]);
     }
+    for (name, bytes) in crate::inputs("exr").iter().filter(|(name, _)| name.contains("regressions")) {
+        assert!(bytes.len() < 1000, "{name}");
+        refused(HEIGHTS, "broken.exr", bytes, &["cannot read the height map"]);
+    }
 }
 
 /// The header of a scan-line EXR file with nothing after it.
