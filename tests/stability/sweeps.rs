@@ -185,6 +185,24 @@ fn beside_a_shallow_press_the_pad_does_not_rise_to_a_flank_that_it_does_not_touc
 }
 
 #[test]
+fn a_press_shallower_than_the_tolerance_has_a_force_in_proportion_to_its_depth() {
+    let stiffness = |rung: Rung, depth_mm: f64| {
+        let setting = Setting { rung, object: "cube", ..Setting::default() };
+        let contact = render(&setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, ..GENERIC }), 0).contact;
+        contact.force_n.expect("an elastic pad knows it") / depth_mm
+    };
+    let exact = stiffness(Rung::Reference, 0.02);
+    for rung in [Rung::Draft, Rung::Standard, Rung::High, Rung::Reference] {
+        for depth_mm in [1e-4, 1e-3, 1e-2] {
+            let ratio = stiffness(rung, depth_mm) / exact;
+            println!("{rung:?}, {depth_mm} mm: {ratio:.3} of the reference's stiffness");
+            // Coarse grids see a cube whose sides are up to half of their pixels off.
+            assert!((ratio - 1.0).abs() < 0.1, "{rung:?}, {depth_mm} mm: {ratio}");
+        }
+    }
+}
+
+#[test]
 fn where_the_pads_response_is_computed_otherwise_the_surface_hardly_jumps() {
     // Thicknesses at which the window grows by four pixels, the response is averaged more finely over a pixel, or its end
     // stands for the tail; and one at which nothing happens.

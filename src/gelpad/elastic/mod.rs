@@ -101,6 +101,9 @@ pub const LARGEST_STRAIN: f64 = 0.5;
 /// Overlap, in pixels of the box around it, from which on a coarser grid is solved first.
 const COARSER_FROM_PX: usize = 64 * 64;
 
+/// Share of the depth that the tolerance may be: it matters to presses of tens of micrometres and less.
+const SHALLOW: f32 = 0.02;
+
 /// Height of the bulges that is counted on, as a share of the indentation depth: rings come to 0.36.
 const BULGE: f64 = 0.4;
 
@@ -281,6 +284,9 @@ impl Pad {
             // The object touches between the pixels of the solver's grid only.
             return solution;
         }
+        // A press shallower than the tolerance would be solved before it began, whatever its pressure.
+        let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
+        let goal = tolerance.min(SHALLOW * deepest);
         let touching_px = overlap.data.iter().filter(|g| **g > 0.0).count();
         let area = touching_px as f64 * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
         let cutoff = std::f64::consts::PI / libm::sqrt(area);
@@ -300,7 +306,7 @@ impl Pad {
                 inverse,
                 softest: self.softest as f32,
                 overlap: &overlap_there,
-                tolerance_mm: tolerance,
+                tolerance_mm: goal,
                 max_iterations: self.elastic.max_iterations - solution.iterations.min(self.elastic.max_iterations),
             };
             let mut pressure = Grid::default();
