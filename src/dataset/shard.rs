@@ -116,7 +116,7 @@ fn open_lock(path: &Path) -> io::Result<File> {
 /// Makes a new file in place of what a killed run may have left there. Never opens what is there: it may be a link.
 fn create_anew(path: &Path) -> io::Result<File> {
     match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => OpenOptions::new().write(true).create_new(true).open(path),
     }
 }

@@ -79,7 +79,8 @@ pub fn background(check: &mut Check<'_>, job: &mut Job) -> Option<(Reference, Op
 
 /// The texture's patterns, made ready; none if no sample has any. Those that cannot be read are left out, and said.
 pub fn textures(check: &mut Check<'_>, job: &mut Job) -> Vec<Relief> {
-    let wanted = job.texture.amplitude_mm.support().1 > 0.0;
+    // Patterns take a while to make: not for a job that is refused anyway.
+    let wanted = job.texture.amplitude_mm.support().1 > 0.0 && check.problems.is_empty();
     let mut ready = Vec::new();
     for (i, pattern) in job.texture.patterns.iter_mut().enumerate() {
         let relief = match pattern {

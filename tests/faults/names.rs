@@ -134,7 +134,7 @@ fn meshes_of_odd_names_are_objects_of_these_names() {
     folder.succeed(&format!("generate all.toml --quiet --out all --samples {}", stems.len() + 2));
     let count = json(&folder, "all/dataset.json")["objects"].as_array().expect("a list").len();
     assert_eq!(count, stems.len() + 2);
-    println!("{count} odd names of meshes");
+    println!("{} odd names of meshes", stems.len());
 }
 
 #[test]
@@ -145,12 +145,15 @@ fn classes_of_odd_names_stay_words_in_labels() {
     classes.extend(ways_out.map(String::from));
     classes.push("y".repeat(255));
     let objects: Vec<_> = classes.iter().map(|class| (String::from("cube.obj"), Some(class.clone()))).collect();
-    let folder = Folder::with_job(&job(&objects));
+    // The sensor's name is in the card too.
+    let sensor = toml::Value::from("an `odd`\n---\n| name |\u{85}").to_string();
+    let folder = Folder::with_job(&edited(&job(&objects), &[("[sensor]\n", &format!("[sensor]\nname = {sensor}\n"))]));
     let before = listing(&folder);
     folder.succeed("generate job.toml --quiet --out out");
     folder.succeed("generate job.toml --quiet --out out");
     assert_eq!(listing(&folder), before);
     assert_safe(&folder, &classes);
+    assert!(folder.read("out/README.md").contains("presses on a `an 'odd' --- | name | ` tactile sensor ("));
     println!("{} odd names of classes", classes.len());
 }
 
