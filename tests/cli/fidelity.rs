@@ -423,7 +423,7 @@ fn pads_and_pixels_at_the_ends_of_their_ranges_are_rendered_at_every_rung() {
         "gelpad_thickness_mm = 1000.0",
         "gelpad_poisson_ratio = 0.0",
         "gelpad_poisson_ratio = 0.4999\ngelpad_thickness_mm = 0.5",
-        "field_of_view_mm = [20.0, 0.5]",
+        "field_of_view_mm = [20.0, 1.5]",
         "field_of_view_mm = [10000.0, 10000.0]",
         "field_of_view_mm = [0.001, 0.001]",
     ] {

@@ -328,7 +328,7 @@ fn numbers_out_of_their_range_are_refused_with_the_range() {
 #[test]
 fn the_largest_numbers_of_their_range_are_accepted() {
     let job = edited(JOB, &[("seed = 7", "seed = 9007199254740991"), ("samples = 8", "samples = 1")]);
-    Folder::with_job(&job).succeed("generate job.toml --set sensor.resolution_px=[8192,1] --set pose.yaw_deg=3600");
+    Folder::with_job(&job).succeed("generate job.toml --set sensor.resolution_px=[8192,1] --set sensor.field_of_view_mm=[1000,1] --set pose.yaw_deg=3600");
 }
 
 #[test]

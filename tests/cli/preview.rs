@@ -83,7 +83,7 @@ fn a_folder_that_is_no_dataset_is_refused() {
     let folder = Folder::new();
     std::fs::create_dir(folder.path("empty")).expect("a folder");
     let text = folder.fail("preview empty --out sheet.png", 2);
-    assert!(text.contains("empty/job.toml: cannot read the job"), "{text}");
+    assert!(text.contains("empty is no dataset: there is no job.toml in it"), "{text}");
 }
 
 #[test]

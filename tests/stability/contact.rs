@@ -102,8 +102,7 @@ pub fn cases() -> Vec<Case> {
         Case::new("pixels of 1 um", "lengths near the tolerance")
             .view(PX, [1e-3; 2])
             .shape(Shape::cap(0.02, 0.02))
-            .depth(0.004)
-            .touches(Touches::Some),
+            .depth(0.004),
         Case::new("pixels of 10 mm", "a pad thinner than a pixel")
             .view(PX, [10.0; 2])
             .shape(Shape::cap(400.0, 200.0))
