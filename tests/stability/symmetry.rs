@@ -70,7 +70,6 @@ const WAYS: [Way; 3] = [
             led_azimuth_deg: s.led_azimuth_deg.map(|azimuth| 90.0 - azimuth),
             shift_mm: [s.shift_mm[1], s.shift_mm[0]],
             twist_deg: -s.twist_deg,
-            ..s
         },
         |[x, y], _| [y, x],
     ),
