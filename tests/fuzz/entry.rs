@@ -26,19 +26,6 @@ use gelsim::object::{Format, Mesh, parse};
 use gelsim::plan::Plan;
 use gelsim::preview::{Tile, sheet};
 
-/// One function per kind of input, by the name of its target.
-pub const TARGETS: [(&str, fn(&[u8])); 9] = [
-    ("job", job),
-    ("obj", obj),
-    ("stl", stl),
-    ("ply", ply),
-    ("npy", npy),
-    ("exr", exr),
-    ("png", png),
-    ("shard", shard),
-    ("manifest", manifest),
-];
-
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
