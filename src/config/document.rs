@@ -10,9 +10,13 @@ use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{Problem, Problems};
 
-/// Largest text, bytes.
-pub const MOST_BYTES: usize = 8 << 20;
-/// Most memory that parsing a text may take, bytes: enough for the resolved job of fourteen thousand objects.
+/// How the job.toml of a dataset begins; a version follows. It may be as large as its objects ask for.
+pub const RESOLVED: &str = "# The job of this dataset with every default written out, resolved by gelsim";
+/// Largest file that is read, bytes: the resolved job of some hundred thousand objects.
+pub const MOST_READ: u64 = 64 << 20;
+/// Largest text by a user, bytes.
+const MOST_BYTES: usize = 8 << 20;
+/// Most memory that parsing a text may take, bytes: enough for fourteen thousand objects, each in a table of its own.
 const MOST_MEMORY: usize = 160 << 20;
 
 /// One text that contributes to a job.
@@ -230,6 +234,9 @@ impl Document {
 
 /// Why a text is not worth parsing: it would take far more memory and time than any job or sensor.
 fn oversize(text: &str) -> Option<String> {
+    if text.starts_with(RESOLVED) {
+        return None;
+    }
     if text.len() > MOST_BYTES {
         return Some(format!("larger than {} MB", MOST_BYTES >> 20));
     }
@@ -339,5 +346,19 @@ fn node_value(value: &DeValue<'_>, source: usize) -> Value {
                 .collect(),
         ),
         DeValue::Table(table) => table_value(table, source),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_job_of_a_dataset_may_be_larger_than_one_that_somebody_wrote() {
+        let objects = "[[object]]\npath = \"../objects/ball.obj\"\nclass = \"ball\"\n\n".repeat(40_000);
+        assert!(oversize(&objects).is_some());
+        let mut problems = Problems::default();
+        Document::parse("job.toml", format!("{RESOLVED} 0.1.0.\n{objects}"), Path::new(""), &mut problems);
+        assert!(problems.is_empty());
     }
 }

@@ -110,7 +110,7 @@ pub struct Written {
 /// the same, so that the plan finds the mistakes of meaning in one go. Fails only if there is no text at all.
 pub fn read(path: &Path, overrides: &Overrides, problems: &mut Problems) -> Result<Written, Report> {
     let name = path.display().to_string();
-    let text = input::read(path, document::MOST_BYTES as u64)
+    let text = input::read(path, document::MOST_READ)
         .map_err(|error| Report::message(format!("{name}: cannot read the job: {error}")))?;
     let text = String::from_utf8(text)
         .map_err(|error| Report::message(format!("{name}: not UTF-8 at byte {}", error.utf8_error().valid_up_to())))?;
@@ -200,7 +200,7 @@ fn lay_under_sensor(document: &mut Document, problems: &mut Problems) -> bool {
             problems.push(problem);
         }
         let path = document.folder("sensor.file").join(written);
-        let text = input::read(&path, document::MOST_BYTES as u64)
+        let text = input::read(&path, document::MOST_READ)
             .and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other));
         match text {
             Ok(text) => {

@@ -8,11 +8,9 @@ use super::names::{self, FOLDERS, is_foreign};
 pub use super::names::{lock, sweep};
 use super::shard::{Lock, write_whole};
 use crate::config::diagnostic::Report;
+use crate::config::document::RESOLVED;
 use crate::fidelity::Rung;
 use crate::plan::{Plan, stem, usage};
-
-/// How the job.toml of a dataset begins; a version follows.
-const TITLE: &str = "# The job of this dataset with every default written out, resolved by gelsim";
 
 /// Why a folder could not be used.
 #[derive(Debug)]
@@ -52,7 +50,7 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
             Err(error) => return Err(Refused::Io(job_path, error)),
         };
         match there {
-            Some(text) if text.starts_with(TITLE) => {
+            Some(text) if text.starts_with(RESOLVED) => {
                 let differs = differences(&text, plan);
                 if overwrite {
                     if let Err(writer) = names::clear(root).map_err(failed)? {
@@ -101,7 +99,7 @@ pub fn recorded_rung(root: &Path) -> Option<Rung> {
     let path = root.join("job.toml");
     // Opening a pipe would wait for its other end.
     let plain = path.symlink_metadata().is_ok_and(|meta| meta.is_file());
-    let text = plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(TITLE))?;
+    let text = plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(RESOLVED))?;
     let job: toml::Table = text.parse().ok()?;
     let name = job.get("fidelity")?.as_str()?;
     Rung::ALL.into_iter().find(|rung| rung.name() == name)
@@ -119,7 +117,7 @@ fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>>
         }
     }
     let text = toml::to_string(&job).map_err(io::Error::other)?;
-    Ok(Ok(format!("{TITLE} {}.\n\n{text}", env!("CARGO_PKG_VERSION"))))
+    Ok(Ok(format!("{RESOLVED} {}.\n\n{text}", env!("CARGO_PKG_VERSION"))))
 }
 
 fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {
@@ -136,7 +134,7 @@ fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {
 /// folders aside, because contents have hashes.
 fn differences(there: &str, plan: &Plan) -> Vec<String> {
     let first = there.lines().next().unwrap_or_default();
-    let version = first.strip_prefix(TITLE).unwrap_or_default().trim().trim_end_matches('.');
+    let version = first.strip_prefix(RESOLVED).unwrap_or_default().trim().trim_end_matches('.');
     if version != env!("CARGO_PKG_VERSION") {
         return vec![format!("gelsim {version} made it, this is {}", env!("CARGO_PKG_VERSION"))];
     }
