@@ -66,12 +66,30 @@ pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
 
 /// Larger than 8192 px on a side is refused before it is unpacked.
 fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
+    if !palettes(bytes).all(|length| length % 3 == 0 && length <= 3 * 256) {
+        // The decoder would panic.
+        return Err(String::from("its palette has no whole number of colours, 256 at most"));
+    }
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(unpack::MOST_PX as u32);
     limits.max_image_height = Some(unpack::MOST_PX as u32);
     // For what is beside the pixels, such as a compressed colour profile.
     limits.max_alloc = Some(1 << 24);
     PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| error.to_string())
+}
+
+/// Lengths of the palettes in a PNG file, bytes.
+fn palettes(bytes: &[u8]) -> impl Iterator<Item = u64> {
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    let chunks = std::iter::from_fn(move || {
+        let (length, after) = rest.split_first_chunk::<4>()?;
+        let (kind, after) = after.split_first_chunk::<4>()?;
+        let length = u64::from(u32::from_be_bytes(*length));
+        // Content and checksum.
+        rest = after.get(usize::try_from(length + 4).ok()?..).unwrap_or_default();
+        Some((*kind, length))
+    });
+    chunks.filter(|(kind, _)| kind == b"PLTE").map(|(_, length)| length)
 }
 
 /// Encodes a picture for people: slowly, and as small as it gets.
@@ -103,5 +121,14 @@ mod tests {
         assert_eq!(read, Ok(Grid { width: 1, height: 2, data: vec![0.0, 0.2] }));
         assert!(decode_heights(&png(DynamicImage::new_rgb8(2, 2))).is_err());
         assert!(decode_heights(b"no image").is_err());
+    }
+
+    #[test]
+    fn a_palette_with_a_part_of_a_colour_is_refused_instead_of_bringing_the_decoder_down() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fuzz/regressions/png/part_of_a_colour");
+        let bytes = std::fs::read(path).expect("a file of the repository");
+        assert_eq!(palettes(&bytes).collect::<Vec<_>>(), [23]);
+        assert!(decode_rgb(&bytes).expect_err("refused").contains("palette"));
+        assert_eq!(palettes(b"").count() + palettes(&[255; 40]).count(), 0);
     }
 }
