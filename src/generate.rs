@@ -263,7 +263,7 @@ fn write_shard(
             writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
         }
     }
-    writer.finish().map_err(io)
+    writer.finish().map_err(|(path, error)| Stopped::Io(path, error))
 }
 
 /// What is kept of a sample until it is written; its images are not.

@@ -178,8 +178,14 @@ impl Writer {
         Ok(())
     }
 
-    /// Brings the shard to disk under its final name, then its stats.
-    pub fn finish(mut self) -> io::Result<Stats> {
+    /// Brings the shard to disk under its final name, then its stats. On failure, the file that could not be written.
+    pub fn finish(mut self) -> Result<Stats, (PathBuf, io::Error)> {
+        self.finish_tar().map_err(|error| (self.paths.partial.clone(), error))?;
+        self.write_stats().map_err(|error| (self.paths.stats.clone(), error))?;
+        Ok(self.stats.clone())
+    }
+
+    fn finish_tar(&mut self) -> io::Result<()> {
         self.tar.finish()?;
         let buffer = self.tar.get_mut();
         buffer.flush()?;
@@ -197,14 +203,13 @@ impl Writer {
         }
         fs::rename(&self.paths.partial, &self.paths.tar)?;
         self.finished = true;
-        sync_folder(&self.paths.tar)?;
+        sync_folder(&self.paths.tar)
+    }
+
+    fn write_stats(&self) -> io::Result<()> {
         let mut text = serde_json::to_vec_pretty(&self.stats).map_err(io::Error::other)?;
         text.push(b'\n');
-        // Callers know this shard by its partial name.
-        let stats = self.paths.stats.display();
         write_whole(&self.paths.stats, &text)
-            .map_err(|error| io::Error::new(error.kind(), format!("{stats}: {error}")))?;
-        Ok(self.stats.clone())
     }
 }
 
