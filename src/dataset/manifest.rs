@@ -92,7 +92,11 @@ pub struct ShardEntry {
 }
 
 impl Versioned for Manifest {
-    const VERSION: (&'static str, u32) = ("manifest_version", MANIFEST_VERSION);
+    const NEWEST: u32 = MANIFEST_VERSION;
+
+    fn version(&self) -> u32 {
+        self.manifest_version
+    }
 }
 
 impl Manifest {

@@ -88,7 +88,11 @@ impl Count {
 }
 
 impl Versioned for Stats {
-    const VERSION: (&'static str, u32) = ("stats_version", STATS_VERSION);
+    const NEWEST: u32 = STATS_VERSION;
+
+    fn version(&self) -> u32 {
+        self.stats_version
+    }
 }
 
 impl Stats {

@@ -4,6 +4,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
@@ -16,10 +17,13 @@ pub enum Unreadable {
     Newer(String),
 }
 
-/// A kind of file whose version stands in it under a key.
+/// A kind of file that says of which version it is.
 pub trait Versioned: DeserializeOwned {
-    /// The key, and the newest version that is known.
-    const VERSION: (&'static str, u32);
+    /// The newest version that is known.
+    const NEWEST: u32;
+
+    /// Its version.
+    fn version(&self) -> u32;
 
     /// Reads a file. `None` if it is not there or not whole.
     fn read(path: &Path) -> Result<Option<Self>, Unreadable> {
@@ -32,14 +36,25 @@ pub trait Versioned: DeserializeOwned {
 
     /// Reads JSON. `None` if it is not whole.
     fn parse(text: &[u8]) -> Result<Option<Self>, Unreadable> {
-        let (key, known) = Self::VERSION;
-        let Ok(value) = serde_json::from_slice::<Value>(text) else { return Ok(None) };
-        if value[key].as_u64().is_some_and(|version| version > u64::from(known)) {
-            let generator = &value["generator"];
-            let name = generator.as_str().or(generator["version"].as_str());
-            return Err(Unreadable::Newer(name.unwrap_or("of a later version").to_owned()));
+        /// What every version has.
+        #[derive(Deserialize)]
+        struct Header {
+            #[serde(alias = "stats_version", alias = "manifest_version")]
+            version: u64,
+            generator: Value,
         }
-        Ok(serde_json::from_value(value).ok())
+        if let Ok(found) = serde_json::from_slice::<Self>(text)
+            && found.version() <= Self::NEWEST
+        {
+            return Ok(Some(found));
+        }
+        match serde_json::from_slice::<Header>(text) {
+            Ok(header) if header.version > u64::from(Self::NEWEST) => {
+                let name = header.generator.as_str().or(header.generator["version"].as_str());
+                Err(Unreadable::Newer(name.unwrap_or("of a later version").to_owned()))
+            }
+            _ => Ok(None),
+        }
     }
 }
 
