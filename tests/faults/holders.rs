@@ -87,7 +87,8 @@ fn a_folder_that_is_removed_under_a_run_is_an_error_in_words() {
     let mut said = String::new();
     std::io::Read::read_to_string(run.0.stderr.as_mut().expect("a pipe"), &mut said).expect("text");
     assert_eq!(status.code(), Some(1), "{said}");
-    assert!(said.starts_with("error: out/data/") && said.contains("the same command goes on"), "{said}");
+    // Which file it misses first depends on where it was stopped.
+    assert!(said.starts_with("error: out/") && said.contains("the same command goes on"), "{said}");
     folder.succeed("generate job.toml --quiet --out out");
     assert_like_whole(&folder, "out");
 }
