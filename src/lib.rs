@@ -45,6 +45,7 @@ pub mod inspect;
 pub mod preview;
 
 pub mod metrics;
+pub mod presses;
 pub mod tradeoff;
 
 pub mod cli;

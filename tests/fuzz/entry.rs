@@ -25,6 +25,7 @@ use gelsim::label::Label;
 use gelsim::object::clusters::Clusters;
 use gelsim::object::{Format, Mesh, parse};
 use gelsim::plan::Plan;
+use gelsim::presses::{self as press_file, Circle};
 use gelsim::preview::{Tile, sheet};
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
@@ -295,4 +296,33 @@ pub fn manifest(bytes: &[u8]) {
 fn same_again<T: serde::Serialize>(value: &T, read: impl Fn(&[u8]) -> Option<T>) {
     let text = serde_json::to_vec(value).expect("JSON can hold it");
     assert_eq!(read(&text).as_ref().map(json), Some(json(value)));
+}
+
+/// A table of presses is refused with a report that can be shown, or is the same after being written and read again.
+pub fn presses(bytes: &[u8]) {
+    let path = Path::new("presses.csv");
+    let table = match press_file::parse(path, bytes) {
+        Ok(table) => table,
+        Err(report) => return assert!(report.render(false).contains("error: ")),
+    };
+    assert!(!table.presses.is_empty());
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+    let mut text = String::from("file,radius_px,centre_y_px,centre_x_px,mm_per_px,ball_radius_mm\n");
+    for press in &table.presses {
+        assert!(!press.file.is_empty());
+        let circle = press.circle.map_or(String::from(",,"), |Circle { centre_px: [x, y], radius_px }| {
+            assert!(x.is_finite() && y.is_finite() && radius_px.is_finite() && radius_px > 0.0);
+            format!("{radius_px},{y},{x}")
+        });
+        let [pitch, ball] = [press.mm_per_px, press.ball_radius_mm].map(|value| {
+            assert!(value.is_none_or(|value| value.is_finite() && value > 0.0));
+            value.map_or(String::new(), |value| value.to_string())
+        });
+        text += &format!("{},{circle},{pitch},{ball}\n", quoted(&press.file));
+    }
+    let again = press_file::parse(path, text.as_bytes()).expect("what was written can be read");
+    let but_lines = |presses: &[press_file::Press]| -> Vec<press_file::Press> {
+        presses.iter().map(|press| press_file::Press { line: 0, ..press.clone() }).collect()
+    };
+    assert_eq!(but_lines(&again.presses), but_lines(&table.presses));
 }

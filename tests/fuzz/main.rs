@@ -41,7 +41,8 @@ targets!(
     exr: 60_000,
     png: 200_000,
     shard: 80_000,
-    manifest: 80_000
+    manifest: 80_000,
+    presses: 200_000
 );
 
 /// The committed inputs of a target, with their names.

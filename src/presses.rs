@@ -1,0 +1,541 @@
+//! Tables of presses: images of a real sensor, each with the circle where a ball touched, from a CSV file.
+//!
+//! Columns may stand in any order and are told by their names; unknown ones are passed over. Numbers are taken as they
+//! are written: whether a circle fits its ball or its image is for those to check who know both.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use csv::{ReaderBuilder, StringRecord};
+
+use crate::config::diagnostic::{Problem, Problems, Report, nearest, one_of};
+use crate::config::document::{Place, Source};
+use crate::input;
+use crate::plan::usage;
+
+/// Largest table, bytes.
+const MOST_BYTES: u64 = 16 << 20;
+/// Most rows.
+const MOST_PRESSES: usize = 100_000;
+
+/// The circle in which a ball touches the pad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Circle {
+    /// Column and row of its centre; (0, 0) is the centre of the top left pixel. May lie outside the image.
+    pub centre_px: [f64; 2],
+    /// Above 0.
+    pub radius_px: f64,
+}
+
+/// One row of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Press {
+    /// The image's file as the table has it.
+    pub file: String,
+    /// The image's file: relative to the same folder as the table's own path. It need not exist.
+    pub path: PathBuf,
+    /// The row's line in the table, from 1.
+    pub line: u64,
+    /// Where the ball touches; None if the table does not say.
+    pub circle: Option<Circle>,
+    /// Radius of the ball, above 0; None if the table does not say.
+    pub ball_radius_mm: Option<f64>,
+    /// Width and height of a pixel on the pad, above 0; None if the table does not say.
+    pub mm_per_px: Option<f64>,
+}
+
+/// A table that was read; it has one press at least.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// Its file.
+    pub path: PathBuf,
+    /// Its rows, in order. No file is there twice.
+    pub presses: Vec<Press>,
+    source: Source,
+}
+
+impl Table {
+    /// A mistake in the row on `line`, found later: to be collected, and shown by [`Table::report`].
+    pub fn problem(&self, line: u64, message: impl Into<String>) -> Problem {
+        let before: usize =
+            self.source.text.split_inclusive('\n').take(line.saturating_sub(1) as usize).map(str::len).sum();
+        Problem::new(message).at(row_place(&self.source.text, before))
+    }
+
+    /// Shows mistakes in the table.
+    pub fn report(&self, problems: &Problems) -> Report {
+        Report::new(problems, std::slice::from_ref(&self.source))
+    }
+}
+
+/// Reads the table at `path`; all mistakes in it are reported at once.
+pub fn read(path: &Path) -> Result<Table, Report> {
+    let bytes = input::read(path, MOST_BYTES).map_err(|error| {
+        let message = format!("cannot read the table of presses {}: {error}", path.display());
+        usage(message, format!("a CSV file with the columns {} belongs here", one_of(&COLUMNS)))
+    })?;
+    parse(path, &bytes)
+}
+
+/// Reads a table from the bytes of the file `path`.
+pub fn parse(path: &Path, bytes: &[u8]) -> Result<Table, Report> {
+    let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
+    // One kind of line end from here on.
+    let text = String::from_utf8_lossy(bytes).replace("\r\n", "\n").replace('\r', "\n");
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let source = Source { name: path.display().to_string(), text, folder };
+    let mut problems = Problems::default();
+    let presses = match str::from_utf8(bytes) {
+        Ok(_) => presses(&source, &mut problems),
+        Err(error) => {
+            problems.push(not_utf8(&bytes[..error.valid_up_to()], &source.text));
+            Vec::new()
+        }
+    };
+    match problems.is_empty() {
+        true => Ok(Table { path: path.to_owned(), presses, source }),
+        false => Err(Report::new(&problems, &[source])),
+    }
+}
+
+/// The bytes before the first that is not UTF-8, and the whole text.
+fn not_utf8(before: &[u8], text: &str) -> Problem {
+    let returns = before.windows(2).filter(|pair| pair == b"\r\n").count();
+    let start = before.len() - returns;
+    let length = text[start..].chars().next().map_or(0, char::len_utf8);
+    let problem = Problem::new("the table is not UTF-8").at(Place { source: 0, start, end: start + length });
+    problem.help("save it as CSV in UTF-8")
+}
+
+/// What is read of a table.
+#[derive(Clone, Copy)]
+enum Column {
+    File,
+    CentreX,
+    CentreY,
+    Radius,
+    BallRadius,
+    Pitch,
+}
+
+/// The names of all columns, in the order of [`Column`].
+const COLUMNS: [&str; 6] = ["file", "centre_x_px", "centre_y_px", "radius_px", "ball_radius_mm", "mm_per_px"];
+const CIRCLE: [Column; 3] = [Column::CentreX, Column::CentreY, Column::Radius];
+
+impl Column {
+    fn name(self) -> &'static str {
+        COLUMNS[self as usize]
+    }
+}
+
+/// One record of the file.
+struct Row<'a> {
+    text: &'a str,
+    /// Its first byte.
+    start: usize,
+    line: u64,
+    cells: StringRecord,
+}
+
+impl Row<'_> {
+    fn cell(&self, index: usize) -> &str {
+        self.cells.get(index).unwrap_or_default().trim()
+    }
+
+    /// A mistake in the cell number `index`.
+    fn wrong(&self, index: usize, message: impl Into<String>) -> Problem {
+        Problem::new(message).at(cell_place(self.text, self.start, index))
+    }
+}
+
+/// The records of a text without empty lines.
+fn rows(text: &str) -> impl Iterator<Item = Row<'_>> {
+    let reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
+    let (mut line, mut counted) = (1, 0);
+    // Nothing can fail: the text is in memory and UTF-8.
+    reader.into_records().map_while(Result::ok).map(move |cells| {
+        let found = cells.position().map_or(0, |position| position.byte() as usize);
+        let start = found + text[found..].bytes().take_while(|byte| *byte == b'\n').count();
+        line += text[counted..start].bytes().filter(|byte| *byte == b'\n').count() as u64;
+        counted = start;
+        Row { text, start, line, cells }
+    })
+}
+
+/// Where the record that begins at `start` stands: its first line.
+fn row_place(text: &str, start: usize) -> Place {
+    let length = text[start..].find('\n').unwrap_or(text.len() - start);
+    Place { source: 0, start, end: start + length }
+}
+
+/// Where the cell number `index` of the record that begins at `start` stands, its quotes included.
+fn cell_place(text: &str, start: usize, index: usize) -> Place {
+    let (mut quoted, mut from, mut left) = (false, start, index);
+    let mut end = text.len();
+    for (at, byte) in text.bytes().enumerate().skip(start) {
+        match byte {
+            b'"' if quoted => quoted = false,
+            // At the cell's start, or the second one of two that stand for one.
+            b'"' => quoted = at == from || text.as_bytes()[at - 1] == b'"',
+            b',' if !quoted && left > 0 => (from, left) = (at + 1, left - 1),
+            b',' | b'\n' if !quoted => {
+                end = at;
+                break;
+            }
+            _ => {}
+        }
+    }
+    Place { source: 0, start: from, end }
+}
+
+fn presses(source: &Source, problems: &mut Problems) -> Vec<Press> {
+    let mut rows = rows(&source.text);
+    let Some(header) = rows.next() else {
+        problems.push(Problem::new(format!("{}: the table is empty", source.name)).help(
+            "its first line names the columns, each further one is an image: file,centre_x_px,centre_y_px,radius_px",
+        ));
+        return Vec::new();
+    };
+    let Some(layout) = Layout::new(&header, problems) else { return Vec::new() };
+    let mut presses: Vec<Press> = Vec::new();
+    let mut seen: HashMap<PathBuf, u64> = HashMap::new();
+    let mut last = header;
+    for row in rows {
+        if problems.is_full() {
+            break;
+        }
+        if presses.len() == MOST_PRESSES {
+            problems.push(row.wrong(0, format!("the table has more than {MOST_PRESSES} rows")).help("divide it"));
+            break;
+        }
+        if let Some(press) = layout.press(&row, &source.folder, problems) {
+            if let Some(first) = seen.insert(Path::new(".").join(&press.path), press.line) {
+                let message = format!("`{}` is on line {first}, too", press.file);
+                problems.push(row.wrong(layout.file, message).help("keep one of the two rows"));
+            }
+            presses.push(press);
+        }
+        last = row;
+    }
+    let end = cell_place(&source.text, last.start, last.cells.len().saturating_sub(1));
+    let raw = &source.text[end.start..end.end];
+    if raw.starts_with('"') && raw.bytes().filter(|byte| *byte == b'"').count() % 2 == 1 {
+        problems.push(Problem::new("a quote is opened and never closed").at(end).help("write `\"` at the cell's end"));
+    } else if presses.is_empty() && problems.is_empty() {
+        problems.push(last.wrong(0, "no row follows the names of the columns").help("each row is an image"));
+    }
+    presses
+}
+
+/// In which cells of a row the columns stand.
+struct Layout {
+    file: usize,
+    places: [Option<usize>; COLUMNS.len()],
+    width: usize,
+}
+
+impl Layout {
+    /// From the first row. None if there is no telling what the others hold.
+    fn new(header: &Row, problems: &mut Problems) -> Option<Self> {
+        let names: Vec<String> = header.cells.iter().map(|name| name.trim().replace("center_", "centre_")).collect();
+        if let [only] = names.as_slice()
+            && let Some(separator) =
+                [(";", "semicolons"), ("\t", "tabs")].into_iter().find(|(mark, _)| only.contains(mark))
+        {
+            let problem = header.wrong(0, format!("the cells are separated by {} instead of commas", separator.1));
+            problems.push(problem.help("separate them by commas, and write 1.5 with a point"));
+            return None;
+        }
+        let places = COLUMNS.map(|column| names.iter().position(|name| name == column));
+        for (column, first) in COLUMNS.iter().zip(places) {
+            if let Some(again) = names.iter().rposition(|name| name == column)
+                && Some(again) != first
+            {
+                problems.push(header.wrong(again, format!("the column `{column}` is there twice")).help("remove one"));
+            }
+        }
+        let layout = Self { file: places[Column::File as usize].unwrap_or_default(), places, width: names.len() };
+        // What `absent` may have been meant to be.
+        let hint = |absent: &str| {
+            let unknown = names.iter().map(String::as_str).filter(|name| !COLUMNS.contains(name));
+            nearest(absent, unknown).map_or(String::new(), |near| format!("is `{near}` meant? "))
+        };
+        if places[Column::File as usize].is_none() {
+            let problem = header.wrong(0, "no column is called `file`");
+            problems.push(problem.help(format!("{}columns that are read: {}", hint("file"), one_of(&COLUMNS))));
+            return None;
+        }
+        let (there, absent): (Vec<_>, Vec<_>) = CIRCLE.into_iter().partition(|column| layout.place(*column).is_some());
+        if let (Some(index), Some(absent)) = (there.first().and_then(|column| layout.place(*column)), absent.first()) {
+            let problem = header.wrong(index, format!("half a circle: no column is called `{}`", absent.name()));
+            problems.push(problem.help(format!("{}{WHOLE_CIRCLE}", hint(absent.name()))));
+        }
+        Some(layout)
+    }
+
+    fn place(&self, column: Column) -> Option<usize> {
+        self.places[column as usize]
+    }
+
+    /// What a row says; None if it has no file or not as many cells as there are columns.
+    fn press(&self, row: &Row, folder: &Path, problems: &mut Problems) -> Option<Press> {
+        if row.cells.len() != self.width {
+            let message = format!("the row has {} cells, and there are {} columns", row.cells.len(), self.width);
+            let help = "write a comma for each empty cell, and a cell with a comma in quotes";
+            problems.push(Problem::new(message).at(row_place(row.text, row.start)).help(help));
+            return None;
+        }
+        let file = row.cell(self.file);
+        if file.is_empty() {
+            problems.push(row.wrong(self.file, "`file` is empty").help("name the image, or remove the row"));
+            return None;
+        }
+        let circle = self.circle(row, problems);
+        Some(Press {
+            file: file.to_owned(),
+            path: folder.join(file),
+            line: row.line,
+            circle,
+            ball_radius_mm: self.number(row, Column::BallRadius, problems),
+            mm_per_px: self.number(row, Column::Pitch, problems),
+        })
+    }
+
+    fn circle(&self, row: &Row, problems: &mut Problems) -> Option<Circle> {
+        let [x, y, radius_px] = CIRCLE.map(|column| self.number(row, column, problems));
+        // Where a column is absent that has been said of the table.
+        let indices: Vec<usize> = CIRCLE.iter().filter_map(|column| self.place(*column)).collect();
+        let (empty, given): (Vec<usize>, Vec<usize>) = indices.iter().partition(|index| row.cell(**index).is_empty());
+        if indices.len() == CIRCLE.len() && !given.is_empty() && !empty.is_empty() {
+            let names: Vec<&str> = CIRCLE
+                .iter()
+                .filter(|column| self.place(**column).is_some_and(|at| empty.contains(&at)))
+                .map(|c| c.name())
+                .collect();
+            let message = format!("half a circle: {} is empty", names.join(" and "));
+            problems.push(row.wrong(given[0], message).help(WHOLE_CIRCLE));
+        }
+        Some(Circle { centre_px: [x?, y?], radius_px: radius_px? })
+    }
+
+    /// The number in a cell; None if there is none.
+    fn number(&self, row: &Row, column: Column, problems: &mut Problems) -> Option<f64> {
+        let index = self.place(column)?;
+        let text = row.cell(index);
+        if text.is_empty() {
+            return None;
+        }
+        let name = column.name();
+        let placed = matches!(column, Column::CentreX | Column::CentreY);
+        let (message, help) = match text.parse::<f64>() {
+            Ok(number) if number.is_finite() && (placed || number > 0.0) => return Some(number),
+            Ok(number) if number.is_finite() => {
+                (format!("`{name}` is {text}; it must be above 0"), "leave the cell empty if it is not known")
+            }
+            Ok(_) => (format!("`{name}` is {text}; it must be finite"), "leave the cell empty if it is not known"),
+            Err(_) if text.contains(',') => (format!("`{name}`: `{text}` is not a number"), "write 1.5 with a point"),
+            Err(_) => (
+                format!("`{name}`: `{text}` is not a number"),
+                "write a number without its unit, or leave the cell empty",
+            ),
+        };
+        problems.push(row.wrong(index, message).help(help));
+        None
+    }
+}
+
+const WHOLE_CIRCLE: &str = "a circle is `centre_x_px`, `centre_y_px` and `radius_px`: give all three or none";
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn table(text: &str) -> Table {
+        parse(Path::new("real/a.csv"), text.as_bytes()).unwrap_or_else(|report| panic!("{text:?}: {report}"))
+    }
+
+    fn refused(text: &[u8]) -> String {
+        parse(Path::new("a.csv"), text).map(|table| table.presses).expect_err("a mistake").render(false)
+    }
+
+    const TABLE: &str = "\
+note,radius_px,file,src_radius_px,mm_per_px,centre_y_px,centre_x_px,ball_radius_mm
+\"left, \"\"dark\"\"\",59,images/2.png,,0.0295,302,-1.5e1,2
+,,../3 b.png,half,,,,
+";
+
+    #[test]
+    fn columns_stand_in_any_order_and_unknown_ones_are_passed_over() {
+        let presses = table(TABLE).presses;
+        let full = Press {
+            file: String::from("images/2.png"),
+            path: PathBuf::from("real/images/2.png"),
+            line: 2,
+            circle: Some(Circle { centre_px: [-15.0, 302.0], radius_px: 59.0 }),
+            ball_radius_mm: Some(2.0),
+            mm_per_px: Some(0.0295),
+        };
+        let bare = Press {
+            file: String::from("../3 b.png"),
+            path: PathBuf::from("real/../3 b.png"),
+            line: 3,
+            circle: None,
+            ball_radius_mm: None,
+            mm_per_px: None,
+        };
+        assert_eq!(presses, [full, bare]);
+        assert_eq!(table("file\n/tmp/x.png").presses[0].path, Path::new("/tmp/x.png"));
+    }
+
+    #[test]
+    fn spellings_line_ends_marks_and_empty_lines_make_no_difference() {
+        let expected = table(TABLE).presses;
+        let variants = [
+            TABLE.replace("centre", "center"),
+            TABLE.replace('\n', "\r\n"),
+            TABLE.replace('\n', "\r"),
+            TABLE.replace(',', " , ").replace("left , ", "left, ").replace(" \"left", "\"left"),
+            format!("\u{feff}{TABLE}"),
+            TABLE.trim_end().to_owned(),
+            TABLE.replace("images/2.png", "\"images/2.png\""),
+        ];
+        for text in variants {
+            assert_eq!(table(&text).presses, expected, "{text:?}");
+        }
+        let spread = table(&format!("\n\n{}\n\n", TABLE.replace('\n', "\n\n"))).presses;
+        assert_eq!(spread.iter().map(|press| press.line).collect::<Vec<_>>(), [5, 7]);
+    }
+
+    #[test]
+    fn all_mistakes_are_said_at_once_each_with_its_place_and_a_way_out() {
+        let text = "\
+file,centre_x_px,centre_y_px,radius_px,ball_radius_mm,mm_per_px,note
+1.png,1,2,3,\"2,5\",0.1,
+2.png,1,2,0,-1,0,
+3.png,,2,3,2,0.1,
+,1,2,3,2,0.1,
+./1.png,1,2,3,2,0.1,
+4.png,1,2,3
+5.png,nan,inf,1e999,2 mm,0.1,\"a, b\"
+6.png,1,2,3,2,0.1,a, b
+";
+        let shown = refused(text.as_bytes());
+        for (place, what, help) in [
+            ("2:13", "`ball_radius_mm`: `2,5` is not a number", "write 1.5 with a point"),
+            ("3:11", "`radius_px` is 0; it must be above 0", "leave the cell empty"),
+            ("3:13", "`ball_radius_mm` is -1; it must be above 0", "leave the cell empty"),
+            ("3:16", "`mm_per_px` is 0; it must be above 0", "leave the cell empty"),
+            ("4:8", "half a circle: centre_x_px is empty", "give all three or none"),
+            ("5:1", "`file` is empty", "name the image"),
+            ("6:1", "`./1.png` is on line 2, too", "keep one"),
+            ("7:1", "the row has 4 cells, and there are 7 columns", "in quotes"),
+            ("8:7", "`centre_x_px` is nan; it must be finite", "leave the cell empty"),
+            ("8:11", "`centre_y_px` is inf; it must be finite", "leave the cell empty"),
+            ("8:15", "`radius_px` is 1e999; it must be finite", "leave the cell empty"),
+            ("8:21", "`ball_radius_mm`: `2 mm` is not a number", "without its unit"),
+            ("9:1", "the row has 8 cells, and there are 7 columns", "in quotes"),
+        ] {
+            let paragraph = shown
+                .split("\n\n")
+                .find(|paragraph| paragraph.contains(&format!("a.csv:{place}\n")) && paragraph.contains(what));
+            assert!(paragraph.is_some_and(|paragraph| paragraph.contains(help)), "{place} {what}\n{shown}");
+        }
+        assert_eq!(shown.matches("error: ").count(), 13, "{shown}");
+    }
+
+    #[test]
+    fn what_is_wrong_with_the_whole_table_is_said_once() {
+        for (text, what) in [
+            (&b""[..], "the table is empty"),
+            (b"\n\n", "the table is empty"),
+            (b"file,radius_px,centre_x_px,centre_y_px\n", "no row follows"),
+            (b"file;radius_px\na.png;3", "separated by semicolons instead of commas"),
+            (b"file\tradius_px\na.png\t3", "separated by tabs instead of commas"),
+            (b"fil,radius_px\na.png,3\n", "is `fil` meant? columns that are read: `file`, `centre_x_px`"),
+            (b"file,center_x,centre_y_px,radius_px\na,1,2,3\n", "half a circle: no column is called `centre_x_px`"),
+            (b"file,center_x,centre_y_px,radius_px\na,1,2,3\n", "is `centre_x` meant?"),
+            (b"file,note,file\na,b,c\n", "a.csv:1:11"),
+            (
+                b"file,center_x_px,centre_x_px,centre_y_px,radius_px\na,1,1,1,1",
+                "the column `centre_x_px` is there twice",
+            ),
+            (b"file,note\r\na.png,caf\xe9\r\n", "a.csv:2:10"),
+            (b"file,note\na.png,\"open\nb.png,x\n", "a.csv:2:7"),
+        ] {
+            let shown = refused(text);
+            assert!(shown.contains(what) && shown.matches("error: ").count() == 1, "{what}\n{shown}");
+        }
+    }
+
+    #[test]
+    fn a_table_of_too_many_rows_or_bytes_is_refused() {
+        let rows: String = (0..=MOST_PRESSES).map(|row| format!("{row}\n")).collect();
+        assert!(refused(format!("file\n{rows}").as_bytes()).contains("a.csv:100002:1"));
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.csv");
+        std::fs::File::create(&path).and_then(|file| file.set_len(MOST_BYTES + 1)).expect("a sparse file");
+        assert!(read(&path).expect_err("too large").render(false).contains("larger than 16 MB"));
+        assert!(
+            read(&folder.path().join("none.csv")).expect_err("absent").render(false).contains("cannot read the table")
+        );
+    }
+
+    #[test]
+    fn a_mistake_found_later_names_its_row() {
+        let table = table(TABLE);
+        let mut problems = Problems::default();
+        problems.push(table.problem(3, "the image is saturated"));
+        let shown = table.report(&problems).render(false);
+        assert!(shown.contains("real/a.csv:3:1") && shown.contains("the image is saturated"), "{shown}");
+        problems.push(table.problem(u64::MAX, "no such line"));
+        assert!(table.report(&problems).render(false).contains("no such line"));
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+            if let Err(report) = parse(Path::new("a.csv"), &bytes) {
+                prop_assert!(report.render(false).contains("error: "));
+            }
+        }
+
+        #[test]
+        fn any_cells_are_read_or_refused(cells in "[file,\"\r\n\t;0-9.a\u{e4}-]{0,80}") {
+            if let Ok(table) = parse(Path::new("a.csv"), format!("file,radius_px,note\n{cells}").as_bytes()) {
+                prop_assert!(!table.presses.is_empty());
+            }
+        }
+
+        #[test]
+        fn a_table_that_is_written_reads_the_same(
+            rows in prop::collection::vec(
+                ("[a-z\"é, ]{0,6}", any::<Option<(f64, f64, f64)>>(), any::<Option<f64>>(), any::<Option<f64>>()), 1..8,
+            )
+        ) {
+            let mut writer = csv::Writer::from_writer(Vec::new());
+            writer.write_record(COLUMNS).expect("memory");
+            let size = |x: f64| if x.is_finite() && x != 0.0 { x.abs() } else { 1.0 };
+            let place = |x: f64| if x.is_finite() { x } else { 0.0 };
+            let mut expected = Vec::new();
+            for (row, (name, circle, ball, pitch)) in (0..).zip(rows) {
+                let press = Press {
+                    file: format!("{row}{name}.png"),
+                    path: PathBuf::from(format!("{row}{name}.png")),
+                    line: row + 2,
+                    circle: circle.map(|(x, y, r)| Circle { centre_px: [place(x), place(y)], radius_px: size(r) }),
+                    ball_radius_mm: ball.map(size),
+                    mm_per_px: pitch.map(size),
+                };
+                let text = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+                let [x, y, r] = [0, 1, 2].map(|k| press.circle.map(|c| [c.centre_px[0], c.centre_px[1], c.radius_px][k]));
+                let cells = [press.file.clone(), text(x), text(y), text(r), text(press.ball_radius_mm), text(press.mm_per_px)];
+                writer.write_record(cells).expect("memory");
+                expected.push(press);
+            }
+            let bytes = writer.into_inner().expect("memory");
+            prop_assert_eq!(parse(Path::new("a.csv"), &bytes).expect("a table").presses, expected);
+        }
+    }
+}
