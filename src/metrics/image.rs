@@ -50,9 +50,13 @@ pub fn psnr_db(a: &[u8], b: &[u8]) -> Option<f64> {
 ///
 /// If a size is not `width * height` pixels.
 pub fn ssim(a: &[u8], b: &[u8], width: usize, height: usize) -> f64 {
-    let map = ssim_map(a, b, width, height);
+    ssim_mean(&ssim_map(a, b, width, height))
+}
+
+/// What [`ssim`] is, from the images' [`ssim_map`].
+pub fn ssim_mean(map: &Grid<f64>) -> f64 {
     let span = |size: usize| if size >= WINDOW { (RADIUS, size - RADIUS) } else { (0, size) };
-    let ((x0, x1), (y0, y1)) = (span(width), span(height));
+    let ((x0, x1), (y0, y1)) = (span(map.width), span(map.height));
     let counted = map.crop(Rect { x0, y0, x1, y1 }).data;
     if counted.is_empty() { 1.0 } else { counted.iter().sum::<f64>() / counted.len() as f64 }
 }
