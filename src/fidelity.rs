@@ -7,6 +7,7 @@ use crate::gelpad;
 use crate::gelpad::elastic::{Elastic, Resolution};
 use crate::gelpad::mean_blur::MeanBlur;
 use crate::optics;
+use crate::optics::calibrated::Calibrated;
 use crate::optics::phong::{Phong, Shadows, Soft};
 
 /// A named set of stage choices, from cheap to exact.
@@ -99,11 +100,13 @@ impl Rung {
         }
     }
 
-    /// The stage choices it stands for.
-    pub fn choices(self) -> Choices {
+    /// The stage choices it stands for; `measured` if the sensor's light was.
+    pub fn choices(self, measured: bool) -> Choices {
         let elastic = |resolution, tolerance_um, max_iterations| {
             gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations })
         };
+        let phong = |shadows| optics::Model::Phong(Phong { shadows, ..Phong::default() });
+        let calibrated = |resolution| optics::Model::Calibrated(Calibrated { resolution });
         Choices {
             gelpad: match self {
                 Self::Paper => gelpad::Model::MeanBlur(MeanBlur::default()),
@@ -112,15 +115,15 @@ impl Rung {
                 Self::High => elastic(Resolution::Full, 1.0, 200),
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
-            optics: optics::Model::Phong(Phong {
-                shadows: match self {
-                    Self::Paper => Shadows::None,
-                    Self::Draft => Shadows::Soft(Soft { resolution: Resolution::Quarter }),
-                    Self::Standard => Shadows::Soft(Soft { resolution: Resolution::Half }),
-                    Self::High | Self::Reference => Shadows::Soft(Soft { resolution: Resolution::Full }),
-                },
-                ..Phong::default()
-            }),
+            optics: match (measured, self) {
+                (true, Self::Paper | Self::Draft | Self::Standard) => calibrated(Resolution::Quarter),
+                (true, Self::High) => calibrated(Resolution::Half),
+                (true, Self::Reference) => calibrated(Resolution::Full),
+                (false, Self::Paper) => phong(Shadows::None),
+                (false, Self::Draft) => phong(Shadows::Soft(Soft { resolution: Resolution::Quarter })),
+                (false, Self::Standard) => phong(Shadows::Soft(Soft { resolution: Resolution::Half })),
+                (false, Self::High | Self::Reference) => phong(Shadows::Soft(Soft { resolution: Resolution::Full })),
+            },
         }
     }
 }

@@ -44,6 +44,7 @@ pub mod generate;
 pub mod inspect;
 pub mod preview;
 
+pub mod calibrate;
 pub mod compare;
 pub mod metrics;
 pub mod presses;

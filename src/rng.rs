@@ -21,6 +21,8 @@ pub enum Stage {
     Relief,
     /// The grain of the pad's coating.
     Coating,
+    /// Where fitting a sensor's light starts, and which pixels it looks at.
+    Calibration,
     /// Which object.
     Object,
     /// Which side of it faces the pad.
@@ -90,6 +92,7 @@ impl Stage {
             Self::Grain => b"grain",
             Self::Relief => b"relief",
             Self::Coating => b"coating",
+            Self::Calibration => b"calibration",
             Self::Object => b"object",
             Self::Face => b"face",
             Self::Yaw => b"yaw",

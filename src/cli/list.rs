@@ -77,11 +77,16 @@ impl List {
             }
             What::Rungs => {
                 let line = |rung: Rung| {
-                    let choices = rung.choices();
+                    let (choices, measured) = (rung.choices(false), rung.choices(true));
                     let failed = |error: serde_json::Error| Failure::running(error.to_string());
                     let gelpad = serde_json::to_string(&choices.gelpad).map_err(failed)?;
                     let optics = serde_json::to_string(&choices.optics).map_err(failed)?;
-                    Ok(format!("{:<10} gelpad {gelpad}\n{:<10} optics {optics}", rung.name(), ""))
+                    let measured = serde_json::to_string(&measured.optics).map_err(failed)?;
+                    Ok(format!(
+                        "{:<10} gelpad {gelpad}\n{:<10} optics {optics}, {measured} where measured",
+                        rung.name(),
+                        ""
+                    ))
                 };
                 Rung::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
             }

@@ -78,7 +78,7 @@ impl Job {
             Some(RestShape::HeightMap(map)) => Some(&mut map.path),
             _ => None,
         };
-        objects.chain(textures).chain(shape).chain(&mut self.sensor.background)
+        objects.chain(textures).chain(shape).chain(&mut self.sensor.background).chain(&mut self.sensor.calibration)
     }
 }
 

@@ -42,6 +42,13 @@ pub struct Sensor {
     /// SHA-256 of the background file in lower-case hex; if given, another content is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub background_sha256: Option<String>,
+    /// The table that `gelsim calibrate` wrote, relative to the file this stands in: what the optics model `calibrated`
+    /// knows of this sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<String>,
+    /// SHA-256 of that file in lower-case hex; if given, another content is refused.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration_sha256: Option<String>,
     /// Shape of a pad that is not flat.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rest_shape: Option<RestShape>,
@@ -80,6 +87,8 @@ impl Default for Sensor {
             gelpad_poisson_ratio: 0.48,
             background: None,
             background_sha256: None,
+            calibration: None,
+            calibration_sha256: None,
             rest_shape: None,
             grain: None,
             markers: None,

@@ -3,6 +3,7 @@
 //! The rendered one is a plausible look, not a measurement: diffuse light, a glow that falls off from each LED's edge
 //! of the image, a vignette, and the fine grain of the coating, which is the same in every sample. The model is ours.
 
+use super::Light;
 use crate::config::sensor::Sensor;
 use crate::depth::Camera;
 use crate::grid::{Grid, Rect};
@@ -31,6 +32,16 @@ impl Reference {
         let mut reference = Self { width, height, rgb, planes, saturated_px: 0 };
         reference.saturated_px = reference.saturated_in(Rect::whole(width, height));
         reference
+    }
+
+    /// A part of it as light.
+    pub fn light(&self, region: Rect) -> Light {
+        let planes = self.planes.each_ref().map(|plane| {
+            let rows =
+                (region.y0..region.y1).flat_map(|y| &plane[y * self.width + region.x0..y * self.width + region.x1]);
+            rows.map(|value| f32::from(*value) * (1.0 / 255.0)).collect()
+        });
+        Light { region, planes }
     }
 
     /// Pixels of a part with a channel at full scale.

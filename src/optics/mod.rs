@@ -1,28 +1,27 @@
 //! From surface to light: what brightness each pixel sends to the camera.
 
-use std::cell::RefCell;
-
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::sensor::Sensor;
 use crate::depth::Camera;
-use crate::effects::{Effect, Ledger, Need};
-use crate::gelpad::{Contact, SURFACE_BORDER};
+use crate::effects::Ledger;
+use crate::gelpad::Contact;
 use crate::grid::{Grid, Rect};
 
 pub mod background;
+pub mod calibrated;
+pub mod coarse;
 mod lamp;
+mod leds;
 pub mod normals;
 pub mod phong;
 pub mod shadow;
 mod visible;
 
 use background::Reference;
-use lamp::{Lamp, Row};
-use phong::{Equation, Lit, Phong, Shadows};
-use shadow::{Caster, Coarse, Scratch, Shares, Steepest};
-use visible::Threshold;
+use calibrated::{Calibrated, Table};
+use phong::Phong;
 
 /// The models of the light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -32,6 +31,9 @@ pub enum Model {
     Phong(Phong),
     /// The same with LEDs at their distance: direction and brightness differ from pixel to pixel.
     Led(Phong),
+    /// What `gelsim calibrate` measured on a real sensor; the sensor's `calibration` names the file. The default where
+    /// there is one.
+    Calibrated(Calibrated),
 }
 
 impl Model {
@@ -40,53 +42,25 @@ impl Model {
         match self {
             Self::Phong(_) => "phong",
             Self::Led(_) => "led",
+            Self::Calibrated(_) => "calibrated",
         }
     }
 
-    /// Its parameters.
-    pub fn phong(&self) -> &Phong {
+    /// Parameters of the models with LEDs.
+    pub fn phong(&self) -> Option<&Phong> {
         match self {
-            Self::Phong(phong) | Self::Led(phong) => phong,
+            Self::Phong(phong) | Self::Led(phong) => Some(phong),
+            Self::Calibrated(_) => None,
         }
     }
 }
 
 /// A model made ready for one sensor: everything that is the same for every sample.
-pub struct Shader {
-    phong: Phong,
-    lamps: Vec<Lamp>,
-    /// What each LED gives at a flat pad, to be taken off; empty if nothing is.
-    flat: Vec<Flat>,
-    relief: Option<Relief>,
-    threshold: Threshold,
-    /// Share of the light lost per mm of displacement.
-    darkening_per_mm: f32,
-    camera: Camera,
-}
-
-/// A pad that is not smooth and flat at rest.
-struct Relief {
-    /// mm towards the camera, on the grid of [`Contact::surface`].
-    shape: Grid<f32>,
-    /// What each LED gives there, to be taken off; empty if nothing is.
-    at_rest: Vec<Flat>,
-}
-
-impl Relief {
-    /// Its shape when the pad is displaced.
-    fn under(&self, surface: &Grid<f32>) -> Grid<f32> {
-        let data = surface.data.iter().zip(&self.shape.data).map(|(w, relief)| w + relief).collect();
-        Grid { width: surface.width, height: surface.height, data }
-    }
-}
-
-/// What an LED gives at the untouched pad.
-#[derive(Clone)]
-enum Flat {
-    /// The same at every pixel.
-    Even(f32),
-    /// At each pixel of the view.
-    Map(Grid<f32>),
+pub enum Shader {
+    /// See [`Model::Phong`] and [`Model::Led`].
+    Leds(Box<leds::Shader>),
+    /// See [`Model::Calibrated`].
+    Calibrated(Box<calibrated::Shader>),
 }
 
 /// Brightness where the press can change it, 1 = full scale; it may leave 0 .. 1. Outside `region` the picture is the
@@ -100,178 +74,38 @@ pub struct Light {
 }
 
 impl Shader {
-    /// Prepares `model` for `sensor`, whose pad has `relief` at rest.
-    pub fn new(model: &Model, sensor: &Sensor, camera: &Camera, relief: Option<Grid<f32>>) -> Self {
-        let phong = *model.phong();
-        let near = matches!(model, Model::Led(_));
-        let lamps: Vec<Lamp> = sensor.led.iter().map(|led| Lamp::new(led, near)).collect();
-        let mut shader = Self {
-            threshold: Threshold::new(&phong, &lamps, relief.is_some(), sensor),
-            phong,
-            lamps,
-            flat: Vec::new(),
-            relief: None,
-            darkening_per_mm: (phong.darkening / sensor.gelpad_thickness_mm) as f32,
-            camera: *camera,
-        };
-        let relative = phong.equation == Equation::Relative;
-        if relative {
-            // By the same instructions as in the picture, so that an untouched pixel loses exactly what it gains.
-            shader.flat = phong::at_rest(&shader, &shader.level(), true);
-        }
-        shader.relief = relief.map(|shape| Relief {
-            // A photograph shows the relief already; to a rendered picture it is added.
-            at_rest: match relative && sensor.background.is_some() {
-                true => phong::at_rest(&shader, &shape, false),
-                false => shader.flat.clone(),
-            },
-            shape,
-        });
-        shader
-    }
-
-    /// A flat pad.
-    fn level(&self) -> Grid<f32> {
-        let [width, height] = self.camera.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
-        Grid::new(width, height)
-    }
-
-    /// Where the pixels of a row are.
-    #[inline(always)]
-    fn row(&self, part: Rect, row: usize) -> Row {
-        let Camera { resolution_px: [width, height], mm_per_px: [pitch_x, pitch_y] } = self.camera;
-        Row {
-            x_mm: ((0.5 - width as f64 / 2.0) * pitch_x) as f32,
-            y_mm: (((part.y0 + row) as f64 + 0.5 - height as f64 / 2.0) * pitch_y) as f32,
-            pitch_mm: pitch_x as f32,
-            first_px: part.x0 as f32,
+    /// Prepares `model` for `sensor`, whose pad has `relief` at rest. `table` is what was measured on the sensor; a
+    /// calibrated model without any changes nothing.
+    pub fn new(
+        model: &Model,
+        table: Option<&Table>,
+        sensor: &Sensor,
+        camera: &Camera,
+        relief: Option<Grid<f32>>,
+    ) -> Self {
+        let leds = |phong, near| Self::Leds(Box::new(leds::Shader::new(phong, near, sensor, camera, relief)));
+        match model {
+            Model::Phong(phong) => leds(*phong, false),
+            Model::Led(phong) => leds(*phong, true),
+            Model::Calibrated(calibrated) => {
+                Self::Calibrated(Box::new(calibrated::Shader::new(*calibrated, table, camera)))
+            }
         }
     }
 
-    /// The light of the untouched pad: its photograph; or a rendered picture and what the pad's relief changes in it; and
-    /// Phong's of a flat pad where the equation does not take that off.
+    /// The light of the untouched pad over its picture `rest`.
     pub fn untouched(&self, rest: &Reference) -> Light {
-        let level = self.level();
-        let (shape, at_rest) = match &self.relief {
-            Some(relief) => (&relief.shape, &relief.at_rest),
-            None => (&level, &self.flat),
-        };
-        let lit = Lit { shape, displacement: &level, at_rest, visible: &[], darkening_per_mm: 0.0 };
-        phong::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
+        match self {
+            Self::Leds(leds) => leds.untouched(rest),
+            Self::Calibrated(_) => rest.light(Rect::whole(rest.width, rest.height)),
+        }
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
     pub fn shade(&self, contact: &Contact, rest: &Reference, effects: &mut Ledger) -> Light {
-        let (surface, everywhere) = (&contact.surface, effects.everywhere());
-        let bent = effects.timed(Effect::Shading, || self.threshold.region(contact, &self.camera));
-        let if_bent = |why| if bent.is_empty() { Need::Idle("the surface is flat") } else { Need::Called(why) };
-        let shades = effects.calls(Effect::Shading, if_bent("the surface is not flat"));
-
-        let need = match self.relief {
-            None => Need::Absent("the pad is smooth and flat"),
-            Some(_) => if_bent("a rough or curved pad is deformed"),
-        };
-        let under = |relief: &Relief| relief.under(surface);
-        let rough = effects.run(Effect::Grain, need, || self.relief.as_ref().map(under)).flatten();
-        let (shape, at_rest) = match (&rough, &self.relief) {
-            (Some(shape), Some(relief)) => (shape, &relief.at_rest),
-            _ => (surface, &self.flat),
-        };
-
-        let shadows = effects.timed(Effect::Shadows, || self.shadows(surface, bent, everywhere));
-        let need = match self.phong.shadows {
-            Shadows::None => Need::Absent("the optics model has no shadows"),
-            Shadows::Soft(_) if !bent.is_empty() && shadows.is_none() => Need::Idle("no slope rises above an LED"),
-            Shadows::Soft(_) => if_bent("a slope rises above an LED"),
-        };
-        let shadows = if effects.calls(Effect::Shadows, need) { shadows } else { None };
-
-        let need = match self.darkening_per_mm > 0.0 {
-            true => if_bent("the surface is pressed in"),
-            false => Need::Absent("the optics model has no darkening"),
-        };
-        let darkening_per_mm = if effects.calls(Effect::Darkening, need) { self.darkening_per_mm } else { 0.0 };
-        if !shades {
-            return Light::default();
+        match self {
+            Self::Leds(leds) => leds.shade(contact, rest, effects),
+            Self::Calibrated(calibrated) => calibrated.shade(contact, rest, effects),
         }
-
-        let whole = Rect::whole(rest.width, rest.height);
-        let (region, visible) = effects.timed(Effect::Shadows, || {
-            let region = match &shadows {
-                _ if everywhere => whole,
-                None => bent,
-                Some(shadows) => shadows.reach(bent, &self.camera),
-            };
-            let visible = shadows.map(|shadows| shadows.shares(&self.camera, region));
-            (region, visible.unwrap_or_default())
-        });
-        let lit = Lit { shape, displacement: surface, at_rest, visible: &visible, darkening_per_mm };
-        effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
     }
-
-    /// What casts shadows, if anything does. A near LED is taken to shine on all of the press from the direction in which it
-    /// is seen from the press's middle.
-    fn shadows(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Option<Casting> {
-        let Shadows::Soft(soft) = self.phong.shadows else { return None };
-        if bent.is_empty() && !everywhere {
-            return None;
-        }
-        let coarse = Coarse::new(soft.resolution);
-        let (surface, pitch) = (coarse.thinned(surface), coarse.pitch(self.camera.mm_per_px));
-        let steepest = Steepest::of(&surface, pitch);
-        let middle = self.camera.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
-        let caster = |lamp: &Lamp| {
-            let caster = lamp.caster(middle, pitch);
-            (everywhere || caster.casts(&steepest)).then_some(caster)
-        };
-        let casters: Vec<Option<Caster>> = self.lamps.iter().map(caster).collect();
-        let any = casters.iter().any(Option::is_some);
-        any.then_some(Casting { coarse, surface, casters, span_mm: steepest.span_mm })
-    }
-}
-
-/// A surface that casts shadows.
-struct Casting {
-    coarse: Coarse,
-    /// On the grid on which shadows are found.
-    surface: Grid<f32>,
-    /// For each LED, if it casts any.
-    casters: Vec<Option<Caster>>,
-    /// Highest point over the lowest one, mm.
-    span_mm: f32,
-}
-
-impl Casting {
-    /// `bent`, and the part of the view that what stands in it can shadow.
-    fn reach(&self, bent: Rect, view: &Camera) -> Rect {
-        let [width, height] = view.resolution_px;
-        let factor = self.coarse.factor;
-        let moved = |start: usize, end: usize, [from, to]: [f64; 2], size: usize| {
-            // Interpolation carries a trace further, on either grid.
-            let more = 2 * factor;
-            let px = |steps: f64| (steps.ceil() as usize).saturating_mul(factor);
-            (
-                start.saturating_sub(px(-from).saturating_add(more)),
-                end.saturating_add(px(to)).saturating_add(more).min(size),
-            )
-        };
-        let shadow = |region: Rect, caster: &Caster| {
-            let [x, y] = caster.shadow_px(self.span_mm);
-            let ((x0, x1), (y0, y1)) = (moved(bent.x0, bent.x1, x, width), moved(bent.y0, bent.y1, y, height));
-            region.united(Rect { x0, y0, x1, y1 })
-        };
-        self.casters.iter().flatten().fold(bent, shadow)
-    }
-
-    /// The share of each LED that pixels of `region` see.
-    fn shares(&self, view: &Camera, region: Rect) -> Vec<Option<Shares>> {
-        SCRATCH.with_borrow_mut(|scratch| {
-            self.coarse.shares(&self.casters, &self.surface, view.resolution_px, region, scratch)
-        })
-    }
-}
-
-thread_local! {
-    /// Memory that a thread's samples share.
-    static SCRATCH: RefCell<Scratch> = RefCell::default();
 }

@@ -12,10 +12,11 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::Light;
 use super::background::Reference;
+use super::coarse::Values;
 use super::lamp::Normals;
-use super::shadow::Shares;
-use super::{Flat, Light, Shader};
+use super::leds::{Flat, Shader};
 use crate::gelpad::SURFACE_BORDER;
 use crate::gelpad::elastic::Resolution;
 use crate::grid::{Grid, Rect};
@@ -123,7 +124,7 @@ pub(super) struct Lit<'a> {
     /// What each LED gives at rest, to be taken off; empty if nothing is.
     pub at_rest: &'a [Flat],
     /// The share of each LED that is seen; empty for all of it.
-    pub visible: &'a [Option<Shares>],
+    pub visible: &'a [Option<Values>],
     /// Share of the light lost per mm of displacement.
     pub darkening_per_mm: f32,
 }
@@ -164,7 +165,7 @@ impl WithPower for AtRest<'_> {
                 wide(
                     #[inline(always)]
                     || {
-                        set_normals(shader, shape, part, 0, &mut normals);
+                        set_normals(shader.camera.mm_per_px, shape, part, 0, &mut normals);
                         lamp.reflect(&normals, shader.row(part, 0), diffuse, specular, power, map.row_mut(y));
                     },
                 );
@@ -211,11 +212,11 @@ struct Rows {
 
 /// Normals along row `row` of a part of the view.
 #[inline(always)]
-fn set_normals(shader: &Shader, shape: &Grid<f32>, part: Rect, row: usize, normals: &mut Normals) {
+pub(super) fn set_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, row: usize, normals: &mut Normals) {
     let width = part.width();
     let window = |dx: usize, dy: usize| &shape.row(part.y0 + row + dy)[part.x0 + dx..][..width];
     let (left, right, above, below) = (window(0, 1), window(2, 1), window(1, 0), window(1, 2));
-    let [per_slope_x, per_slope_y] = shader.camera.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let [per_slope_x, per_slope_y] = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
     let Normals { x: nx, y: ny, z: nz } = normals;
     for plane in [&mut *nx, &mut *ny, &mut *nz] {
         plane.resize(width, 0.0);
@@ -244,7 +245,7 @@ fn shade_row(
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
     let Rows { normals, gain, share, line } = rows;
-    set_normals(shader, lit.shape, region, row, normals);
+    set_normals(shader.camera.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
     for (plane, rest_plane) in light.planes.iter_mut().zip(&rest.planes) {

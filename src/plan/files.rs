@@ -12,6 +12,7 @@ use crate::gelpad::rest::{self, RestShape};
 use crate::grid::Grid;
 use crate::input;
 use crate::optics::background::Reference;
+use crate::optics::calibrated::Table;
 
 /// Reads the file that the key at `key` names. Sets `path` to where it was found and `sha256` to its hash, which must be
 /// the one that the job gives. `None` after a mistake.
@@ -34,6 +35,7 @@ fn read<T>(
             let message = format!("cannot read the {what} {}: {reason}", found.display());
             let help = match what {
                 "background" => "an 8-bit PNG of the untouched pad belongs here",
+                "calibration" => "the table that `gelsim calibrate` wrote beside its sensor file belongs here",
                 _ => "a grey PNG of 8 or 16 bits, or an npy or EXR file with values from 0 to 1, belongs here",
             };
             check.wrong(key, message, help);
@@ -43,7 +45,10 @@ fn read<T>(
     if sha256.as_ref().is_some_and(|expected| *expected != hash) {
         let message = format!("the {what} {} has changed: its SHA-256 is {hash}", found.display());
         let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
-        let own = if name == "background" { "background_sha256" } else { "sha256" };
+        let own = match name {
+            "path" => String::from("sha256"),
+            name => format!("{name}_sha256"),
+        };
         check.wrong(&format!("{table}.{own}"), message, "restore the file, or remove this key");
     }
     *path = found.to_string_lossy().into_owned();
@@ -75,6 +80,12 @@ pub fn background(check: &mut Check<'_>, job: &mut Job) -> Option<(Reference, Op
         None => image,
     };
     Some((Reference::new(width, height, image.into_raw()), note))
+}
+
+/// What was measured on the sensor, if anything was. `None` after a mistake, too.
+pub fn calibration(check: &mut Check<'_>, job: &mut Job) -> Option<Table> {
+    let path = job.sensor.calibration.as_mut()?;
+    read(check, "sensor.calibration", "calibration", path, &mut job.sensor.calibration_sha256, Table::parse)
 }
 
 /// The texture's patterns, made ready; none if no sample has any. Those that cannot be read are left out, and said.

@@ -24,6 +24,7 @@ use crate::gelpad::rest;
 use crate::grid::Grid;
 use crate::health::OnUnhealthy;
 use crate::optics::background::Reference;
+use crate::optics::calibrated::Table;
 use crate::{gelpad, optics};
 
 mod check;
@@ -52,6 +53,8 @@ pub struct Plan {
     pub thickness_mm: f64,
     /// The background: what is seen of the untouched pad before any model adds to it.
     pub reference: Reference,
+    /// What was measured on the sensor, if anything was.
+    pub calibration: Option<Table>,
     /// The objects, in the order of the job.
     pub objects: Arc<[Object]>,
     /// The texture's patterns; none if no sample has a texture.
@@ -110,21 +113,29 @@ pub struct Ready {
     pub body: camera::Body,
 }
 
+/// What the models are made from beside the job: contents of the files that it names.
+struct Files<'a> {
+    reference: &'a Reference,
+    calibration: Option<&'a Table>,
+    drop_mm: Option<&'a Grid<f32>>,
+}
+
 impl Ready {
-    fn new(job: &Job, models: &Choices, view: &Camera, reference: &Reference, drop_mm: Option<&Grid<f32>>) -> Self {
+    fn new(job: &Job, models: &Choices, view: &Camera, files: &Files<'_>) -> Self {
         let sensor = &job.sensor;
         let pad = gelpad::Pad::new(&models.gelpad, sensor, view);
         let relief = match job.effects {
             Gate::Without(Effect::Grain) => None,
             Gate::Without(Effect::RestShape) => rest::relief(None, sensor.grain.as_ref(), view),
-            _ => rest::relief(drop_mm, sensor.grain.as_ref(), view),
+            _ => rest::relief(files.drop_mm, sensor.grain.as_ref(), view),
         };
-        let shader = optics::Shader::new(&models.optics, sensor, view, relief);
+        let shader = optics::Shader::new(&models.optics, files.calibration, sensor, view, relief);
         let printed = printed(job);
         let in_plane = printed.and_then(|_| pad.in_plane(sensor, view));
         let print = printed.and_then(|markers| Some(markers.ink(&markers.constant()?, None, view)));
         let resting = Shot::resting(&job.camera).gated(job.effects);
-        let body = camera::Body::new(view, shader.untouched(reference), sensor.background.is_some(), resting, print);
+        let body =
+            camera::Body::new(view, shader.untouched(files.reference), sensor.background.is_some(), resting, print);
         Self { pad, in_plane, shader, body }
     }
 }
@@ -155,6 +166,7 @@ impl Plan {
         ranges::camera(&mut check, &job);
         ranges::models(&mut check, &job);
         let reference = files::background(&mut check, &mut job);
+        let calibration = files::calibration(&mut check, &mut job);
         let textures = files::textures(&mut check, &mut job);
         let drop_mm = files::drop_mm(&mut check, &mut job);
         let mut notes = Vec::new();
@@ -169,7 +181,8 @@ impl Plan {
         notes.extend(strain_note(&job));
         let models = chosen_models(&job);
         let camera = view(&job);
-        let ready = Ready::new(&job, &models, &camera, &reference, drop_mm.as_ref());
+        let files = Files { reference: &reference, calibration: calibration.as_ref(), drop_mm: drop_mm.as_ref() };
+        let ready = Ready::new(&job, &models, &camera, &files);
         let mut classes: Vec<String> = objects.iter().map(|object| object.class.clone()).collect();
         classes.sort();
         classes.dedup();
@@ -184,6 +197,7 @@ impl Plan {
             camera,
             thickness_mm: job.sensor.gelpad_thickness_mm,
             reference,
+            calibration,
             objects,
             textures: textures.into(),
             drop_mm,
@@ -229,7 +243,7 @@ impl Plan {
 
     /// The same with the models of `rung`, whatever gelpad the job chose; a light that the job names stays.
     pub fn at(&self, rung: Rung) -> Self {
-        let mut models = rung.choices();
+        let mut models = rung.choices(self.calibration.is_some());
         if self.optics_named {
             models.optics = self.models.optics.clone();
         }
@@ -241,8 +255,13 @@ impl Plan {
     }
 
     fn with(&self, job: Job, rung: Rung, models: Choices) -> Self {
+        let files = Files {
+            reference: &self.reference,
+            calibration: self.calibration.as_ref(),
+            drop_mm: self.drop_mm.as_ref(),
+        };
         Self {
-            ready: Ready::new(&job, &models, &self.camera, &self.reference, self.drop_mm.as_ref()),
+            ready: Ready::new(&job, &models, &self.camera, &files),
             fingerprint: fingerprint(&job),
             name: self.name.clone(),
             seed: self.seed,
@@ -252,6 +271,7 @@ impl Plan {
             reference: self.reference.clone(),
             objects: Arc::clone(&self.objects),
             textures: Arc::clone(&self.textures),
+            calibration: self.calibration.clone(),
             drop_mm: self.drop_mm.clone(),
             classes: self.classes.clone(),
             draw: self.draw.clone(),
@@ -294,7 +314,7 @@ fn printed(job: &Job) -> Option<&Markers> {
 /// Writes out the defaults that depend on other keys.
 fn fill(job: &mut Job) {
     job.fidelity.get_or_insert(Rung::default().into());
-    let choices = rung(job).choices();
+    let choices = rung(job).choices(job.sensor.calibration.is_some());
     job.gelpad.get_or_insert(choices.gelpad);
     job.optics.get_or_insert(choices.optics);
     job.sensor.preset = None;
@@ -310,7 +330,7 @@ fn rung(job: &Job) -> Rung {
 }
 
 fn chosen_models(job: &Job) -> Choices {
-    let choices = rung(job).choices();
+    let choices = rung(job).choices(job.sensor.calibration.is_some());
     Choices {
         gelpad: job.gelpad.clone().unwrap_or(choices.gelpad),
         optics: job.optics.clone().unwrap_or(choices.optics),

@@ -155,12 +155,21 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
             check.number("gelpad.elastic.max_iterations", most, 1.0..=1e4, "iterations");
         }
     }
-    let (phong, path) = (optics.phong(), |key: &str| format!("optics.{}.{key}", optics.name()));
-    check.number(&path("ambient"), phong.ambient, 0.0..=1.0, "");
-    check.number(&path("diffuse"), phong.diffuse, 0.0..=10.0, "");
-    check.number(&path("specular"), phong.specular, 0.0..=10.0, "");
-    check.number(&path("shininess"), phong.shininess, 0.0..=1000.0, "");
-    check.number(&path("darkening"), phong.darkening, 0.0..=1.0, "");
+    match optics.phong() {
+        Some(phong) => {
+            let path = |key: &str| format!("optics.{}.{key}", optics.name());
+            check.number(&path("ambient"), phong.ambient, 0.0..=1.0, "");
+            check.number(&path("diffuse"), phong.diffuse, 0.0..=10.0, "");
+            check.number(&path("specular"), phong.specular, 0.0..=10.0, "");
+            check.number(&path("shininess"), phong.shininess, 0.0..=1000.0, "");
+            check.number(&path("darkening"), phong.darkening, 0.0..=1.0, "");
+        }
+        None if job.sensor.calibration.is_none() && check.sound("sensor") => {
+            let help = "name the file that `gelsim calibrate` wrote: [sensor] file = \"...\"; or choose phong or led";
+            check.wrong("optics", "nothing was measured on this sensor", help);
+        }
+        None => {}
+    }
     for (i, layer) in job.output.layers.iter().enumerate() {
         let path = format!("output.layers.{i}");
         match layer {

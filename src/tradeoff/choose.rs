@@ -33,7 +33,7 @@ pub fn spread(samples: u64, count: u64) -> Vec<u64> {
 /// The rung that the plan's job asks for by a bound; refused where no rung keeps it.
 pub fn choose(plan: &Plan, bound: Fidelity) -> Result<Chosen, Report> {
     let indices = spread(plan.layout.samples(), PROBES);
-    let fits = |rung: &Rung| plan.layers.iter().all(|layer| rung.choices().gelpad.gives(*layer));
+    let fits = |rung: &Rung| plan.layers.iter().all(|layer| rung.choices(false).gelpad.gives(*layer));
     let rungs: Vec<Rung> = Rung::ALL.into_iter().filter(fits).collect();
     let reference = plan.at(Rung::Reference);
     let exact: Vec<_> = indices.iter().map(|index| render(&reference, *index).contact.surface).collect();

@@ -45,7 +45,7 @@ fn every_rung_names_itself_and_its_models_in_labels_and_job() {
         folder.succeed(&format!("generate job.toml --quiet --out {name} --fidelity {name}"));
         assert_eq!(recorded(&folder, name), name);
         let job: toml::Table = folder.read(&format!("{name}/job.toml")).parse().expect("TOML");
-        let choices = rung.choices();
+        let choices = rung.choices(false);
         assert_eq!(job["gelpad"], toml::Value::try_from(&choices.gelpad).expect("TOML"));
         assert_eq!(job["optics"], toml::Value::try_from(&choices.optics).expect("TOML"));
         for label in folder.labels(name).values() {
@@ -331,7 +331,7 @@ fn a_rung_that_lacks_a_layer_is_not_chosen() {
     let folder = Folder::with_job(&job);
     folder.succeed("generate job.toml --quiet --out out");
     assert_eq!(recorded(&folder, "out"), "draft");
-    let first = Rung::ALL.into_iter().find(|rung| rung.choices().gelpad.gives(Layer::Pressure));
+    let first = Rung::ALL.into_iter().find(|rung| rung.choices(false).gelpad.gives(Layer::Pressure));
     assert_eq!(first, Some(Rung::Draft));
 }
 
@@ -410,7 +410,7 @@ fn the_list_of_rungs_tells_what_each_chooses_from_cheap_to_exact() {
         let (name, gelpad) = line.split_once(" gelpad ").expect("a model");
         assert_eq!(name.trim_end(), rung.name());
         let model: Model = serde_json::from_str(gelpad).expect("the model as a job has it");
-        assert_eq!(model, rung.choices().gelpad);
+        assert_eq!(model, rung.choices(false).gelpad);
     }
 }
 

@@ -94,7 +94,7 @@ fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
         let bounce = bounced(&plan, &contact, &light);
         assert!(bounce.iter().flatten().all(|light| light.is_finite() && *light >= 0.0));
         let flat = direct(&plan, &contact_of(&plan.camera, |_| 0.0));
-        let levels = 255.0 * plan.models.optics.phong().diffuse;
+        let levels = 255.0 * plan.models.optics.phong().expect("LEDs").diffuse;
 
         // The contact, and a millimetre around it.
         let [width, height] = plan.camera.resolution_px;

@@ -256,7 +256,7 @@ pub fn grey(camera: &Camera, level: u8) -> Reference {
 
 /// The light of a model; where the press does not change it, the picture's own.
 pub fn light_of(model: &optics::Model, sensor: &Sensor, contact: &Contact, rest: &Reference) -> Light {
-    Shader::new(model, sensor, &camera_of(sensor), None).shade(contact, rest, &mut Ledger::new(Gate::CalledFor))
+    Shader::new(model, None, sensor, &camera_of(sensor), None).shade(contact, rest, &mut Ledger::new(Gate::CalledFor))
 }
 
 /// The same without shadows.

@@ -34,7 +34,7 @@ fn strongest(plan: &Plan, led: &Led) -> f64 {
 /// The range that light before the camera stays in, whatever the surface: k_d and k_s bound Phong's terms, a flat pad's
 /// are taken off, and a bulge brightens by the darkening that it lacks.
 fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
-    let phong = plan.models.optics.phong();
+    let phong = plan.models.optics.phong().expect("LEDs");
     let most = (0..3)
         .map(|k| {
             let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led);

@@ -82,7 +82,7 @@ fn shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap() {
         let plan = setting.plan_with(&GENERIC, "angular_size_deg = [0.1, 10.0]\n");
         let sample = render(&plan, 0);
         let surface = exact(&sample.contact.surface);
-        let constants = plan.models.optics.phong();
+        let constants = plan.models.optics.phong().expect("LEDs");
         let slopes = slopes_of(&surface, &plan.camera);
         let elevation = GENERIC.led_elevation_deg;
         let rays = [elevation - 5.0, elevation + 5.0].map(|deg| deg.to_radians().tan());

@@ -179,7 +179,7 @@ pub fn turned_deg(found: &[[f32; 3]], expected: &[[f64; 3]]) -> f64 {
 
 /// Light of a surface without shadows, grey levels, not cut.
 pub fn light_of(surface: &Grid<f64>, plan: &Plan) -> Vec<f64> {
-    let constants = plan.models.optics.phong();
+    let constants = plan.models.optics.phong().expect("LEDs");
     let inner = surface_in_view(surface);
     let pixel = |(at, slope): (usize, [f64; 2])| {
         let rest = std::array::from_fn(|k| f64::from(plan.reference.rgb[3 * at + k]) / 255.0);

@@ -9,7 +9,7 @@
 //! averaged across the lines, as widely as it appears past the highest obstacle of all its azimuths (a penumbra
 //! estimated from the blocker's distance: Fernando 2005), which is exact behind a single straight edge.
 
-mod coarse;
+pub mod casting;
 mod soften;
 mod steepest;
 mod sweep;
@@ -20,7 +20,6 @@ use crate::grid::{Grid, Rect};
 use crate::scene::pose::sin_cos_deg;
 use crate::simd::wide;
 
-pub use coarse::{Coarse, Shares};
 pub use steepest::Steepest;
 use sweep::Rays;
 use turn::turn;

@@ -1,6 +1,5 @@
-//! Shadows found on a coarser grid than the camera's, and interpolated: they are soft but where they begin.
+//! A coarser grid than the camera's, and what varies slowly enough to be found there and interpolated.
 
-use super::{Caster, Scratch, visible};
 use crate::gelpad::SURFACE_BORDER;
 use crate::gelpad::elastic::Resolution;
 use crate::grid::{Grid, Rect};
@@ -12,13 +11,14 @@ pub struct Coarse {
     pub factor: usize,
 }
 
-/// The share of an LED that is seen, on a grid that may be coarser than the camera's.
+/// Something that varies over the view, on a grid that may be coarser than the camera's.
 #[derive(Clone, Debug)]
-pub struct Shares {
+pub struct Values {
     factor: usize,
     /// Column and row of the view that the first value is for.
     first: [isize; 2],
-    values: Grid<f32>,
+    /// The values.
+    pub values: Grid<f32>,
 }
 
 impl Coarse {
@@ -46,20 +46,21 @@ impl Coarse {
         Grid { width: count(left, surface.width), height: count(top, surface.height), data }
     }
 
-    /// The shares of each LED in `region` of the view, found on the thinned surface; nothing where all of it is seen.
-    pub fn shares(
-        self,
-        casters: &[Option<Caster>],
-        thinned: &Grid<f32>,
-        size: [usize; 2],
-        region: Rect,
-        scratch: &mut Scratch,
-    ) -> Vec<Option<Shares>> {
-        let view = [thinned.width, thinned.height].map(|count| count.saturating_sub(2 * SURFACE_BORDER));
+    /// Pixels of the grid that [`Coarse::thinned`] gives, less those in the border of the surface.
+    pub fn view(self, size: [usize; 2]) -> [usize; 2] {
+        size.map(|size| {
+            let count = size + 2 * SURFACE_BORDER;
+            let thinned = (count - 1 - self.first(count)) / self.factor + 1;
+            thinned.saturating_sub(2 * SURFACE_BORDER)
+        })
+    }
+
+    /// What of [`Coarse::view`] interpolation in `region` of a view of `size` needs; empty if there is nothing.
+    pub fn part(self, size: [usize; 2], region: Rect) -> Rect {
+        let view = self.view(size);
         if view.contains(&0) {
-            return Vec::new();
+            return Rect::default();
         }
-        // Counted in the coarse view: what interpolation in the region needs.
         let along = |k: usize, from: usize, to: usize| {
             let first = self.first(size[k] + 2 * SURFACE_BORDER);
             let coarse = |at: usize| (at + SURFACE_BORDER).saturating_sub(first) / self.factor;
@@ -67,25 +68,29 @@ impl Coarse {
             (from.min(view[k] - 1), to.max(from + 1).min(view[k]))
         };
         let ((x0, x1), (y0, y1)) = (along(0, region.x0, region.x1), along(1, region.y0, region.y1));
-        let part = Rect { x0, y0, x1: x1.max(x0 + 1), y1: y1.max(y0 + 1) };
-        let place = |k: usize, start: usize| {
+        Rect { x0, y0, x1: x1.max(x0 + 1), y1: y1.max(y0 + 1) }
+    }
+
+    /// Column and row of the view of `size` on which a pixel of [`Coarse::view`] lies.
+    pub fn place(self, size: [usize; 2], pixel: [usize; 2]) -> [isize; 2] {
+        std::array::from_fn(|k| {
             let first = self.first(size[k] + 2 * SURFACE_BORDER) as isize;
-            ((start + SURFACE_BORDER) * self.factor) as isize + first - SURFACE_BORDER as isize
-        };
-        let first = [place(0, part.x0), place(1, part.y0)];
-        let shares = |values: Vec<f32>| {
-            let values = Grid { width: part.width(), height: part.height(), data: values };
-            (!values.data.is_empty()).then_some(Shares { factor: self.factor, first, values })
-        };
-        visible(casters, thinned, part, scratch).into_iter().map(shares).collect()
+            ((pixel[k] + SURFACE_BORDER) * self.factor) as isize + first - SURFACE_BORDER as isize
+        })
+    }
+
+    /// Values at the pixels of a part of [`Coarse::view`], to be interpolated.
+    pub fn values(self, size: [usize; 2], part: Rect, values: Vec<f32>) -> Values {
+        let values = Grid { width: part.width(), height: part.height(), data: values };
+        Values { factor: self.factor, first: self.place(size, [part.x0, part.y0]), values }
     }
 }
 
-impl Shares {
-    /// The shares of pixels in row `y` of the view, from column `x0` on; beyond the outermost values they go on. `line` is
+impl Values {
+    /// The values at pixels in row `y` of the view, from column `x0` on; beyond the outermost values they go on. `line` is
     /// memory to work in.
     #[inline(always)]
-    pub fn row(&self, y: usize, x0: usize, line: &mut Vec<f32>, shares: &mut [f32]) {
+    pub fn row(&self, y: usize, x0: usize, line: &mut Vec<f32>, out: &mut [f32]) {
         let Self { factor, first, values } = self;
         let (count, factor) = (values.width, *factor);
         // Along y: between two rows of values.
@@ -98,8 +103,8 @@ impl Shares {
         }
         // Along x: from the first value on, in whole steps of the grid, to the last.
         let offset = x0 as isize - first[0];
-        let before = (-offset).clamp(0, shares.len() as isize) as usize;
-        let (outside, inside) = shares.split_at_mut(before);
+        let before = (-offset).clamp(0, out.len() as isize) as usize;
+        let (outside, inside) = out.split_at_mut(before);
         outside.fill(line[0]);
         let start = offset.max(0) as usize;
         match factor {
@@ -145,10 +150,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_are_interpolated_between_the_values_and_go_on_beyond_them() {
+    fn values_are_interpolated_between_the_values_and_go_on_beyond_them() {
         let values = Grid { width: 3, height: 2, data: vec![0.0, 0.4, 1.0, 0.2, 0.6, 0.0] };
         for factor in [1, 2, 4] {
-            let shares = Shares { factor, first: [1, -2], values: values.clone() };
+            let interpolated = Values { factor, first: [1, -2], values: values.clone() };
             let bilinear = |x: usize, y: usize| {
                 let place = |at: isize, count: usize| {
                     let at = (at as f64 / factor as f64).clamp(0.0, count as f64 - 1.0);
@@ -163,7 +168,7 @@ mod tests {
             for (x0, y) in [(0, 0), (0, 1), (3, 0), (5, 3), (11, 9)] {
                 for count in [1, 2, 3, 7, 16] {
                     let mut row = vec![f32::NAN; count];
-                    shares.row(y, x0, &mut Vec::new(), &mut row);
+                    interpolated.row(y, x0, &mut Vec::new(), &mut row);
                     for (k, share) in row.iter().enumerate() {
                         let expected = bilinear(x0 + k, y);
                         assert!((f64::from(*share) - expected).abs() < 1e-6, "{factor} {x0} {y} {k}: {share}");

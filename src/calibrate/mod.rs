@@ -1,0 +1,165 @@
+//! From presses of a ball into a real sensor to the light that a simulated one gives: `gelsim calibrate`.
+//!
+//! For each press the pad's surface follows from circle and ball ([`geometry`]); pixels of all presses ([`pixels`]) teach
+//! how colour follows from the surface ([`train`]). What holds for the surface of all presses, the pad's thickness and how
+//! much larger the visible disc is than the contact, is chosen so that colour follows best ([`choose`]). Errors are those
+//! of presses that were not learnt from ([`validate`]).
+
+use image::RgbImage;
+use rayon::prelude::*;
+
+use crate::config::sensor::Sensor;
+use crate::depth::Camera;
+use crate::effects::{Gate, Ledger};
+use crate::gelpad::Contact;
+use crate::gelpad::elastic::{Elastic, Pad, Resolution};
+use crate::optics::Light;
+use crate::optics::background::{Reference, quantise};
+use crate::optics::calibrated::response::Response;
+use crate::optics::calibrated::{Calibrated, Shader, Table};
+use crate::presses::Circle;
+use crate::rng::{Stage, stream};
+
+pub mod choose;
+pub mod geometry;
+pub mod pixels;
+pub mod train;
+pub mod validate;
+
+use geometry::{Ball, contact_mm};
+use pixels::Pixels;
+use train::Settings;
+
+/// One press: what the camera saw, and where the ball touched.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// The image's file, as the table of presses has it.
+    pub file: String,
+    /// The image.
+    pub image: RgbImage,
+    /// The disc that people see.
+    pub circle: Circle,
+    /// Radius of the ball, mm.
+    pub ball_radius_mm: f64,
+}
+
+/// Presses of one sensor.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// The sensor; its thickness and contact are still to be found.
+    pub sensor: Sensor,
+    /// Its view.
+    pub camera: Camera,
+    /// The untouched pad.
+    pub background: RgbImage,
+    /// The presses.
+    pub seen: Vec<Seen>,
+}
+
+/// What decides the surface of all presses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Thickness of the pad, mm.
+    pub thickness_mm: f64,
+    /// Radius of the contact over that of the disc which people see.
+    pub contact_over_disc: f64,
+}
+
+/// Surfaces of a session's presses.
+pub struct Surfaces {
+    /// One for each press.
+    pub contacts: Vec<Contact>,
+    /// True for a press whose contact is larger than any of such a ball; its surface is the deepest press's.
+    pub too_large: Vec<bool>,
+}
+
+impl Session {
+    /// The sensor with a pad of this thickness.
+    pub fn sensor(&self, geometry: Geometry) -> Sensor {
+        Sensor { gelpad_thickness_mm: geometry.thickness_mm, ..self.sensor.clone() }
+    }
+
+    /// The pad under each press, solved with `elastic`.
+    pub fn surfaces(&self, geometry: Geometry, elastic: &Elastic) -> Surfaces {
+        let sensor = self.sensor(geometry);
+        let pad = Pad::new(elastic, &sensor, &self.camera);
+        let mut radii: Vec<f64> = self.seen.iter().map(|seen| seen.ball_radius_mm).collect();
+        radii.sort_by(f64::total_cmp);
+        radii.dedup();
+        let balls: Vec<Ball> = radii.par_iter().map(|radius| Ball::new(*radius, &sensor)).collect();
+        let press = |seen: &Seen| {
+            let ball = &balls[radii.partition_point(|radius| *radius < seen.ball_radius_mm)];
+            let contact_mm = contact_mm(&seen.circle, self.camera.mm_per_px[0], geometry.contact_over_disc);
+            let depth_mm = ball.depth_mm(contact_mm);
+            let contact = ball.press(&pad, &self.camera, seen.circle.centre_px, depth_mm.unwrap_or(ball.deepest_mm()));
+            (contact, depth_mm.is_none())
+        };
+        let (contacts, too_large) = self.seen.par_iter().map(press).unzip();
+        Surfaces { contacts, too_large }
+    }
+
+    /// Pixels of each press to learn from, up to `most` of each.
+    pub fn pixels(&self, surfaces: &Surfaces, most: usize) -> Vec<Pixels> {
+        let presses: Vec<(&Seen, &Contact)> = self.seen.iter().zip(&surfaces.contacts).collect();
+        let of = |(k, (seen, contact)): (usize, &(&Seen, &Contact))| {
+            let mut random = stream(1, Stage::Calibration, k as u64);
+            Pixels::of(seen, contact, &self.background, &self.camera, most, &mut random)
+        };
+        presses.par_iter().enumerate().map(of).collect()
+    }
+
+    /// Half the longer side of the view, mm.
+    pub fn place_mm(&self) -> f64 {
+        0.5 * self.sensor.field_of_view_mm[0].max(self.sensor.field_of_view_mm[1])
+    }
+
+    /// The picture of the untouched pad as the shaders take it.
+    pub fn reference(&self) -> Reference {
+        let (width, height) = (self.background.width() as usize, self.background.height() as usize);
+        Reference::new(width, height, self.background.as_raw().clone())
+    }
+}
+
+/// Fits one model to the pixels of several presses.
+pub fn fit(session: &Session, pixels: &[&Pixels], settings: &Settings, seed: u64) -> Response {
+    let mut all = Pixels::default();
+    pixels.iter().for_each(|pixels| all.append(pixels));
+    train::fit(&all, session.place_mm(), settings, seed)
+}
+
+/// A table with a fitted model.
+pub fn table(response: Response, geometry: Geometry) -> Table {
+    Table {
+        calibration_version: Table::NEWEST,
+        generator: env!("CARGO_PKG_VERSION").to_owned(),
+        contact_over_disc: geometry.contact_over_disc,
+        response,
+    }
+}
+
+/// What the camera sees of presses under a fitted model.
+pub fn simulated(
+    table: &Table,
+    camera: &Camera,
+    contact: &Contact,
+    rest: &Reference,
+    resolution: Resolution,
+) -> RgbImage {
+    let shader = Shader::new(Calibrated { resolution }, Some(table), camera);
+    picture(&shader.shade(contact, rest, &mut Ledger::new(Gate::CalledFor)), rest)
+}
+
+/// An 8-bit picture of `light` over `rest`.
+pub fn picture(light: &Light, rest: &Reference) -> RgbImage {
+    let mut rgb = rest.rgb.clone();
+    let region = light.region;
+    for row in 0..region.height() {
+        let start = 3 * ((region.y0 + row) * rest.width + region.x0);
+        for x in 0..region.width() {
+            for (channel, plane) in light.planes.iter().enumerate() {
+                rgb[start + 3 * x + channel] = quantise(plane[row * region.width() + x]);
+            }
+        }
+    }
+    RgbImage::from_raw(rest.width as u32, rest.height as u32, rgb).unwrap_or_default()
+}

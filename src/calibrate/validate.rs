@@ -1,0 +1,68 @@
+//! Errors of presses that were not learnt from: each fifth of the presses is simulated by a model of the others.
+
+use image::RgbImage;
+use rayon::prelude::*;
+
+use super::train::Settings;
+use super::{Geometry, Session, Surfaces, fit, picture, pixels, table};
+use crate::compare::score::{Scores, score};
+use crate::effects::{Gate, Ledger};
+use crate::gelpad::elastic::Resolution;
+use crate::optics::calibrated::{Calibrated, Shader};
+use crate::rng::{Stage, stream};
+
+/// Parts that the presses are divided into.
+pub const FOLDS: usize = 5;
+
+/// A press simulated by a model that has not seen it.
+pub struct Unseen {
+    /// The picture.
+    pub simulated: RgbImage,
+    /// How far it is from the real one.
+    pub scores: Scores,
+}
+
+/// Which part each of `count` presses belongs to.
+pub fn folds(count: usize) -> Vec<usize> {
+    let mut random = stream(2, Stage::Calibration, 0);
+    let mut order: Vec<usize> = (0..count).collect();
+    for k in 0..count {
+        let other = k + random.below(count - k);
+        order.swap(k, other);
+    }
+    let mut fold = vec![0; count];
+    for (place, press) in order.into_iter().enumerate() {
+        fold[press] = place % FOLDS;
+    }
+    fold
+}
+
+/// Simulates every press by a model of the other parts' presses.
+pub fn cross_validate(
+    session: &Session,
+    surfaces: &Surfaces,
+    pixels: &[pixels::Pixels],
+    geometry: Geometry,
+    settings: &Settings,
+    resolution: Resolution,
+) -> Vec<Unseen> {
+    let fold = folds(session.seen.len());
+    let rest = session.reference();
+    let shaders: Vec<Shader> = (0..FOLDS)
+        .into_par_iter()
+        .map(|part| {
+            let others: Vec<&pixels::Pixels> =
+                pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
+            let table = table(fit(session, &others, settings, part as u64), geometry);
+            Shader::new(Calibrated { resolution }, Some(&table), &session.camera)
+        })
+        .collect();
+    let unseen = |k: usize| {
+        let light = shaders[fold[k]].shade(&surfaces.contacts[k], &rest, &mut Ledger::new(Gate::CalledFor));
+        let simulated = picture(&light, &rest);
+        let seen = &session.seen[k];
+        let scores = score(&seen.image, &simulated, Some(&seen.circle), pixels::DILATE);
+        Unseen { simulated, scores }
+    };
+    (0..session.seen.len()).into_par_iter().map(unseen).collect()
+}
