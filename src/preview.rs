@@ -18,6 +18,7 @@ use crate::plan::Plan;
 use crate::render::Sample;
 
 pub mod effects;
+pub mod rows;
 
 /// One sample as a sheet shows it.
 pub struct Tile {
@@ -122,6 +123,15 @@ fn scaled(panels: Vec<RgbImage>, width: u32) -> Vec<RgbImage> {
         false => panel,
     };
     panels.into_iter().map(scale).collect()
+}
+
+/// `to` less `from`, times `gain`, around grey. Both are of one size.
+pub fn difference(from: &RgbImage, to: &RgbImage, gain: i32) -> RgbImage {
+    let mut difference = RgbImage::new(from.width(), from.height());
+    for ((value, from), to) in difference.iter_mut().zip(from.iter()).zip(to.iter()) {
+        *value = (128 + gain * (i32::from(*to) - i32::from(*from))).clamp(0, 255) as u8;
+    }
+    difference
 }
 
 struct Canvas(RgbImage);

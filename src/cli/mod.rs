@@ -12,6 +12,7 @@ use crate::fidelity::Rung;
 use crate::plan::{Plan, usage};
 use crate::tradeoff::choose::{Chosen, choose};
 
+mod compare;
 mod completions;
 mod generate;
 mod init;
@@ -40,6 +41,8 @@ enum Command {
     Plan(plan::Plan),
     /// Compare all rungs of the accuracy ladder on a job's samples: error and time.
     Tradeoff(tradeoff::Tradeoff),
+    /// Measure how far simulated images are from real ones.
+    Compare(compare::Compare),
     /// Check that a dataset is whole, and name what is not.
     Verify(verify::Verify),
     /// Render a sample of a dataset again and compare the bytes.
@@ -87,6 +90,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Generate(command) => command.run(),
         Command::Plan(command) => command.run(),
         Command::Tradeoff(command) => command.run(),
+        Command::Compare(command) => command.run(),
         Command::Verify(command) => command.run(),
         Command::Reproduce(command) => command.run(),
         Command::Preview(command) => command.run(),

@@ -85,7 +85,7 @@ impl Problems {
 }
 
 /// Mistakes together with the texts they were found in: ready to be shown.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Report {
     problems: Vec<Problem>,
     sources: Vec<Source>,
@@ -100,6 +100,22 @@ impl Report {
     /// A report of one mistake that has no text around it.
     pub fn message(message: impl Into<String>) -> Self {
         Self { problems: vec![Problem::new(message)], sources: Vec::new() }
+    }
+
+    /// The mistakes of both, those of `other` last.
+    pub fn and(mut self, other: Self) -> Self {
+        let before = self.sources.len();
+        self.sources.extend(other.sources);
+        self.problems.extend(other.problems.into_iter().map(|mut problem| {
+            problem.place = problem.place.map(|place| Place { source: place.source + before, ..place });
+            problem
+        }));
+        self
+    }
+
+    /// True without a mistake.
+    pub fn is_empty(&self) -> bool {
+        self.problems.is_empty()
     }
 
     /// One paragraph per mistake, each with `file:line:column`, the line and what would be right.

@@ -4,7 +4,8 @@
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{CAPTION, CHARACTER, Canvas, GAP, scaled};
+use super::rows::{self, Row};
+use super::{GAP, difference};
 use crate::camera::Image;
 use crate::effects::{Effect, Gate};
 use crate::plan::Plan;
@@ -72,15 +73,6 @@ impl Comparison {
         let count = self.with.len().max(1) as f64;
         (sizes().max().unwrap_or_default(), sizes().map(f64::from).sum::<f64>() / count)
     }
-
-    /// The changes times `gain`, around grey.
-    fn difference(&self, gain: i32) -> RgbImage {
-        let mut difference = RgbImage::new(self.with.width(), self.with.height());
-        for (value, change) in difference.iter_mut().zip(self.changes()) {
-            *value = (128 + gain * change).clamp(0, 255) as u8;
-        }
-        difference
-    }
 }
 
 /// The strongest gain with which a change of this many levels stays in range.
@@ -91,44 +83,27 @@ fn gain(largest: u32) -> i32 {
 /// Widest panel with which a sheet is at most 2000 px wide.
 pub const PANEL: u32 = (2000 - GAP) / 3 - GAP;
 
-/// Columns of text: room for the figures under a picture of a few pixels.
-const NARROWEST: u32 = 28 * CHARACTER;
-
 /// Lays comparisons out one below the other; pictures are made `panel_width` px wide at the most.
 pub fn sheet(comparisons: &[Comparison], panel_width: u32) -> RgbImage {
-    let panels = |comparison: &Comparison| {
+    let row = |comparison: &Comparison| {
         let (largest, mean) = comparison.size();
         let gain = gain(largest);
-        let figures = format!("x {gain}, mean {mean:.2}, largest {largest}");
-        let panels = vec![comparison.with.clone(), comparison.without.clone(), comparison.difference(gain)];
-        (figures, scaled(panels, panel_width))
-    };
-    let rows: Vec<_> = comparisons.iter().map(panels).collect();
-    let widest = rows.iter().flat_map(|(_, panels)| panels).map(RgbImage::width).max().unwrap_or(1);
-    let pitch = widest.max(NARROWEST) + GAP;
-    let row_height = |panels: &[RgbImage]| panels.iter().map(RgbImage::height).max().unwrap_or(1) + CAPTION + GAP;
-    let height = CAPTION + GAP + rows.iter().map(|(_, panels)| row_height(panels)).sum::<u32>();
-    let mut canvas = Canvas::new(GAP + 3 * pitch, height);
-    let left = |column: u32| GAP + column * pitch;
-    for (column, title) in (0..).zip(["all effects", "without this one", "grey + gain x change, levels"]) {
-        canvas.write(title, [left(column), 2], pitch);
-    }
-    let mut top = CAPTION;
-    for (comparison, (figures, panels)) in comparisons.iter().zip(&rows) {
-        for (column, panel) in (0..).zip(panels) {
-            canvas.place(panel, [left(column), top]);
+        let Comparison { effect, index, reason, with, without } = comparison;
+        Row {
+            panels: vec![with.clone(), without.clone(), difference(without, with, gain)],
+            captions: vec![
+                (0, format!("{} #{index}: {reason}", effect.name())),
+                (2, format!("x {gain}, mean {mean:.2}, largest {largest}")),
+            ],
         }
-        top += row_height(panels);
-        let Comparison { effect, index, reason, .. } = comparison;
-        let below = top - GAP - CAPTION + 2;
-        canvas.write(&format!("{} #{index}: {reason}", effect.name()), [left(0), below], 2 * pitch);
-        canvas.write(figures, [left(2), below], pitch);
-    }
-    canvas.0
+    };
+    let titles = ["all effects", "without this one", "grey + gain x change, levels"];
+    rows::sheet(&titles, comparisons.iter().map(row).collect(), panel_width)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::CAPTION;
     use super::*;
     use image::Rgb;
 
@@ -144,7 +119,7 @@ mod tests {
         let comparison = comparison(with, without);
         let (largest, mean) = comparison.size();
         assert_eq!((largest, mean), (30, 45.0 / 24.0));
-        let difference = comparison.difference(gain(largest));
+        let difference = difference(&comparison.without, &comparison.with, gain(largest));
         assert_eq!(difference.get_pixel(1, 1).0, [128 + 4 * 30, 128, 128 - 4 * 15]);
         assert_eq!(difference.get_pixel(0, 1).0, [128; 3]);
         assert_eq!([0, 7, 8, 15, 16, 31, 32, 63, 64, 255].map(gain), [16, 16, 8, 8, 4, 4, 2, 2, 1, 1]);
