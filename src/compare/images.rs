@@ -1,7 +1,7 @@
 //! The images that a folder holds: of a sensor, of several, or of a dataset.
 //!
-//! A sensor's folder has `annotations.csv`, whose presses are its images, or else PNG files, in it or in `images/`. A folder
-//! of such folders is several sensors. Only 8-bit PNG is read.
+//! A sensor's folder has `annotations.csv`, whose presses are its images, or else PNG files, in it or in `images/`. A
+//! folder of such folders is several sensors. Only 8-bit PNG is read.
 
 use std::fs;
 use std::path::{Path, PathBuf};

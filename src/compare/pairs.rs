@@ -1,7 +1,7 @@
 //! Which simulated image belongs to which real one.
 //!
-//! Sensors are told by the names of their folders, unless there is one on each side. Within a sensor, images pair by their
-//! paths relative to its folder, then by their names without folders, where those are unique on both sides.
+//! Sensors are told by the names of their folders, unless there is one on each side. Within a sensor, images pair by
+//! their paths relative to its folder, then by their names without folders, where those are unique on both sides.
 
 use std::collections::{HashMap, HashSet};
 

@@ -19,8 +19,8 @@ const TITLES: [&str; 3] = ["real", "simulated", "grey + 4 x (simulated - real)"]
 /// What the difference is multiplied by.
 const GAIN: i32 = 4;
 
-/// Real image, simulated image, and four times their difference around grey; `caption` stands below. The images are of one
-/// size.
+/// Real image, simulated image, and four times their difference around grey; `caption` stands below. The images are of
+/// one size.
 pub fn row(caption: String, real: &RgbImage, sim: &RgbImage) -> Row {
     Row { panels: vec![real.clone(), sim.clone(), difference(real, sim, GAIN)], captions: vec![(0, caption)] }
 }
@@ -30,8 +30,8 @@ pub fn sheet(rows: Vec<Row>, panel_width: u32) -> RgbImage {
     rows::sheet(&TITLES, rows, panel_width)
 }
 
-/// Best, median and worst pair of every sensor by the MAE of the contact, or of the whole image where a pair of the sensor has
-/// no contact. None without pairs; the files are read again.
+/// Best, median and worst pair of every sensor by the MAE of the contact, or of the whole image where a pair of the
+/// sensor has no contact. None without pairs; the files are read again.
 pub fn best_median_worst(comparison: &Comparison) -> Result<Option<RgbImage>, Report> {
     let mut rows = Vec::new();
     for sensor in comparison.sensors.iter().take(MOST_SENSORS) {

@@ -35,8 +35,8 @@ pub fn whole(comparison: &Comparison) -> Vec<u8> {
     text
 }
 
-/// Tables of distances between images, if there are pairs, and between sets; then the sentences. `per_image` adds a line for
-/// each pair.
+/// Tables of distances between images, if there are pairs, and between sets; then the sentences. `per_image` adds a
+/// line for each pair.
 pub fn table(comparison: &Comparison, per_image: bool) -> String {
     let names = comparison.sensors.iter().map(|row| row.sensor.as_str());
     let files = comparison.images.iter().filter(|_| per_image).map(|row| row.file.as_str());

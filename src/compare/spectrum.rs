@@ -1,7 +1,8 @@
 //! Power of an image in octaves of spatial frequency: how coarse or fine its structure is.
 //!
-//! Periodogram of the grey image (mean of the channels, less its weighted mean) under a Hann window (Welch 1967), divided by
-//! the window's power: what it gives does not depend on the image's size. Valid for frequencies that the image holds once.
+//! Periodogram of the grey image (mean of the channels, less its weighted mean) under a Hann window (Welch 1967),
+//! divided by the window's power: what it gives does not depend on the image's size. Valid for frequencies that the
+//! image holds once.
 
 use std::f64::consts::TAU;
 
@@ -15,15 +16,15 @@ use crate::simd::dispatch;
 /// Octaves of frequency, the finest one first.
 pub const OCTAVES: usize = 6;
 
-/// Lower and upper frequency of an octave, cycles per pixel. The first one is 0.25 to 0.5; what is finer along diagonals is
-/// in none.
+/// Lower and upper frequency of an octave, cycles per pixel. The first one is 0.25 to 0.5; what is finer along
+/// diagonals is in none.
 pub fn octave(number: usize) -> [f64; 2] {
     let upper = 0.5 / (1_u64 << number) as f64;
     [0.5 * upper, upper]
 }
 
-/// Mean power density in each octave, grey levels^2 per (cycle/px)^2: white noise of standard deviation s has s^2 in all. None
-/// where the shorter side holds no cycle of the octave.
+/// Mean power density in each octave, grey levels^2 per (cycle/px)^2: white noise of standard deviation s has s^2 in
+/// all. None where the shorter side holds no cycle of the octave.
 pub fn octave_powers(image: &RgbImage) -> [Option<f64>; OCTAVES] {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let (windowed, window_power) = windowed(image);

@@ -97,9 +97,9 @@ mod tests {
     #[test]
     fn the_sentence_names_what_is_off_and_which_way() {
         let found = verdict(&distances([0.4, 2.04, -3.1], 0.9, 0.8, &[-2.0, 0.0, 0.2, -0.5, -0.4, -0.01]));
-        let expected = "green 2.0 levels too bright, blue 3.1 levels too dark, contrast 10 % too low, edges 20 % too soft, \
-                        almost no grain above 0.25 cycles/px, structure of 8 to 16 px 26 % too strong, \
-                        structure of 16 to 64 px 37 to 44 % too weak";
+        let expected = "green 2.0 levels too bright, blue 3.1 levels too dark, contrast 10 % too low, \
+                        edges 20 % too soft, almost no grain above 0.25 cycles/px, \
+                        structure of 8 to 16 px 26 % too strong, structure of 16 to 64 px 37 to 44 % too weak";
         assert_eq!(found, expected);
     }
 
