@@ -157,6 +157,16 @@ impl Stream {
         ((self.unit() * count as f64) as usize).min(count.saturating_sub(1))
     }
 
+    /// Up to `count` of the values, drawn without putting back.
+    pub fn some_of<T>(&mut self, mut values: Vec<T>, count: usize) -> Vec<T> {
+        for k in 0..count.min(values.len()) {
+            let other = k + self.below(values.len() - k);
+            values.swap(k, other);
+        }
+        values.truncate(count);
+        values
+    }
+
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
         self.0.next_u64()

@@ -8,6 +8,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::pixels::Pixels;
 use super::validate::{FOLDS, folds};
+use super::{Geometry, Session};
+use crate::gelpad::Model;
+use crate::gelpad::elastic::{Elastic, Resolution};
 use crate::optics::calibrated::response::{TERMS, terms};
 
 /// Terms at one place.
@@ -16,6 +19,44 @@ const LOCAL: usize = TERMS - 1 + 7;
 const ALL: usize = 3 * LOCAL;
 /// Weight of the penalty, relative to each column's own.
 const RIDGE: f64 = 1e-4;
+
+/// Thicknesses that are tried, mm. On thicker pads no press of a ball tells them apart.
+const THICKNESSES_MM: [f64; 6] = [1.5, 2.0, 3.0, 4.0, 6.0, 9.0];
+/// Shares of the visible disc that are tried for the contact.
+const SHARES: [f64; 7] = [0.85, 0.88, 0.91, 0.94, 0.97, 1.0, 1.03];
+/// Pixels of a press that are looked at.
+const PIXELS: usize = 1200;
+
+/// What is not given of `session`'s geometry: first the share on a pad of middling thickness, then the thickness, then the
+/// share again.
+pub fn choose(session: &Session, thickness_mm: Option<f64>, contact_over_disc: Option<f64>) -> Geometry {
+    let places = session.places(PIXELS);
+    let coarse = Model::Elastic(Elastic { resolution: Resolution::Quarter, ..Elastic::default() });
+    let error = |geometry: Geometry| {
+        let surfaces = session.surfaces(geometry, &coarse);
+        let largest = surfaces.too_large.iter().filter(|too_large| **too_large).count();
+        // A pad in which a tenth of the discs are impossible is not this sensor's.
+        let possible = 10 * largest <= session.seen.len();
+        let error = error(&session.pixels(&places, &surfaces, false), session.place_mm());
+        if possible { error } else { 1.0 + largest as f64 }
+    };
+    let best = |tried: Vec<Geometry>| {
+        let errors: Vec<f64> = tried.iter().map(|geometry| error(*geometry)).collect();
+        let least = (0..errors.len()).min_by(|a, b| errors[*a].total_cmp(&errors[*b]));
+        least.map(|k| tried[k])
+    };
+    let mut geometry = Geometry { thickness_mm: thickness_mm.unwrap_or(4.0), contact_over_disc: 0.95 };
+    for round in 0..2 {
+        let shares = contact_over_disc.map_or(SHARES.to_vec(), |share| vec![share]);
+        let with_share = |contact_over_disc: f64| Geometry { contact_over_disc, ..geometry };
+        geometry = best(shares.into_iter().map(with_share).collect()).unwrap_or(geometry);
+        if round == 0 && thickness_mm.is_none() {
+            let with_thickness = |thickness_mm: f64| Geometry { thickness_mm, ..geometry };
+            geometry = best(THICKNESSES_MM.map(with_thickness).to_vec()).unwrap_or(geometry);
+        }
+    }
+    geometry
+}
 
 /// Sums of products over the pixels of one press.
 struct Sums {

@@ -6,10 +6,9 @@
 
 use crate::config::sensor::Sensor;
 use crate::depth::{Camera, Depth};
-use crate::gelpad::Contact;
-use crate::gelpad::elastic::{Elastic, Pad, Resolution};
+use crate::gelpad::elastic::{Elastic, Resolution};
+use crate::gelpad::{self, Contact, Pad};
 use crate::grid::{Grid, Rect};
-use crate::presses::Circle;
 
 /// Depths at which the contact of a ball is measured: each so many times the one before.
 const STEP: f64 = 1.2;
@@ -36,7 +35,8 @@ impl Ball {
         let camera = Camera { resolution_px: [size; 2], mm_per_px: [pitch; 2] };
         let sensor =
             Sensor { resolution_px: [size as u32; 2], field_of_view_mm: [size as f64 * pitch; 2], ..sensor.clone() };
-        let pad = Pad::new(&Elastic { resolution: Resolution::Full, ..Elastic::default() }, &sensor, &camera);
+        let full = Elastic { resolution: Resolution::Full, ..Elastic::default() };
+        let pad = Pad::new(&gelpad::Model::Elastic(full), &sensor, &camera);
         let mut ball = Self { radius_mm, thickness_mm: sensor.gelpad_thickness_mm, table: vec![[0.0; 2]] };
         let centre = [0.5 * (size as f64 - 1.0); 2];
         let mut depth_mm = SHALLOWEST * radius_mm;
@@ -92,11 +92,6 @@ impl Ball {
     }
 }
 
-/// Radius of the contact behind an annotated circle, mm: people see a little more than it.
-pub fn contact_mm(circle: &Circle, mm_per_px: f64, contact_over_disc: f64) -> f64 {
-    circle.radius_px * mm_per_px * contact_over_disc
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,7 +114,7 @@ mod tests {
         let (size, pitch) = ([160, 120], 0.05);
         let camera = Camera { resolution_px: size, mm_per_px: [pitch; 2] };
         let sensor = Sensor { resolution_px: [160, 120], field_of_view_mm: [8.0, 6.0], ..sensor };
-        let pad = Pad::new(&Elastic::default(), &sensor, &camera);
+        let pad = Pad::new(&gelpad::Model::Elastic(Elastic::default()), &sensor, &camera);
         let ball = Ball::new(3.0, &sensor);
         for contact_mm in [0.4, 0.9, 1.6] {
             let depth_mm = ball.depth_mm(contact_mm).expect("not too large");

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use crate::config::sensor::Sensor;
 use crate::depth::Camera;
 use crate::effects::{Gate, Ledger};
-use crate::gelpad::Contact;
-use crate::gelpad::elastic::{Elastic, Pad, Resolution};
+use crate::gelpad::elastic::Resolution;
+use crate::gelpad::{self, Contact, Pad};
 use crate::optics::Light;
 use crate::optics::background::{Reference, quantise};
 use crate::optics::calibrated::response::Response;
@@ -26,8 +26,8 @@ pub mod pixels;
 pub mod train;
 pub mod validate;
 
-use geometry::{Ball, contact_mm};
-use pixels::Pixels;
+use geometry::Ball;
+use pixels::{Pixels, places};
 use train::Settings;
 
 /// One press: what the camera saw, and where the ball touched.
@@ -75,37 +75,48 @@ pub struct Surfaces {
 
 impl Session {
     /// The sensor with a pad of this thickness.
-    pub fn sensor(&self, geometry: Geometry) -> Sensor {
-        Sensor { gelpad_thickness_mm: geometry.thickness_mm, ..self.sensor.clone() }
+    pub fn sensor(&self, thickness_mm: f64) -> Sensor {
+        Sensor { gelpad_thickness_mm: thickness_mm, ..self.sensor.clone() }
     }
 
-    /// The pad under each press, solved with `elastic`.
-    pub fn surfaces(&self, geometry: Geometry, elastic: &Elastic) -> Surfaces {
-        let sensor = self.sensor(geometry);
-        let pad = Pad::new(elastic, &sensor, &self.camera);
+    /// The pad under each press.
+    pub fn surfaces(&self, geometry: Geometry, model: &gelpad::Model) -> Surfaces {
+        let sensor = self.sensor(geometry.thickness_mm);
+        let pad = Pad::new(model, &sensor, &self.camera);
         let mut radii: Vec<f64> = self.seen.iter().map(|seen| seen.ball_radius_mm).collect();
         radii.sort_by(f64::total_cmp);
         radii.dedup();
         let balls: Vec<Ball> = radii.par_iter().map(|radius| Ball::new(*radius, &sensor)).collect();
         let press = |seen: &Seen| {
             let ball = &balls[radii.partition_point(|radius| *radius < seen.ball_radius_mm)];
-            let contact_mm = contact_mm(&seen.circle, self.camera.mm_per_px[0], geometry.contact_over_disc);
+            let contact_mm = seen.circle.radius_px * self.camera.mm_per_px[0] * geometry.contact_over_disc;
             let depth_mm = ball.depth_mm(contact_mm);
-            let contact = ball.press(&pad, &self.camera, seen.circle.centre_px, depth_mm.unwrap_or(ball.deepest_mm()));
+            let contact =
+                ball.press(&pad, &self.camera, seen.circle.centre_px, depth_mm.unwrap_or(ball.deepest_mm()));
             (contact, depth_mm.is_none())
         };
         let (contacts, too_large) = self.seen.par_iter().map(press).unzip();
         Surfaces { contacts, too_large }
     }
 
-    /// Pixels of each press to learn from, up to `most` of each.
-    pub fn pixels(&self, surfaces: &Surfaces, most: usize) -> Vec<Pixels> {
-        let presses: Vec<(&Seen, &Contact)> = self.seen.iter().zip(&surfaces.contacts).collect();
-        let of = |(k, (seen, contact)): (usize, &(&Seen, &Contact))| {
-            let mut random = stream(1, Stage::Calibration, k as u64);
-            Pixels::of(seen, contact, &self.background, &self.camera, most, &mut random)
+    /// Places in the picture of each press, up to `most` of each, to learn from.
+    pub fn places(&self, most: usize) -> Vec<Vec<usize>> {
+        let of = |(k, seen): (usize, &Seen)| {
+            places(seen, &self.background, most, &mut stream(1, Stage::Calibration, k as u64))
         };
-        presses.par_iter().enumerate().map(of).collect()
+        self.seen.par_iter().enumerate().map(of).collect()
+    }
+
+    /// What is there, on these surfaces; with `sky`, how much of it is hidden, too.
+    pub fn pixels(&self, places: &[Vec<usize>], surfaces: &Surfaces, sky: bool) -> Vec<Pixels> {
+        let of = |((seen, contact), places): ((&Seen, &Contact), &Vec<usize>)| {
+            let mut pixels = Pixels::of(places, seen, contact, &self.background, &self.camera);
+            if sky {
+                pixels.look_up(places, contact, &self.camera);
+            }
+            pixels
+        };
+        self.seen.par_iter().zip(&surfaces.contacts).zip(places).map(of).collect()
     }
 
     /// Half the longer side of the view, mm.

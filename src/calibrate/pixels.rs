@@ -16,6 +16,8 @@ use crate::rng::Stream;
 pub const REACH: f64 = 3.5;
 /// As far as errors are counted.
 pub const DILATE: f64 = 1.3;
+/// Level from which a pixel of the background counts as white.
+const SATURATED: u8 = 254;
 /// Share of the pixels that come from the contact and its rim.
 const NEAR: f64 = 0.65;
 
@@ -51,60 +53,57 @@ impl Pixels {
         self.clipped.extend_from_slice(&other.clipped);
     }
 
-    /// Up to `most` pixels of a press, drawn at random: those near its contact and those of its halo. Those that are
-    /// saturated in the background say nothing.
-    pub fn of(
-        seen: &Seen,
-        contact: &Contact,
-        background: &RgbImage,
-        camera: &Camera,
-        most: usize,
-        random: &mut Stream,
-    ) -> Self {
-        let [width, height] = camera.resolution_px;
-        let surface = &contact.surface;
-        let whole = Rect::whole(width, height);
-        let casting =
-            Casting::new(Coarse::new(crate::gelpad::elastic::Resolution::Full), surface, camera, true, Response::sky);
-        let shares = casting.map(|casting| casting.shares(camera, whole)).unwrap_or_default();
+    /// The pixels of a press at `places`; how much of the sky is hidden there is left open, and 0.
+    pub fn of(places: &[usize], seen: &Seen, contact: &Contact, background: &RgbImage, camera: &Camera) -> Self {
+        let width = camera.resolution_px[0];
         let normals = normals(contact, camera);
-        let [x, y] = seen.circle.centre_px;
-        let (mut near, mut far) = (Vec::new(), Vec::new());
-        for (at, color) in background.pixels().enumerate() {
-            let (across, down) = ((at % width) as f64 - x, (at / width) as f64 - y);
-            let distance = libm::hypot(across, down) / seen.circle.radius_px;
-            if distance < REACH && !color.0.iter().any(|level| *level >= 254) {
-                if distance < DILATE { near.push(at) } else { far.push(at) }
-            }
-        }
         let mut pixels = Self::default();
-        let wanted = |share: f64| (share * most as f64) as usize;
-        for (from, count) in [(near, wanted(NEAR)), (far, wanted(1.0 - NEAR))] {
-            let mut from = from;
-            // The first `count` of a random order.
-            for k in 0..count.min(from.len()) {
-                let other = k + random.below(from.len() - k);
-                from.swap(k, other);
-                let at = from[k];
-                let (px, py) = (at % width, at / width);
-                let [x_mm, y_mm] = camera.point_mm([px as f64 + 0.5, py as f64 + 0.5]);
-                let mut inputs = [0.0; INPUTS];
-                inputs[0] = surface.at(px + 1, py + 1);
-                (inputs[1], inputs[2]) = (x_mm as f32, y_mm as f32);
-                for (input, share) in inputs[3..].iter_mut().zip(&shares) {
-                    *input = share.as_ref().map_or(0.0, |share| 1.0 - share.values.at(px, py));
-                }
-                let [nx, ny, _] = normals[at];
-                let (real, rest) =
-                    (seen.image.get_pixel(px as u32, py as u32), background.get_pixel(px as u32, py as u32));
-                pixels.normals.push([nx, ny]);
-                pixels.inputs.push(inputs);
-                let channel = |k: usize| f32::from(i16::from(real[k]) - i16::from(rest[k])) / 255.0;
-                pixels.change.push(std::array::from_fn(channel));
-                let end = |k: usize| f32::from(i8::from(real[k] == 255) - i8::from(real[k] == 0));
-                pixels.clipped.push(std::array::from_fn(end));
-            }
+        for &at in places {
+            let (x, y) = (at % width, at / width);
+            let [x_mm, y_mm] = camera.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+            let mut inputs = [0.0; INPUTS];
+            inputs[0] = contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
+            (inputs[1], inputs[2]) = (x_mm as f32, y_mm as f32);
+            pixels.inputs.push(inputs);
+            let [nx, ny, _] = normals[at];
+            pixels.normals.push([nx, ny]);
+            let color = |image: &RgbImage| image.get_pixel(x as u32, y as u32).0;
+            let (real, rest) = (color(&seen.image), color(background));
+            pixels.change.push(std::array::from_fn(|k| (f32::from(real[k]) - f32::from(rest[k])) / 255.0));
+            pixels.clipped.push(real.map(|level| f32::from(i8::from(level == 255) - i8::from(level == 0))));
         }
         pixels
     }
+
+    /// Finds out how much of the sky is hidden at each of the `places` of a press.
+    pub fn look_up(&mut self, places: &[usize], contact: &Contact, camera: &Camera) {
+        let [width, height] = camera.resolution_px;
+        let every_pixel = Coarse::new(Resolution::Full);
+        let casting = Casting::new(every_pixel, &contact.surface, camera, true, Response::sky);
+        let shares = casting.map(|casting| casting.shares(camera, Rect::whole(width, height))).unwrap_or_default();
+        for (inputs, &at) in self.inputs.iter_mut().zip(places) {
+            for (input, share) in inputs[INPUTS - SECTORS..].iter_mut().zip(&shares) {
+                *input = share.as_ref().map_or(0.0, |share| 1.0 - share.values.at(at % width, at / width));
+            }
+        }
+    }
+}
+
+/// Up to `most` pixels of a press, drawn at random: those near its contact and those of its halo. Those that are saturated
+/// in the background say nothing.
+pub fn places(seen: &Seen, background: &RgbImage, most: usize, random: &mut Stream) -> Vec<usize> {
+    let width = background.width() as usize;
+    let [x, y] = seen.circle.centre_px;
+    let (mut near, mut far) = (Vec::new(), Vec::new());
+    for (at, color) in background.pixels().enumerate() {
+        let (across, down) = ((at % width) as f64 - x, (at / width) as f64 - y);
+        let distance = libm::hypot(across, down) / seen.circle.radius_px;
+        if distance < REACH && color.0.iter().all(|level| *level < SATURATED) {
+            if distance < DILATE { near.push(at) } else { far.push(at) }
+        }
+    }
+    let wanted = |share: f64| (share * most as f64) as usize;
+    let mut drawn = random.some_of(near, wanted(NEAR));
+    drawn.extend(random.some_of(far, wanted(1.0 - NEAR)));
+    drawn
 }

@@ -25,13 +25,8 @@ pub struct Unseen {
 /// Which part each of `count` presses belongs to.
 pub fn folds(count: usize) -> Vec<usize> {
     let mut random = stream(2, Stage::Calibration, 0);
-    let mut order: Vec<usize> = (0..count).collect();
-    for k in 0..count {
-        let other = k + random.below(count - k);
-        order.swap(k, other);
-    }
     let mut fold = vec![0; count];
-    for (place, press) in order.into_iter().enumerate() {
+    for (place, press) in random.some_of((0..count).collect(), count).into_iter().enumerate() {
         fold[press] = place % FOLDS;
     }
     fold

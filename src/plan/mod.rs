@@ -31,6 +31,7 @@ mod check;
 mod files;
 mod objects;
 mod ranges;
+pub mod standalone;
 
 use check::Check;
 pub use objects::{Draw, Object, stem};

@@ -1,0 +1,122 @@
+//! Reads what `gelsim calibrate` starts from: a table of presses, their images, the untouched pad.
+
+use std::path::Path;
+
+use image::RgbImage;
+
+use super::{Seen, Session};
+use crate::calibrate::detect::detect;
+use crate::config::diagnostic::{Problem, Problems, Report};
+use crate::config::sensor::Sensor;
+use crate::dataset::png;
+use crate::depth::Camera;
+use crate::input;
+use crate::plan::usage;
+use crate::presses::{self, Press, Table};
+
+/// Fewer presses teach nothing that holds elsewhere.
+const FEWEST: usize = 5;
+
+/// Reads an 8-bit picture.
+pub fn picture(path: &Path) -> Result<RgbImage, String> {
+    input::read(path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string()).and_then(|bytes| png::decode_background(&bytes))
+}
+
+/// Reads a session of `sensor`, of which only the view is not known yet. Circles that the table lacks are looked for if
+/// `detects`. Returns notes with it, and every mistake instead of it.
+pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> Result<(Session, Vec<String>), Report> {
+    let table = presses::read(table)?;
+    let background = picture(background).map_err(|reason| {
+        let message = format!("cannot read the background {}: {reason}", background.display());
+        usage(message, "a PNG of the untouched pad belongs here")
+    })?;
+    let size = background.dimensions();
+    let mut problems = Problems::default();
+    let (mut notes, mut seen) = (Vec::new(), Vec::new());
+    let pitch = table.presses.iter().find_map(|press| press.mm_per_px);
+    for press in &table.presses {
+        match one(press, &background, pitch, detects) {
+            Ok((press, note)) => {
+                seen.push(press);
+                notes.extend(note);
+            }
+            Err(found) => found.into_iter().for_each(|(message, help)| {
+                problems.push(table.problem(press.line, message).help(help));
+            }),
+        }
+    }
+    if problems.is_empty() && seen.len() < FEWEST {
+        problems.push(few(&table, seen.len()));
+    }
+    let Some(pitch) = pitch.filter(|_| problems.is_empty()) else { return Err(table.report(&problems)) };
+    let resolution_px = [size.0, size.1];
+    let sensor = Sensor { resolution_px, field_of_view_mm: resolution_px.map(|px| f64::from(px) * pitch), ..sensor };
+    let camera = Camera { resolution_px: resolution_px.map(|px| px as usize), mm_per_px: [pitch; 2] };
+    Ok((Session { sensor, camera, background, seen }, notes))
+}
+
+fn few(table: &Table, count: usize) -> Problem {
+    let last = table.presses.last().map_or(1, |press| press.line);
+    let message = format!("{count} presses are too few to learn from");
+    table.problem(last, message).help(format!("give {FEWEST} at least; 20 to 50 all over the picture are good"))
+}
+
+type Mistakes = Vec<(String, String)>;
+
+/// One row with its image, and a note where its circle was looked for.
+fn one(
+    press: &Press,
+    background: &RgbImage,
+    pitch: Option<f64>,
+    detects: bool,
+) -> Result<(Seen, Option<String>), Mistakes> {
+    let mut mistakes: Mistakes = Vec::new();
+    let mut wrong = |message: String, help: &str| mistakes.push((message, help.to_owned()));
+    let image = picture(&press.path);
+    let image = match image {
+        Ok(image) if image.dimensions() == background.dimensions() => Some(image),
+        Ok(image) => {
+            let ([w, h], [bw, bh]) = (<[u32; 2]>::from(image.dimensions()), <[u32; 2]>::from(background.dimensions()));
+            wrong(
+                format!("{} is {w}x{h} px, the background {bw}x{bh} px", press.file),
+                "all pictures of a sensor have one size",
+            );
+            None
+        }
+        Err(reason) => {
+            wrong(format!("cannot read {}: {reason}", press.path.display()), "paths are relative to the table's folder");
+            None
+        }
+    };
+    if press.ball_radius_mm.is_none() {
+        wrong(format!("{}: no ball_radius_mm", press.file), "give the radius of the ball in every row");
+    }
+    match (press.mm_per_px, pitch) {
+        (Some(own), Some(first)) if (own / first - 1.0).abs() > 1e-6 => {
+            wrong(format!("{}: {own} mm per px, {first} in the rows before", press.file), "one camera has one pitch");
+        }
+        (Some(_), _) => {}
+        (None, _) => wrong(format!("{}: no mm_per_px", press.file), "give the pitch of the pixels in every row"),
+    }
+    let (mut circle, mut note) = (press.circle, None);
+    if circle.is_none() && !detects {
+        wrong(format!("{}: no circle", press.file), "annotate it, or add --detect to have it looked for");
+    } else if let (None, Some(image)) = (circle, &image) {
+        match detect(image, background) {
+            Some(found) => {
+                circle = Some(found.circle);
+                let ([x, y], radius) = (found.circle.centre_px, found.circle.radius_px);
+                let sure = 100.0 * found.confidence;
+                let file = &press.file;
+                note = Some(format!("{file}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure:.0} % sure"));
+            }
+            None => wrong(format!("{}: no press is found in it", press.file), "annotate it, or leave the row out"),
+        }
+    }
+    match (image, circle, press.ball_radius_mm) {
+        (Some(image), Some(circle), Some(ball_radius_mm)) if mistakes.is_empty() => {
+            Ok((Seen { file: press.file.clone(), image, circle, ball_radius_mm }, note))
+        }
+        _ => Err(mistakes),
+    }
+}
