@@ -50,6 +50,9 @@ pub mod metrics;
 pub mod presses;
 pub mod tradeoff;
 
+pub mod calibrate;
+pub mod presses;
+
 pub mod cli;
 pub mod grid;
 pub mod input;

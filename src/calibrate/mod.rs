@@ -21,8 +21,11 @@ use crate::presses::Circle;
 use crate::rng::{Stage, stream};
 
 pub mod choose;
+pub mod detect;
+pub mod evaluate;
 pub mod geometry;
 pub mod pixels;
+pub mod session;
 pub mod train;
 pub mod validate;
 

@@ -1,0 +1,4 @@
+//! Calibration against presses: made by the simulator itself, and real ones where `GELSIM_REAL_DATA` names a folder of
+//! them.
+
+mod detect;
