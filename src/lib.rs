@@ -50,9 +50,6 @@ pub mod metrics;
 pub mod presses;
 pub mod tradeoff;
 
-pub mod calibrate;
-pub mod presses;
-
 pub mod cli;
 pub mod grid;
 pub mod input;

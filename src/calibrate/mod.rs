@@ -10,13 +10,11 @@ use rayon::prelude::*;
 
 use crate::config::sensor::Sensor;
 use crate::depth::Camera;
-use crate::effects::{Gate, Ledger};
-use crate::gelpad::elastic::Resolution;
 use crate::gelpad::{self, Contact, Pad};
 use crate::optics::Light;
 use crate::optics::background::{Reference, quantise};
 use crate::optics::calibrated::response::Response;
-use crate::optics::calibrated::{Calibrated, Shader, Table};
+use crate::optics::calibrated::Table;
 use crate::presses::Circle;
 use crate::rng::{Stage, stream};
 
@@ -24,8 +22,10 @@ pub mod choose;
 pub mod detect;
 pub mod evaluate;
 pub mod geometry;
+pub mod page;
 pub mod pixels;
 pub mod session;
+pub mod suspect;
 pub mod train;
 pub mod validate;
 
@@ -149,18 +149,6 @@ pub fn table(response: Response, geometry: Geometry) -> Table {
         contact_over_disc: geometry.contact_over_disc,
         response,
     }
-}
-
-/// What the camera sees of presses under a fitted model.
-pub fn simulated(
-    table: &Table,
-    camera: &Camera,
-    contact: &Contact,
-    rest: &Reference,
-    resolution: Resolution,
-) -> RgbImage {
-    let shader = Shader::new(Calibrated { resolution }, Some(table), camera);
-    picture(&shader.shade(contact, rest, &mut Ledger::new(Gate::CalledFor)), rest)
 }
 
 /// An 8-bit picture of `light` over `rest`.

@@ -2,3 +2,5 @@
 //! them.
 
 mod detect;
+mod page;
+mod synthetic;

@@ -7,12 +7,17 @@ use crate::grid::Grid;
 use crate::metrics::statistics::median;
 use crate::presses::Circle;
 
+/// Blocks along the longer side of the coarse grid.
+const COARSE: usize = 80;
+
 /// Change of each channel, grey levels, on a grid of blocks.
 pub(crate) struct Change {
     /// Pixels in the side of a block.
     pub block_px: usize,
     /// Red, green and blue at each block.
     pub levels: Grid<[f32; 3]>,
+    /// What was taken off.
+    pub drift: Drift,
 }
 
 /// What differs everywhere, per channel: an offset, and a gain on the untouched pad's level.
@@ -62,7 +67,13 @@ fn trimmed_line(mut points: Vec<(f64, f64)>) -> (f64, f64) {
 }
 
 impl Change {
-    /// From an image and the untouched pad's of the same size.
+    /// On blocks of which 80 make the longer side, from an image and the untouched pad's of the same size.
+    pub fn coarse(image: &RgbImage, background: &RgbImage) -> Self {
+        let block_px = (image.width().max(image.height()) as usize).div_ceil(COARSE).max(1);
+        Self::new(image, background, Drift::between(image, background, block_px), block_px)
+    }
+
+    /// The same on blocks of `block_px`, with known drift.
     pub fn new(image: &RgbImage, background: &RgbImage, drift: Drift, block_px: usize) -> Self {
         let (mut levels, rest) = (means(image, block_px), means(background, block_px));
         for (level, rest) in levels.data.iter_mut().zip(&rest.data) {
@@ -71,13 +82,14 @@ impl Change {
                 level[channel] -= drifted as f32;
             }
         }
-        Self { block_px, levels }
+        Self { block_px, levels, drift }
     }
 
-    /// Size of a typical change where there is no press: the median over the blocks, grey levels.
+    /// Size of a typical change where there is no press: the median over the blocks, grey levels; at
+    /// least that of a picture without noise, 0.25.
     pub fn usual(&self) -> f64 {
         let sizes: Vec<f64> = self.levels.data.iter().map(|level| energy(*level).sqrt()).collect();
-        median(&sizes).unwrap_or(0.0)
+        median(&sizes).unwrap_or(0.0).max(0.25)
     }
 
     /// The change under a smooth kernel of about one block.
@@ -203,7 +215,7 @@ mod tests {
 
     #[test]
     fn circles_go_to_blocks_and_back() {
-        let change = Change { block_px: 4, levels: Grid::new(1, 1) };
+        let change = Change { block_px: 4, levels: Grid::new(1, 1), drift: Drift::default() };
         let circle = Circle { centre_px: [1.5, 5.5], radius_px: 8.0 };
         assert_eq!(change.to_blocks(circle), Circle { centre_px: [0.0, 1.0], radius_px: 2.0 });
         assert_eq!(change.to_pixels(change.to_blocks(circle)), circle);

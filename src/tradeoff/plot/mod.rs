@@ -5,7 +5,7 @@
 
 mod axis;
 mod drawing;
-mod ink;
+pub(crate) mod ink;
 mod placement;
 
 /// What the plot shows. Times and errors that have no place on a logarithmic axis are left out, as said where they

@@ -1,0 +1,320 @@
+//! The page beside a calibrated sensor's file: how far its images are from the real ones, and where.
+//!
+//! One HTML file with its pictures and plots in it, without scripts; the same content gives the same bytes.
+
+mod plots;
+
+use std::fmt::Write;
+
+use image::RgbImage;
+use image::imageops::{self, FilterType};
+
+use crate::compare::score::{Score, Scores};
+use crate::dataset::png::encode_rgb;
+use crate::presses::Circle;
+
+/// Width of the pictures of a press, px, at most.
+const PANEL_PX: u32 = 320;
+/// What a difference is multiplied by.
+const GAIN: i32 = 4;
+
+/// What the page shows.
+#[derive(Clone, Debug)]
+pub struct Page<'a> {
+    /// The sensor's name.
+    pub sensor: &'a str,
+    /// The table at its top: what, and its figure with unit.
+    pub summary: &'a [(String, String)],
+    /// Sentences for people to heed; may be empty.
+    pub warnings: &'a [String],
+    /// In the order of the table that they come from; may be empty. Images of one press are of one size.
+    pub presses: &'a [Shown],
+    /// Pictures of the fitted colour over normal directions, each with what it shows.
+    pub normals: &'a [(String, RgbImage)],
+}
+
+/// A press and what the fit makes of it.
+#[derive(Clone, Debug)]
+pub struct Shown {
+    /// Its image's name.
+    pub file: String,
+    /// The image.
+    pub real: RgbImage,
+    /// The simulated one, of a fit that did not see this press.
+    pub simulated: RgbImage,
+    /// Where the ball touched.
+    pub circle: Option<Circle>,
+    /// How far the two images are apart.
+    pub scores: Scores,
+    /// Why the press may be unusable; empty if nothing speaks against it.
+    pub suspicions: Vec<String>,
+}
+
+impl Shown {
+    /// By which presses are ranked: mean absolute error around the contact, or of the whole image without one.
+    fn error(&self) -> f64 {
+        self.scores.contact.unwrap_or(self.scores.whole).mae
+    }
+}
+
+impl Page<'_> {
+    /// The whole file.
+    pub fn html(&self) -> String {
+        let title = format!("Calibration of {}", escaped(self.sensor));
+        let mut ranked: Vec<&Shown> = self.presses.iter().collect();
+        ranked.sort_by(|a, b| a.error().total_cmp(&b.error()));
+        let sections = [self.summary(), self.warnings(), self.plots(&ranked), self.normals(), presses(&ranked)];
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n\
+             <style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{}</body>\n</html>\n",
+            sections.concat()
+        )
+    }
+
+    fn summary(&self) -> String {
+        let row = |(what, figure): &(String, String)| {
+            format!("<tr><th>{}</th><td>{}</td></tr>\n", escaped(what), escaped(figure))
+        };
+        format!("<table>\n{}</table>\n", self.summary.iter().map(row).collect::<String>())
+    }
+
+    fn warnings(&self) -> String {
+        let item = |text: &String| format!("<li>{}</li>\n", escaped(text));
+        match self.warnings {
+            [] => String::new(),
+            all => {
+                format!("<h2>Warnings</h2>\n<ul class=\"bad\">\n{}</ul>\n", all.iter().map(item).collect::<String>())
+            }
+        }
+    }
+
+    fn plots(&self, ranked: &[&Shown]) -> String {
+        let Some(typical) = ranked.get(ranked.len() / 2) else { return String::new() };
+        let mut html = String::from(
+            "<h2>Errors</h2>\n<p>Mean absolute error in grey levels (0 to 255) around the \
+            contact; each press was simulated by a fit that did not see it. Red: presses that may be unusable.</p>\n",
+        );
+        for plot in [plots::errors(self.presses), plots::places(self.presses), plots::by_radius(self.presses)] {
+            let _ = writeln!(html, "<figure>\n{plot}\n</figure>");
+        }
+        let _ = write!(
+            html,
+            "<h2>Colour through a typical press</h2>\n<p>{}, the press of median error: real (solid) and simulated (dashed) \
+             through the circle's centre; grey lines are its rim.</p>\n",
+            escaped(&typical.file)
+        );
+        for plot in plots::profiles(typical) {
+            let _ = writeln!(html, "<figure>\n{plot}\n</figure>");
+        }
+        html
+    }
+
+    fn normals(&self) -> String {
+        let figure = |(what, image): &(String, RgbImage)| {
+            format!(
+                "<figure><img src=\"{}\" alt=\"\"><figcaption>{}</figcaption></figure>\n",
+                uri(image),
+                escaped(what)
+            )
+        };
+        match self.normals {
+            [] => String::new(),
+            all => format!(
+                "<h2>Fitted colour of normal directions</h2>\n<p>The middle of a disc is the flat pad, its sides are slopes \
+                 to these sides.</p>\n{}",
+                all.iter().map(figure).collect::<String>()
+            ),
+        }
+    }
+}
+
+/// All presses, from the best to the worst.
+fn presses(ranked: &[&Shown]) -> String {
+    let mut html = String::new();
+    if !ranked.is_empty() {
+        let _ = writeln!(
+            html,
+            "<h2>Presses, best first</h2>\n<p>Real, simulated, and {GAIN} times their difference \
+            around grey.</p>"
+        );
+    }
+    for shown in ranked {
+        let difference = difference(&shown.real, &shown.simulated);
+        html += "<section>\n";
+        for image in [&shown.real, &shown.simulated, &difference] {
+            let _ = writeln!(html, "{}", panel(image, shown.circle.as_ref()));
+        }
+        let _ = write!(html, "<p><b>{}</b> {}", escaped(&shown.file), scores(&shown.scores));
+        for suspicion in &shown.suspicions {
+            let _ = write!(html, "<br><span class=\"bad\">{}</span>", escaped(suspicion));
+        }
+        html += "</p>\n</section>\n";
+    }
+    html
+}
+
+fn scores(scores: &Scores) -> String {
+    let text = |name: &str, score: &Score| {
+        let psnr = score.psnr_db.map_or(String::from("no difference"), |psnr| format!("PSNR {psnr:.1} dB"));
+        format!("{name}: MAE {:.2}, {psnr}, SSIM {:.3}", score.mae, score.ssim)
+    };
+    let contact = scores.contact.map(|contact| text("contact", &contact) + "; ").unwrap_or_default();
+    contact + &text("whole image", &scores.whole)
+}
+
+/// An image with the circle over it, as SVG, so that both are sharp at any size.
+fn panel(image: &RgbImage, circle: Option<&Circle>) -> String {
+    let (width, height) = image.dimensions();
+    let shown = width.clamp(1, PANEL_PX);
+    let tall = (u64::from(height) * u64::from(shown) / u64::from(width.max(1))).max(1) as u32;
+    let small = match shown < width {
+        true => imageops::resize(image, shown, tall, FilterType::Triangle),
+        false => image.clone(),
+    };
+    let ring = |circle: &Circle| {
+        let [x, y] = circle.centre_px.map(|at| at + 0.5);
+        format!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\"/>", circle.radius_px)
+    };
+    format!(
+        "<svg width=\"{shown}\" height=\"{tall}\" viewBox=\"0 0 {width} {height}\"><image width=\"{width}\" \
+         height=\"{height}\" href=\"{}\"/>{}</svg>",
+        uri(&small),
+        circle.map(ring).unwrap_or_default()
+    )
+}
+
+/// Difference around grey; images of two sizes give what they share.
+fn difference(real: &RgbImage, simulated: &RgbImage) -> RgbImage {
+    let (width, height) = (real.width().min(simulated.width()), real.height().min(simulated.height()));
+    RgbImage::from_fn(width, height, |x, y| {
+        let (real, simulated) = (real.get_pixel(x, y).0, simulated.get_pixel(x, y).0);
+        let level = |k: usize| 128 + GAIN * (i32::from(simulated[k]) - i32::from(real[k]));
+        image::Rgb([0, 1, 2].map(|k| level(k).clamp(0, 255) as u8))
+    })
+}
+
+/// An image as the address of itself.
+fn uri(image: &RgbImage) -> String {
+    let png = encode_rgb(image.width() as usize, image.height() as usize, image.as_raw());
+    format!("data:image/png;base64,{}", base64(&png))
+}
+
+/// RFC 4648, section 4.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let bits = (0..3).fold(0, |bits, k| bits << 8 | u32::from(three.get(k).copied().unwrap_or(0)));
+        for k in 0..4 {
+            let letter = LETTERS[(bits >> (18 - 6 * k)) as usize & 63];
+            text.push(if k <= three.len() { char::from(letter) } else { '=' });
+        }
+    }
+    text
+}
+
+/// Text that HTML takes for nothing else; control characters become spaces.
+fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '&' => out += "&amp;",
+            '"' => out += "&quot;",
+            c if c.is_control() => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+const STYLE: &str = "\
+body { margin: 2em auto; max-width: 1040px; padding: 0 1em; font: 15px/1.5 sans-serif; color: #222; background: #fff }
+h1 { font-size: 24px } h2 { font-size: 18px; margin: 2em 0 0.5em }
+table { border-collapse: collapse } th, td { padding: 3px 16px 3px 0; border-bottom: 1px solid #ddd; text-align: left }
+th { font-weight: normal; color: #555 }
+figure { display: inline-block; margin: 0 16px 16px 0; vertical-align: top } figcaption { font-size: 13px; color: #555 }
+section { margin: 0 0 20px } section p { margin: 2px 0; font-size: 13px } section svg { margin-right: 8px }
+section circle { fill: none; stroke: #fff; stroke-width: 1px; vector-effect: non-scaling-stroke }
+.bad { color: #a01e28 }
+";
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+    use crate::compare::score::score;
+
+    fn shown(number: u32, circle: Option<Circle>, suspicions: Vec<String>) -> Shown {
+        let real = RgbImage::from_fn(64, 48, |x, y| Rgb([(4 * x) as u8, (5 * y) as u8, 100]));
+        let simulated = RgbImage::from_fn(64, 48, |x, y| Rgb([(4 * x) as u8, (5 * y) as u8, 100 + number as u8]));
+        let scores = score(&real, &simulated, circle.as_ref(), 1.3);
+        Shown { file: format!("images/{number:04}.png"), real, simulated, circle, scores, suspicions }
+    }
+
+    fn page_of(presses: &[Shown]) -> String {
+        let summary = [(String::from("thickness"), String::from("< 2 mm & more"))];
+        let normals = [(String::from("middle"), RgbImage::from_pixel(9, 9, Rgb([9, 8, 7])))];
+        let warnings = [String::from("\"0003.png\" <looks> odd")];
+        Page { sensor: "my <sensor>", summary: &summary, warnings: &warnings, presses, normals: &normals }.html()
+    }
+
+    #[test]
+    fn the_page_is_whole_and_needs_nothing_else() {
+        let circle = |x: f64| Some(Circle { centre_px: [x, 20.0], radius_px: 8.0 });
+        let presses = [
+            shown(9, circle(20.0), vec![]),
+            shown(2, circle(60.0), vec![String::from("a & b")]),
+            shown(5, None, vec![]),
+        ];
+        let html = page_of(&presses);
+        assert_eq!(html, page_of(&presses));
+        let places = ["0002.png</b>", "0005.png</b>", "0009.png</b>"].map(|name| html.find(name).expect("a press"));
+        assert!(places.is_sorted(), "from the best to the worst");
+        for text in ["my &lt;sensor&gt;", "&lt; 2 mm &amp; more", "&quot;0003.png&quot; &lt;looks&gt; odd", "a &amp; b"]
+        {
+            assert!(html.contains(text), "{text}");
+        }
+        assert_eq!(html.matches("data:image/png;base64,").count(), 3 * 3 + 1);
+        assert!(!html.contains("<script") && !html.contains("src=\"http") && !html.contains("NaN"));
+    }
+
+    #[test]
+    fn its_plots_and_panels_are_well_formed_whatever_the_presses() {
+        let odd = Circle { centre_px: [-1e9, 1e300], radius_px: 1e200 };
+        let one = |x: f64, y: f64| Some(Circle { centre_px: [x, y], radius_px: 1.0 });
+        let all = [shown(0, None, vec![]), shown(3, Some(odd), vec![]), shown(4, one(0.0, 47.0), vec![])];
+        for presses in [&all[..0], &all[..1], &all[1..2], &all] {
+            let html = page_of(presses);
+            let body = html.split_once("</title>").expect("a head").1;
+            let mut rest = body;
+            while let Some((_, after)) = rest.split_once("<svg") {
+                let (inner, after) = after.split_once("</svg>").expect("an end");
+                let parsed = roxmltree::Document::parse(&format!("<svg{inner}</svg>")).map(|_| ());
+                assert!(parsed.is_ok(), "{parsed:?}: {inner}");
+                rest = after;
+            }
+            assert!(!html.contains("NaN") && !html.contains("inf\"") && !html.contains("inf,"));
+        }
+    }
+
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        let pairs =
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")];
+        for (plain, coded) in pairs {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+        assert_eq!(base64(&[0xfb, 0xff, 0xfe]), "+//+");
+    }
+
+    #[test]
+    fn large_images_are_shown_smaller_and_differences_around_grey() {
+        let image = RgbImage::from_pixel(1000, 500, Rgb([10, 20, 250]));
+        assert!(panel(&image, None).starts_with("<svg width=\"320\" height=\"160\" viewBox=\"0 0 1000 500\">"));
+        let other = RgbImage::from_pixel(1000, 500, Rgb([11, 10, 0]));
+        assert_eq!(difference(&image, &other).get_pixel(3, 4).0, [132, 88, 0]);
+    }
+}
