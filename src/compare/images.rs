@@ -23,7 +23,7 @@ pub enum Images {
     /// Sensors by name; one if the folder is a sensor's.
     Sensors(Vec<Sensor>),
     /// A dataset by gelsim.
-    Dataset(Recorded),
+    Dataset(Box<Recorded>),
 }
 
 /// The images of a sensor; at least one.
@@ -104,7 +104,7 @@ pub fn find(root: &Path) -> Result<Images, Report> {
         ));
     }
     if root.join("job.toml").is_file() && root.join("data").is_dir() {
-        return Recorded::open(root).map(Images::Dataset);
+        return Recorded::open(root).map(|dataset| Images::Dataset(Box::new(dataset)));
     }
     if let Some(sensor) = sensor(root)? {
         return Ok(Images::Sensors(vec![sensor]));
