@@ -5,7 +5,8 @@ use std::path::Path;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::geometry::Ball;
+use super::geometry::{Ball, Balls};
+use super::pixels::DILATE;
 use super::{picture, session};
 use crate::compare::score::{Scores, score};
 use crate::config::diagnostic::{Problems, Report};
@@ -15,7 +16,6 @@ use crate::gelpad::Pad;
 use crate::optics::Shader;
 use crate::plan::standalone::Standalone;
 use crate::presses::{self, Press};
-use super::pixels::DILATE;
 
 /// A simulated press.
 pub struct Evaluated {
@@ -55,15 +55,8 @@ pub fn evaluate(table: &Path, sensor: &Standalone, rung: Rung) -> Result<Vec<Eva
     let pad = Pad::new(&choices.gelpad, &sensor.sensor, &sensor.camera);
     let calibration = sensor.calibration.as_ref();
     let shader = Shader::new(&choices.optics, calibration, &sensor.sensor, &sensor.camera, None);
-    let mut radii: Vec<f64> = table.presses.iter().filter_map(|press| press.ball_radius_mm).collect();
-    radii.sort_by(f64::total_cmp);
-    radii.dedup();
-    let balls: Vec<Ball> = radii.par_iter().map(|radius| Ball::new(*radius, &sensor.sensor)).collect();
-    let one = |press: &Press| {
-        let radius_mm = press.ball_radius_mm?;
-        let ball = &balls[radii.partition_point(|radius| *radius < radius_mm)];
-        Some(simulate(press, ball, sensor, &pad, &shader))
-    };
+    let balls = Balls::new(table.presses.iter().filter_map(|press| press.ball_radius_mm), &sensor.sensor);
+    let one = |press: &Press| Some(simulate(press, balls.of(press.ball_radius_mm?), sensor, &pad, &shader));
     Ok(table.presses.par_iter().filter_map(one).collect())
 }
 

@@ -4,6 +4,8 @@
 //! project's own elastic pad at rising depths, and inverted. It is far smaller than the overlap of ball and pad, so that
 //! R - sqrt(R^2 - a^2) would be no depth.
 
+use rayon::prelude::*;
+
 use crate::config::sensor::Sensor;
 use crate::depth::{Camera, Depth};
 use crate::gelpad::elastic::{Elastic, Resolution};
@@ -89,6 +91,24 @@ impl Ball {
             Depth { overlap, margin_px: margin, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
         depth.measure();
         pad.press(&depth)
+    }
+}
+
+/// Balls of several sizes and one pad.
+pub struct Balls(Vec<Ball>);
+
+impl Balls {
+    /// For every size that occurs.
+    pub fn new(radii_mm: impl Iterator<Item = f64>, sensor: &Sensor) -> Self {
+        let mut radii: Vec<f64> = radii_mm.collect();
+        radii.sort_by(f64::total_cmp);
+        radii.dedup();
+        Self(radii.par_iter().map(|radius| Ball::new(*radius, sensor)).collect())
+    }
+
+    /// The one of this size, which occurs.
+    pub fn of(&self, radius_mm: f64) -> &Ball {
+        &self.0[self.0.partition_point(|ball| ball.radius_mm < radius_mm)]
     }
 }
 

@@ -13,8 +13,8 @@ use crate::depth::Camera;
 use crate::gelpad::{self, Contact, Pad};
 use crate::optics::Light;
 use crate::optics::background::{Reference, quantise};
-use crate::optics::calibrated::response::Response;
 use crate::optics::calibrated::Table;
+use crate::optics::calibrated::response::Response;
 use crate::presses::Circle;
 use crate::rng::{Stage, stream};
 
@@ -24,12 +24,13 @@ pub mod evaluate;
 pub mod geometry;
 pub mod page;
 pub mod pixels;
+pub mod run;
 pub mod session;
 pub mod suspect;
 pub mod train;
 pub mod validate;
 
-use geometry::Ball;
+use geometry::Balls;
 use pixels::{Pixels, places};
 use train::Settings;
 
@@ -86,16 +87,12 @@ impl Session {
     pub fn surfaces(&self, geometry: Geometry, model: &gelpad::Model) -> Surfaces {
         let sensor = self.sensor(geometry.thickness_mm);
         let pad = Pad::new(model, &sensor, &self.camera);
-        let mut radii: Vec<f64> = self.seen.iter().map(|seen| seen.ball_radius_mm).collect();
-        radii.sort_by(f64::total_cmp);
-        radii.dedup();
-        let balls: Vec<Ball> = radii.par_iter().map(|radius| Ball::new(*radius, &sensor)).collect();
+        let balls = Balls::new(self.seen.iter().map(|seen| seen.ball_radius_mm), &sensor);
         let press = |seen: &Seen| {
-            let ball = &balls[radii.partition_point(|radius| *radius < seen.ball_radius_mm)];
+            let ball = balls.of(seen.ball_radius_mm);
             let contact_mm = seen.circle.radius_px * self.camera.mm_per_px[0] * geometry.contact_over_disc;
             let depth_mm = ball.depth_mm(contact_mm);
-            let contact =
-                ball.press(&pad, &self.camera, seen.circle.centre_px, depth_mm.unwrap_or(ball.deepest_mm()));
+            let contact = ball.press(&pad, &self.camera, seen.circle.centre_px, depth_mm.unwrap_or(ball.deepest_mm()));
             (contact, depth_mm.is_none())
         };
         let (contacts, too_large) = self.seen.par_iter().map(press).unzip();

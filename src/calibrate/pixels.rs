@@ -4,9 +4,10 @@ use image::RgbImage;
 
 use super::Seen;
 use crate::depth::Camera;
-use crate::gelpad::Contact;
+use crate::gelpad::elastic::Resolution;
+use crate::gelpad::{Contact, SURFACE_BORDER};
 use crate::grid::Rect;
-use crate::optics::calibrated::response::{INPUTS, Response};
+use crate::optics::calibrated::response::{INPUTS, Response, SECTORS};
 use crate::optics::coarse::Coarse;
 use crate::optics::normals::normals;
 use crate::optics::shadow::casting::Casting;

@@ -15,11 +15,13 @@ use crate::plan::usage;
 use crate::presses::{self, Press, Table};
 
 /// Fewer presses teach nothing that holds elsewhere.
-const FEWEST: usize = 5;
+pub const FEWEST: usize = 5;
 
 /// Reads an 8-bit picture.
 pub fn picture(path: &Path) -> Result<RgbImage, String> {
-    input::read(path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string()).and_then(|bytes| png::decode_background(&bytes))
+    input::read(path, input::MOST_IMAGE_BYTES)
+        .map_err(|error| error.to_string())
+        .and_then(|bytes| png::decode_background(&bytes))
 }
 
 /// Reads a session of `sensor`, of which only the view is not known yet. Circles that the table lacks are looked for if
@@ -84,7 +86,10 @@ fn one(
             None
         }
         Err(reason) => {
-            wrong(format!("cannot read {}: {reason}", press.path.display()), "paths are relative to the table's folder");
+            wrong(
+                format!("cannot read {}: {reason}", press.path.display()),
+                "paths are relative to the table's folder",
+            );
             None
         }
     };
@@ -108,7 +113,8 @@ fn one(
                 let ([x, y], radius) = (found.circle.centre_px, found.circle.radius_px);
                 let sure = 100.0 * found.confidence;
                 let file = &press.file;
-                note = Some(format!("{file}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure:.0} % sure"));
+                note =
+                    Some(format!("{file}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure:.0} % sure"));
             }
             None => wrong(format!("{}: no press is found in it", press.file), "annotate it, or leave the row out"),
         }

@@ -34,7 +34,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { networks: 3, units: 8, steps: 1000, batch: 2048, rate: 1e-2, decay: 3e-2 }
+        Self { networks: 3, units: 12, steps: 1500, batch: 2048, rate: 1e-2, decay: 0.1 }
     }
 }
 

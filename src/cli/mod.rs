@@ -12,6 +12,7 @@ use crate::fidelity::Rung;
 use crate::plan::{Plan, usage};
 use crate::tradeoff::choose::{Chosen, choose};
 
+mod calibrate;
 mod compare;
 mod completions;
 mod generate;
@@ -49,6 +50,8 @@ enum Command {
     Reproduce(reproduce::Reproduce),
     /// Draw a contact sheet of a dataset or of a job's samples.
     Preview(preview::Preview),
+    /// Fit the light of a real sensor to presses of a ball.
+    Calibrate(calibrate::Calibrate),
     /// Say what meshes are like and what a sensor would see of them.
     Inspect(inspect::Inspect),
     /// Write a commented job to start from.
@@ -94,6 +97,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Verify(command) => command.run(),
         Command::Reproduce(command) => command.run(),
         Command::Preview(command) => command.run(),
+        Command::Calibrate(command) => command.run(),
         Command::Inspect(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),

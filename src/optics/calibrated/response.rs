@@ -116,6 +116,29 @@ impl Response {
         }
     }
 
+    /// The change of red, green and blue at one pixel, where none of the sky is hidden, as shares of full scale: for
+    /// pictures of the model.
+    pub fn at(&self, normal: [f64; 2], height_mm: f64, place_mm: [f64; 2]) -> [f64; 3] {
+        let place = place_mm.map(|mm| vec![mm as f32 / self.place_mm]);
+        let coefficients = |height_mm: f64| {
+            let mut inputs = Inputs::default();
+            inputs.iter_mut().for_each(|plane| plane.push(0.0));
+            inputs[0] = vec![(height_mm as f32).clamp(self.heights_mm[0], self.heights_mm[1]) / self.height_mm];
+            let [x, y] = place.clone();
+            (inputs[1], inputs[2]) = (x, y);
+            let mut outputs = vec![Vec::new(); OUTPUTS];
+            self.coefficients(&inputs, &mut Vec::new(), &mut outputs);
+            outputs
+        };
+        let (here, at_rest) = (coefficients(height_mm), coefficients(0.0));
+        let terms = terms(normal[0] as f32, normal[1] as f32);
+        std::array::from_fn(|channel| {
+            let first = channel * TERMS;
+            let sum: f32 = terms.iter().zip(&here[first..]).map(|(term, factor)| term * factor[0]).sum();
+            f64::from(sum - at_rest[first][0])
+        })
+    }
+
     /// By how much each coefficient can change while the displacement goes from 0 to an input of 1.
     pub fn steepness(&self) -> Vec<f64> {
         let of = |weights: &Vec<f32>| {

@@ -1,0 +1,229 @@
+//! `gelsim calibrate`
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{Failure, print, say};
+use crate::calibrate::evaluate::{Evaluated, base_name, evaluate};
+use crate::calibrate::page::{Page, Shown};
+use crate::calibrate::run::{Calibration, Request, run};
+use crate::calibrate::session;
+use crate::compare::score::Score;
+use crate::config::sensor::Sensor;
+use crate::dataset::encode::json;
+use crate::dataset::png::encode_rgb;
+use crate::dataset::shard::write_whole;
+use crate::fidelity::Rung;
+use crate::plan::{hex, standalone, usage};
+use sha2::{Digest, Sha256};
+
+/// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml
+  gelsim calibrate --evaluate others.csv --sensor my-sensor.toml --out simulated
+
+PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible
+disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside my-sensor.toml come my-sensor.calibration.json,
+my-sensor.background.png and my-sensor.html, a page of plots and pictures. In a job: [sensor] file = \"my-sensor.toml\".")]
+pub struct Calibrate {
+    /// The table of presses to learn from
+    #[arg(value_name = "PRESSES.csv", required_unless_present = "evaluate", conflicts_with = "evaluate")]
+    presses: Option<PathBuf>,
+    /// The untouched pad
+    #[arg(long, value_name = "BG.png", required_unless_present = "evaluate", conflicts_with = "evaluate")]
+    background: Option<PathBuf>,
+    /// Simulate the presses of this table from circle and ball alone, and say how far they are from the images
+    #[arg(long, value_name = "PRESSES.csv", requires = "sensor")]
+    evaluate: Option<PathBuf>,
+    /// With --evaluate the sensor; else a preset or a sensor file from which comes what is not fitted
+    #[arg(long, value_name = "PRESET|SENSOR.toml")]
+    sensor: Option<String>,
+    /// The sensor file to write; with --evaluate the folder for the pictures
+    #[arg(long, value_name = "SENSOR.toml|DIR")]
+    out: PathBuf,
+    /// Look for circles that the table lacks, and say how sure each is
+    #[arg(long, conflicts_with = "evaluate")]
+    detect: bool,
+    /// Leave out presses that may be unusable
+    #[arg(long, conflicts_with = "evaluate")]
+    drop_bad: bool,
+    /// Thickness of the pad, mm [default: chosen]
+    #[arg(long, value_name = "MM", value_parser = above_zero, conflicts_with = "evaluate")]
+    thickness_mm: Option<f64>,
+    /// Radius of the contact over that of the visible disc [default: chosen]
+    #[arg(long, value_name = "SHARE", value_parser = above_zero, conflicts_with = "evaluate")]
+    contact_over_disc: Option<f64>,
+    /// Rung of the accuracy ladder for --evaluate
+    #[arg(long, value_name = "RUNG", default_value = "standard", requires = "evaluate")]
+    fidelity: Rung,
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (1e-2..=1e3).contains(&value) => Ok(value),
+        _ => Err(String::from("write a number from 0.01 to 1000")),
+    }
+}
+
+impl Calibrate {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        match (&self.presses, &self.background, &self.evaluate, &self.sensor) {
+            (_, _, Some(table), Some(sensor)) => self.evaluate(table, sensor),
+            (Some(presses), Some(background), ..) => self.calibrate(presses, background),
+            _ => Err(usage("nothing to calibrate", "see gelsim calibrate --help").into()),
+        }
+    }
+
+    fn evaluate(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
+        let sensor = standalone::sensor(sensor)?;
+        if self.out.exists() && !self.out.is_dir() {
+            return Err(usage(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into());
+        }
+        let presses = evaluate(table, &sensor, self.fidelity)?;
+        fs::create_dir_all(&self.out).map_err(|error| failed(&self.out, &error))?;
+        let mut lines = Vec::new();
+        for Evaluated { file, simulated, scores, warnings } in &presses {
+            warnings.iter().for_each(|warning| say(&format!("warning: {file}: {warning}")));
+            let path = self.out.join(base_name(file)).with_extension("png");
+            let [width, height] = sensor.camera.resolution_px;
+            write(&path, &encode_rgb(width, height, simulated))?;
+            let figures = scores.as_ref().map(|scores| row(scores.contact.as_ref(), Some(&scores.whole)));
+            lines.push(format!("{file:<28} {}", figures.unwrap_or_default()));
+        }
+        let scores: Vec<_> = presses.iter().filter_map(|press| press.scores.as_ref()).collect();
+        let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
+        let whole = Score::mean(scores.iter().map(|scores| &scores.whole));
+        let total = format!("mean of {}", scores.len());
+        lines.push(format!("{total:<28} {}", row(contact.as_ref(), whole.as_ref())));
+        print(&format!("{:<28} {}\n{}\n", "", HEAD, lines.join("\n")))?;
+        say(&format!("-> {}", self.out.display()));
+        Ok(())
+    }
+
+    fn calibrate(&self, presses: &Path, background: &Path) -> Result<(), Failure> {
+        let sensor = match &self.sensor {
+            Some(name) => standalone::sensor(name)?.sensor,
+            None => Sensor::default(),
+        };
+        let [table_path, background_path, page_path] =
+            ["calibration.json", "background.png", "html"].map(|end| self.out.with_extension(end));
+        if self.out.extension().is_none_or(|end| end != "toml") {
+            let message = format!("{} is no name for a sensor file", self.out.display());
+            return Err(usage(message, "it ends in .toml: --out my-sensor.toml").into());
+        }
+        let (session, notes) = session::read(presses, background, sensor, self.detect)?;
+        notes.iter().for_each(|note| say(&format!("note: {note}")));
+        let request = Request {
+            thickness_mm: self.thickness_mm,
+            contact_over_disc: self.contact_over_disc,
+            drops_bad: self.drop_bad,
+            ..Request::default()
+        };
+        let count = session.seen.len();
+        let Some(found) = run(session, &request) else {
+            let message = format!("of {count} presses too few are usable");
+            return Err(usage(message, "leave --drop-bad out to see what speaks against each").into());
+        };
+        let mut warnings = Vec::new();
+        for (file, doubts) in &found.dropped {
+            warnings.push(format!("{file} left out: {}", doubts.join("; ")));
+        }
+        for (seen, doubts) in found.session.seen.iter().zip(&found.suspicions).filter(|(_, doubts)| !doubts.is_empty())
+        {
+            warnings.push(format!("{}: {}", seen.file, doubts.join("; ")));
+        }
+        warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
+
+        let mut table = json(&found.table);
+        table.push(b'\n');
+        let rgb = &found.session.background;
+        let picture = encode_rgb(rgb.width() as usize, rgb.height() as usize, rgb);
+        let sensor = Sensor {
+            name: self.out.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+            preset: None,
+            file: None,
+            background: Some(file_name(&background_path)),
+            background_sha256: Some(hex(&Sha256::digest(&picture))),
+            calibration: Some(file_name(&table_path)),
+            calibration_sha256: Some(hex(&Sha256::digest(&table))),
+            ..found.session.sensor(found.geometry.thickness_mm)
+        };
+        let summary = summary(&found);
+        let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
+        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
+        }
+        write(&background_path, &picture)?;
+        write(&table_path, &table)?;
+        write(&page_path, page(&sensor.name, &found, &summary, &warnings).as_bytes())?;
+        let about = summary.iter().map(|(what, figure)| format!("# {what}: {figure}\n"));
+        write(&self.out, format!("# Written by gelsim calibrate.\n{}\n{text}", about.collect::<String>()).as_bytes())?;
+        let lines = summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n"));
+        print(&lines.collect::<String>())?;
+        say(&format!("-> {}, {}", self.out.display(), page_path.display()));
+        Ok(())
+    }
+}
+
+const HEAD: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
+
+fn row(contact: Option<&Score>, whole: Option<&Score>) -> String {
+    format!("{:<31} {}", contact.map(figures).unwrap_or_default(), whole.map(figures).unwrap_or_default())
+}
+
+fn figures(score: &Score) -> String {
+    let psnr = score.psnr_db.map_or(String::from("-"), |db| format!("{db:.2}"));
+    format!("{:.2} / {psnr} / {:.4}", score.mae, score.ssim)
+}
+
+/// What was found, and how good it is.
+fn summary(found: &Calibration) -> Vec<(String, String)> {
+    let [width, height] = found.session.sensor.resolution_px;
+    let figure = |score: &Option<Score>| score.as_ref().map_or(String::from("-"), figures);
+    let ([contact, whole], [bare_contact, bare_whole]) = (found.errors(), found.errors_without());
+    let suspects = found.suspicions.iter().filter(|doubts| !doubts.is_empty()).count();
+    let presses = found.session.seen.len();
+    let line = |what: &str, figure: String| (what.to_owned(), figure);
+    vec![
+        line("image", format!("{width}x{height} px, {} mm per px", found.session.camera.mm_per_px[0])),
+        line("presses", format!("{presses}, {suspects} of them doubtful, {} left out", found.dropped.len())),
+        line("gelpad thickness", format!("{} mm", found.geometry.thickness_mm)),
+        line("contact over visible disc", format!("{:.2}", found.geometry.contact_over_disc)),
+        line("cross-validated, contact", format!("{} (MAE / PSNR dB / SSIM)", figure(&contact))),
+        line("cross-validated, whole image", figure(&whole)),
+        line("background alone, contact", figure(&bare_contact)),
+        line("background alone, whole image", figure(&bare_whole)),
+    ]
+}
+
+fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings: &[String]) -> String {
+    let presses = found.session.seen.iter().zip(&found.unseen).zip(&found.suspicions);
+    let shown: Vec<Shown> = presses
+        .map(|((seen, unseen), suspicions)| Shown {
+            file: seen.file.clone(),
+            real: seen.image.clone(),
+            simulated: unseen.simulated.clone(),
+            circle: Some(seen.circle),
+            scores: unseen.scores.clone(),
+            suspicions: suspicions.clone(),
+        })
+        .collect();
+    let normals = found.colors();
+    Page { sensor: name, summary, warnings, presses: &shown, normals: &normals }.html()
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_whole(path, bytes).map_err(|error| failed(path, &error))
+}
+
+fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::running(format!("{}: {error}", path.display()))
+}
