@@ -1,14 +1,16 @@
 //! Chooses the pad's thickness and how much smaller the contact is than the visible disc.
 //!
-//! A quick stand-in for the model says how well colour follows from a surface: the same polynomial in the normal, of
-//! which the coefficients are linear in the place, with terms in the height, by least squares (cross-validated). What it
-//! likes best the model does too.
+//! Both are judged by how well colour follows from the surface on presses that were not learnt from. The thickness, which
+//! matters less, by a quick stand-in for the model: the same polynomial in the normal, of which the coefficients are linear
+//! in the place, with terms in the height, by least squares. The share by the model itself, fitted in a hurry.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::pixels::Pixels;
+use super::train::{self, Settings};
 use super::validate::{FOLDS, folds};
-use super::{Geometry, Session};
+use super::{Geometry, Session, fit};
 use crate::gelpad::Model;
 use crate::gelpad::elastic::{Elastic, Resolution};
 use crate::optics::calibrated::response::{TERMS, terms};
@@ -23,39 +25,62 @@ const RIDGE: f64 = 1e-4;
 /// Thicknesses that are tried, mm. On thicker pads no press of a ball tells them apart.
 const THICKNESSES_MM: [f64; 6] = [1.5, 2.0, 3.0, 4.0, 6.0, 9.0];
 /// Shares of the visible disc that are tried for the contact.
-const SHARES: [f64; 7] = [0.85, 0.88, 0.91, 0.94, 0.97, 1.0, 1.03];
+const SHARES: [f64; 5] = [0.88, 0.91, 0.94, 0.97, 1.0];
 /// Pixels of a press that are looked at.
-const PIXELS: usize = 1200;
+const PIXELS: usize = 1500;
 
-/// What is not given of `session`'s geometry: first the share on a pad of middling thickness, then the thickness, then the
-/// share again.
+/// What is not given of `session`'s geometry: the thickness by the stand-in, then the share by networks that are fitted in
+/// a hurry.
 pub fn choose(session: &Session, thickness_mm: Option<f64>, contact_over_disc: Option<f64>) -> Geometry {
     let places = session.places(PIXELS);
-    let coarse = Model::Elastic(Elastic { resolution: Resolution::Quarter, ..Elastic::default() });
-    let error = |geometry: Geometry| {
-        let surfaces = session.surfaces(geometry, &coarse);
+    let on = |geometry: Geometry, resolution: Resolution, sky: bool| {
+        let elastic = Model::Elastic(Elastic { resolution, ..Elastic::default() });
+        let surfaces = session.surfaces(geometry, &elastic);
         let largest = surfaces.too_large.iter().filter(|too_large| **too_large).count();
         // A pad in which a tenth of the discs are impossible is not this sensor's.
-        let possible = 10 * largest <= session.seen.len();
-        let error = error(&session.pixels(&places, &surfaces, false), session.place_mm());
-        if possible { error } else { 1.0 + largest as f64 }
+        let impossible = if 10 * largest > session.seen.len() { largest as f64 } else { 0.0 };
+        (session.pixels(&places, &surfaces, sky), impossible)
     };
-    let best = |tried: Vec<Geometry>| {
-        let errors: Vec<f64> = tried.iter().map(|geometry| error(*geometry)).collect();
-        let least = (0..errors.len()).min_by(|a, b| errors[*a].total_cmp(&errors[*b]));
-        least.map(|k| tried[k])
-    };
-    let mut geometry = Geometry { thickness_mm: thickness_mm.unwrap_or(4.0), contact_over_disc: 0.95 };
-    for round in 0..2 {
-        let shares = contact_over_disc.map_or(SHARES.to_vec(), |share| vec![share]);
-        let with_share = |contact_over_disc: f64| Geometry { contact_over_disc, ..geometry };
-        geometry = best(shares.into_iter().map(with_share).collect()).unwrap_or(geometry);
-        if round == 0 && thickness_mm.is_none() {
-            let with_thickness = |thickness_mm: f64| Geometry { thickness_mm, ..geometry };
-            geometry = best(THICKNESSES_MM.map(with_thickness).to_vec()).unwrap_or(geometry);
-        }
+    let mut geometry =
+        Geometry { thickness_mm: thickness_mm.unwrap_or(4.0), contact_over_disc: contact_over_disc.unwrap_or(0.95) };
+    if thickness_mm.is_none() {
+        let tried = THICKNESSES_MM.map(|thickness_mm| Geometry { thickness_mm, ..geometry });
+        geometry = best(&tried, geometry, |tried| {
+            let (pixels, impossible) = on(tried, Resolution::Quarter, false);
+            error(&pixels, session.place_mm()) + impossible
+        });
+    }
+    if contact_over_disc.is_none() {
+        let tried = SHARES.map(|contact_over_disc| Geometry { contact_over_disc, ..geometry });
+        geometry = best(&tried, geometry, |tried| {
+            let (pixels, impossible) = on(tried, Resolution::Half, true);
+            quick_error(session, &pixels) + impossible
+        });
     }
     geometry
+}
+
+fn best(tried: &[Geometry], otherwise: Geometry, error: impl Fn(Geometry) -> f64) -> Geometry {
+    let errors: Vec<f64> = tried.iter().map(|geometry| error(*geometry)).collect();
+    let least = (0..errors.len()).min_by(|a, b| errors[*a].total_cmp(&errors[*b]));
+    least.map_or(otherwise, |k| tried[k])
+}
+
+/// Mean absolute error of networks on presses that they did not learn from, shares of full scale.
+fn quick_error(session: &Session, pixels: &[Pixels]) -> f64 {
+    let quick = Settings { networks: 1, steps: 400, ..Settings::default() };
+    let fold = folds(pixels.len());
+    let of = |part: usize| -> [f64; 2] {
+        let learnt: Vec<&Pixels> =
+            pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
+        let response = fit(session, &learnt, &quick, part as u64);
+        let unseen = pixels.iter().zip(&fold).filter(|(_, fold)| **fold == part);
+        let errors = unseen.map(|(pixels, _)| [train::error(&response, pixels), 1.0]);
+        errors.fold([0.0; 2], |[sum, count], [error, one]| [sum + error, count + one])
+    };
+    let sums = (0..FOLDS).into_par_iter().map(of).collect::<Vec<_>>();
+    let [sum, count] = sums.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    sum / count.max(1.0)
 }
 
 /// Sums of products over the pixels of one press.
