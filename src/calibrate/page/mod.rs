@@ -94,7 +94,7 @@ impl Page<'_> {
             "<h2>Errors</h2>\n<p>Mean absolute error in grey levels (0 to 255) around the \
             contact; each press was simulated by a fit that did not see it. Red: presses that may be unusable.</p>\n",
         );
-        for plot in [plots::errors(self.presses), plots::places(self.presses), plots::by_radius(self.presses)] {
+        for plot in [plots::errors(self.presses), plots::by_radius(self.presses), plots::places(self.presses)] {
             let _ = writeln!(html, "<figure>\n{plot}\n</figure>");
         }
         let _ = write!(
@@ -173,7 +173,7 @@ fn panel(image: &RgbImage, circle: Option<&Circle>) -> String {
     };
     let ring = |circle: &Circle| {
         let [x, y] = circle.centre_px.map(|at| at + 0.5);
-        format!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\"/>", circle.radius_px)
+        format!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\" {RING}/>", circle.radius_px)
     };
     format!(
         "<svg width=\"{shown}\" height=\"{tall}\" viewBox=\"0 0 {width} {height}\"><image width=\"{width}\" \
@@ -229,6 +229,9 @@ fn escaped(text: &str) -> String {
     out
 }
 
+/// How circles look, at any scale.
+const RING: &str = "fill=\"none\" stroke=\"#fff\" stroke-width=\"1\" vector-effect=\"non-scaling-stroke\"";
+
 const STYLE: &str = "\
 body { margin: 2em auto; max-width: 1040px; padding: 0 1em; font: 15px/1.5 sans-serif; color: #222; background: #fff }
 h1 { font-size: 24px } h2 { font-size: 18px; margin: 2em 0 0.5em }
@@ -236,7 +239,6 @@ table { border-collapse: collapse } th, td { padding: 3px 16px 3px 0; border-bot
 th { font-weight: normal; color: #555 }
 figure { display: inline-block; margin: 0 16px 16px 0; vertical-align: top } figcaption { font-size: 13px; color: #555 }
 section { margin: 0 0 20px } section p { margin: 2px 0; font-size: 13px } section svg { margin-right: 8px }
-section circle { fill: none; stroke: #fff; stroke-width: 1px; vector-effect: non-scaling-stroke }
 .bad { color: #a01e28 }
 ";
 
