@@ -31,8 +31,8 @@ impl<const N: usize> Moments<N> {
     fn add(&mut self, weight: f64, functions: [f64; N], level: [f64; 3]) {
         for i in 0..N {
             let weighted = weight * functions[i];
-            for j in 0..=i {
-                self.gram[i][j] += weighted * functions[j];
+            for (sum, function) in self.gram[i].iter_mut().zip(&functions[..=i]) {
+                *sum += weighted * function;
             }
             for (product, level) in self.product.iter_mut().zip(level) {
                 product[i] += weighted * level;
