@@ -106,7 +106,6 @@ impl Rung {
             gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations })
         };
         let phong = |shadows| optics::Model::Phong(Phong { shadows, ..Phong::default() });
-        let calibrated = |resolution| optics::Model::Calibrated(Calibrated { resolution });
         Choices {
             gelpad: match self {
                 Self::Paper => gelpad::Model::MeanBlur(MeanBlur::default()),
@@ -116,9 +115,8 @@ impl Rung {
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
             optics: match (measured, self) {
-                (true, Self::Paper | Self::Draft | Self::Standard) => calibrated(Resolution::Quarter),
-                (true, Self::High) => calibrated(Resolution::Half),
-                (true, Self::Reference) => calibrated(Resolution::Full),
+                // Finer costs much, and is nothing beside the distance to the real sensor (docs/reality.md).
+                (true, _) => optics::Model::Calibrated(Calibrated::default()),
                 (false, Self::Paper) => phong(Shadows::None),
                 (false, Self::Draft) => phong(Shadows::Soft(Soft { resolution: Resolution::Quarter })),
                 (false, Self::Standard) => phong(Shadows::Soft(Soft { resolution: Resolution::Half })),

@@ -13,7 +13,7 @@ use crate::compare::score::{Score, score};
 use crate::gelpad::Model;
 use crate::gelpad::elastic::{Elastic, Resolution};
 use crate::optics::calibrated::Table;
-use crate::optics::calibrated::response::Response;
+use crate::optics::calibrated::response::{Response, SECTORS};
 
 /// Pixels of a press that are learnt from.
 const PIXELS: usize = 4000;
@@ -84,7 +84,7 @@ fn learn(session: &Session, geometry: Geometry, request: &Request) -> (Vec<Pixel
     let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
     let surfaces = session.surfaces(geometry, &half);
     let pixels = session.pixels(&session.places(PIXELS), &surfaces, true);
-    let unseen = cross_validate(session, &surfaces, &pixels, geometry, &request.settings, Resolution::Quarter);
+    let unseen = cross_validate(session, &surfaces, &pixels, geometry, &request.settings);
     let odd = odd_ones(&surfaces, &unseen);
     (pixels, unseen, odd)
 }
@@ -166,7 +166,12 @@ fn disc_of_normals(response: &Response, place_mm: [f64; 2]) -> RgbImage {
             return Rgb([255; 3]);
         }
         let steepest = f64::from(response.steepest);
-        let change = response.at([x * steepest, y * steepest], 0.5 * f64::from(response.heights_mm[1]), place_mm);
+        let change = response.change(
+            [x * steepest, y * steepest],
+            0.5 * f64::from(response.heights_mm[1]),
+            place_mm,
+            [0.0; SECTORS],
+        );
         Rgb(change.map(|change| (127.5 + 255.0 * change).clamp(0.0, 255.0) as u8))
     })
 }

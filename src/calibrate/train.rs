@@ -7,7 +7,7 @@
 use nalgebra::DMatrix;
 
 use super::pixels::Pixels;
-use crate::optics::calibrated::response::{INPUTS, Inputs, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
+use crate::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
 use crate::rng::{Stage, Stream, stream};
 
 /// Outputs are counted in shares of full scale of this size while training, which suits the rate.
@@ -74,37 +74,12 @@ pub fn fit(pixels: &Pixels, place_mm: f64, settings: &Settings, seed: u64) -> Re
 
 /// Mean absolute error of a model on pixels, shares of full scale; 0 without any.
 pub fn error(response: &Response, pixels: &Pixels) -> f64 {
-    let [low, high] = response.heights_mm;
-    let scales = [response.height_mm, response.place_mm, response.place_mm];
-    let input = |k: usize| -> Vec<f32> {
-        let value = |inputs: &[f32; INPUTS]| match k {
-            0 => inputs[0].clamp(low, high) / scales[0],
-            1 | 2 => inputs[k] / scales[k],
-            k => inputs[k],
-        };
-        pixels.inputs.iter().map(value).collect()
+    let of = |k: usize| -> f64 {
+        let [w, x, y, sky @ ..] = pixels.inputs[k].map(f64::from);
+        let found = response.change(pixels.normals[k].map(f64::from), w, [x, y], sky);
+        found.iter().zip(pixels.change[k]).map(|(found, change)| (found - f64::from(change)).abs()).sum()
     };
-    let here: Inputs = std::array::from_fn(input);
-    let mut at_rest = here.clone();
-    for (_, plane) in at_rest.iter_mut().enumerate().filter(|(k, _)| !matches!(k, 1 | 2)) {
-        plane.fill(0.0);
-    }
-    let outputs = |inputs: &Inputs| {
-        let mut outputs = vec![Vec::new(); OUTPUTS];
-        response.coefficients(inputs, &mut Vec::new(), &mut outputs);
-        outputs
-    };
-    let (here, at_rest) = (outputs(&here), outputs(&at_rest));
-    let mut sum = 0.0;
-    for (k, (normal, change)) in pixels.normals.iter().zip(&pixels.change).enumerate() {
-        let terms = terms(normal[0], normal[1]);
-        for (channel, change) in change.iter().enumerate() {
-            let first = channel * TERMS;
-            let seen: f32 = terms.iter().zip(&here[first..]).map(|(term, factor)| term * factor[k]).sum();
-            sum += f64::from((seen - at_rest[first][k] - change).abs());
-        }
-    }
-    sum / (3 * pixels.len().max(1)) as f64
+    (0..pixels.len()).map(of).sum::<f64>() / (3 * pixels.len().max(1)) as f64
 }
 
 /// One network: `inner` has a row of weights and a bias for each hidden unit; `outer`, for each output, the weights of the

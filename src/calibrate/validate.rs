@@ -7,7 +7,6 @@ use super::train::Settings;
 use super::{Geometry, Session, Surfaces, fit, picture, pixels, table};
 use crate::compare::score::{Scores, score};
 use crate::effects::{Gate, Ledger};
-use crate::gelpad::elastic::Resolution;
 use crate::optics::calibrated::{Calibrated, Shader};
 use crate::rng::{Stage, stream};
 
@@ -39,7 +38,6 @@ pub fn cross_validate(
     pixels: &[pixels::Pixels],
     geometry: Geometry,
     settings: &Settings,
-    resolution: Resolution,
 ) -> Vec<Unseen> {
     let fold = folds(session.seen.len());
     let rest = session.reference();
@@ -49,7 +47,7 @@ pub fn cross_validate(
             let others: Vec<&pixels::Pixels> =
                 pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
             let table = table(fit(session, &others, settings, part as u64), geometry);
-            Shader::new(Calibrated { resolution }, Some(&table), &session.camera)
+            Shader::new(Calibrated::default(), Some(&table), &session.camera)
         })
         .collect();
     let unseen = |k: usize| {

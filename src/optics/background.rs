@@ -9,6 +9,7 @@ use crate::depth::Camera;
 use crate::grid::{Grid, Rect};
 use crate::rng::{Stage, stream};
 use crate::scene::pose::sin_cos_deg;
+use crate::simd::wide;
 
 /// What the camera sees without contact, as 8-bit display values.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,9 +38,19 @@ impl Reference {
     /// A part of it as light.
     pub fn light(&self, region: Rect) -> Light {
         let planes = self.planes.each_ref().map(|plane| {
-            let rows =
-                (region.y0..region.y1).flat_map(|y| &plane[y * self.width + region.x0..y * self.width + region.x1]);
-            rows.map(|value| f32::from(*value) * (1.0 / 255.0)).collect()
+            let mut light = vec![0.0; region.area()];
+            wide(
+                #[inline(always)]
+                || {
+                    for (row, light) in light.chunks_exact_mut(region.width().max(1)).enumerate() {
+                        let levels = &plane[(region.y0 + row) * self.width + region.x0..][..light.len()];
+                        for (light, level) in light.iter_mut().zip(levels) {
+                            *light = f32::from(*level) * (1.0 / 255.0);
+                        }
+                    }
+                },
+            );
+            light
         });
         Light { region, planes }
     }

@@ -14,9 +14,10 @@ pub struct Coarse {
 /// Something that varies over the view, on a grid that may be coarser than the camera's.
 #[derive(Clone, Debug)]
 pub struct Values {
-    factor: usize,
+    /// Pixels of the view from one value to the next: 1, 2, 4 or 8.
+    pub factor: usize,
     /// Column and row of the view that the first value is for.
-    first: [isize; 2],
+    pub first: [isize; 2],
     /// The values.
     pub values: Grid<f32>,
 }
@@ -25,6 +26,28 @@ impl Coarse {
     /// The grid of a resolution.
     pub fn new(resolution: Resolution) -> Self {
         Self { factor: resolution.factor() }
+    }
+
+    /// The coarsest grid of every pixel, or every second, fourth or eighth, whose pixels are no further apart than
+    /// `spacing_mm`, or hardly.
+    pub fn spaced(spacing_mm: f64, mm_per_px: [f64; 2]) -> Self {
+        let widest = mm_per_px[0].max(mm_per_px[1]);
+        let fits = |factor: &usize| *factor as f64 * widest <= 1.1 * spacing_mm;
+        Self { factor: [8, 4, 2].into_iter().find(fits).unwrap_or(1) }
+    }
+
+    /// The pixels of [`Coarse::thinned`].
+    pub fn size(self, size: [usize; 2]) -> [usize; 2] {
+        size.map(|size| {
+            let count = size + 2 * SURFACE_BORDER;
+            (count - 1 - self.first(count)) / self.factor + 1
+        })
+    }
+
+    /// Column and row of the view of `size` on which the first pixel of [`Coarse::thinned`] lies: in its border, or in the
+    /// view.
+    pub fn start(self, size: [usize; 2]) -> [isize; 2] {
+        size.map(|size| self.first(size + 2 * SURFACE_BORDER) as isize - SURFACE_BORDER as isize)
     }
 
     /// Distance between pixels.
@@ -48,11 +71,7 @@ impl Coarse {
 
     /// Pixels of the grid that [`Coarse::thinned`] gives, less those in the border of the surface.
     pub fn view(self, size: [usize; 2]) -> [usize; 2] {
-        size.map(|size| {
-            let count = size + 2 * SURFACE_BORDER;
-            let thinned = (count - 1 - self.first(count)) / self.factor + 1;
-            thinned.saturating_sub(2 * SURFACE_BORDER)
-        })
+        self.size(size).map(|count| count.saturating_sub(2 * SURFACE_BORDER))
     }
 
     /// What of [`Coarse::view`] interpolation in `region` of a view of `size` needs; empty if there is nothing.
@@ -72,11 +91,9 @@ impl Coarse {
     }
 
     /// Column and row of the view of `size` on which a pixel of [`Coarse::view`] lies.
-    pub fn place(self, size: [usize; 2], pixel: [usize; 2]) -> [isize; 2] {
-        std::array::from_fn(|k| {
-            let first = self.first(size[k] + 2 * SURFACE_BORDER) as isize;
-            ((pixel[k] + SURFACE_BORDER) * self.factor) as isize + first - SURFACE_BORDER as isize
-        })
+    fn place(self, size: [usize; 2], pixel: [usize; 2]) -> [isize; 2] {
+        let start = self.start(size);
+        std::array::from_fn(|k| start[k] + ((pixel[k] + SURFACE_BORDER) * self.factor) as isize)
     }
 
     /// Values at the pixels of a part of [`Coarse::view`], to be interpolated.
@@ -101,16 +118,28 @@ impl Values {
         for ((value, above), below) in line.iter_mut().zip(above).zip(below) {
             *value = above + (below - above) * down;
         }
-        // Along x: from the first value on, in whole steps of the grid, to the last.
-        let offset = x0 as isize - first[0];
+        self.across(&line[..count], x0, out);
+    }
+
+    /// The values at pixels from column `x0` of the view on, along row `node` of the coarse grid itself.
+    #[inline(always)]
+    pub fn node_row(&self, node: usize, x0: usize, out: &mut [f32]) {
+        self.across(self.values.row(node), x0, out);
+    }
+
+    /// Interpolates along x: from the first value on, in whole steps of the grid, to the last.
+    #[inline(always)]
+    fn across(&self, line: &[f32], x0: usize, out: &mut [f32]) {
+        let offset = x0 as isize - self.first[0];
         let before = (-offset).clamp(0, out.len() as isize) as usize;
         let (outside, inside) = out.split_at_mut(before);
         outside.fill(line[0]);
         let start = offset.max(0) as usize;
-        match factor {
-            1 => expand::<1>(&line[..count], start, inside),
-            2 => expand::<2>(&line[..count], start, inside),
-            _ => expand::<4>(&line[..count], start, inside),
+        match self.factor {
+            1 => expand::<1>(line, start, inside),
+            2 => expand::<2>(line, start, inside),
+            4 => expand::<4>(line, start, inside),
+            _ => expand::<8>(line, start, inside),
         }
     }
 }

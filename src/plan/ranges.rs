@@ -7,9 +7,10 @@ use crate::camera::print::Markers;
 use crate::config::Job;
 use crate::config::output::Layer;
 use crate::fidelity::{Choices, Fidelity};
-use crate::gelpad;
 use crate::gelpad::elastic::shear::Friction;
 use crate::gelpad::rest::RestShape;
+use crate::optics::calibrated::Calibrated;
+use crate::{gelpad, optics};
 
 /// Longer side of a pixel over its shorter one: the pad's response to one that is much longer takes minutes.
 const LONGEST_PIXEL: f64 = 1000.0;
@@ -169,6 +170,9 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
             check.wrong("optics", "nothing was measured on this sensor", help);
         }
         None => {}
+    }
+    if let optics::Model::Calibrated(Calibrated { spacing_mm }) = &optics {
+        check.number("optics.calibrated.spacing_mm", *spacing_mm, 0.0..=10.0, "mm");
     }
     for (i, layer) in job.output.layers.iter().enumerate() {
         let path = format!("output.layers.{i}");

@@ -10,32 +10,35 @@ use serde::{Deserialize, Serialize};
 use super::Light;
 use super::background::Reference;
 use super::coarse::{Coarse, Values};
-use super::lamp::Normals;
 use super::phong::set_normals;
 use super::shadow::casting::Casting;
 use super::visible::{BOUND, Threshold};
 use crate::depth::Camera;
 use crate::effects::{Effect, Ledger, Need};
-use crate::gelpad::elastic::Resolution;
-use crate::gelpad::{Contact, SURFACE_BORDER};
+use crate::gelpad::Contact;
 use crate::grid::{Grid, Rect};
 use crate::simd::wide;
 
+mod kernel;
+mod nodes;
 pub mod response;
 
-use response::{DEGREES, FLATTEST_CASTER, Inputs, OUTPUTS, Response, TERMS};
+use kernel::Kernel;
+use nodes::{Between, Nodes, Rows};
+use response::{DEGREES, FLATTEST_CASTER, Response, TERMS};
 
 /// Parameters of the measured light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Calibrated {
-    /// Grid on which shadows are found, and how height and place turn the colours; in between both are interpolated.
-    pub resolution: Resolution,
+    /// Distance of the pixels at which is found how height, place and shadows turn the colours, mm, 0 to 10; at most every
+    /// eighth one. In between that is interpolated; with 0 it is found at every pixel.
+    pub spacing_mm: f64,
 }
 
 impl Default for Calibrated {
     fn default() -> Self {
-        Self { resolution: Resolution::Quarter }
+        Self { spacing_mm: 0.25 }
     }
 }
 
@@ -85,10 +88,11 @@ impl Table {
 /// The model made ready for one view.
 pub struct Shader {
     response: Response,
+    kernel: Kernel,
     coarse: Coarse,
     camera: Camera,
     threshold: Threshold,
-    /// The constant terms at rest, red, green and blue, at the pixels of [`Coarse::view`].
+    /// The constant terms at rest, red, green and blue, at all nodes.
     at_rest: [Grid<f32>; 3],
 }
 
@@ -96,28 +100,15 @@ impl Shader {
     /// Prepares what `table` says for a view; without one, nothing changes the picture.
     pub fn new(parameters: Calibrated, table: Option<&Table>, camera: &Camera) -> Self {
         let response = table.map_or_else(Response::default, |table| table.response.clone());
-        let coarse = Coarse::new(parameters.resolution);
-        let size = camera.resolution_px;
-        let [width, height] = coarse.view(size);
-        let mut at_rest = [(); 3].map(|()| Grid::new(width, height));
-        let mut largest = vec![0.0_f32; OUTPUTS];
-        let mut work = Work::default();
-        for y in 0..height {
-            let part = Rect { x0: 0, y0: y, x1: width, y1: y + 1 };
-            work.set_inputs(&response, &Nodes { coarse, camera, surface: None, hidden: &[], part }, 0);
-            wide(
-                #[inline(always)]
-                || response.coefficients(&work.inputs, &mut work.hidden, &mut work.outputs),
-            );
-            for (channel, grid) in at_rest.iter_mut().enumerate() {
-                grid.row_mut(y).copy_from_slice(&work.outputs[channel * TERMS]);
-            }
-            for (largest, output) in largest.iter_mut().zip(&work.outputs) {
-                *largest = output.iter().fold(*largest, |largest, value| largest.max(value.abs()));
-            }
-        }
-        let threshold = threshold(&response, &largest);
-        Self { response, coarse, camera: *camera, threshold, at_rest }
+        let kernel = Kernel::new(&response);
+        let coarse = Coarse::spaced(parameters.spacing_mm, camera.mm_per_px);
+        let [width, height] = coarse.size(camera.resolution_px);
+        let nodes = Nodes { coarse, camera, part: Rect::whole(width, height) };
+        let outputs = nodes.outputs(&response, &kernel, None, &[]);
+        let largest: Vec<f32> =
+            outputs.iter().map(|plane| plane.iter().fold(0.0, |largest, value| value.abs().max(largest))).collect();
+        let at_rest = std::array::from_fn(|channel| Grid { width, height, data: outputs[channel * TERMS].clone() });
+        Self { threshold: threshold(&response, &largest), response, kernel, coarse, camera: *camera, at_rest }
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
@@ -155,73 +146,29 @@ impl Shader {
     /// The light in a part of the view.
     fn light(&self, surface: &Grid<f32>, shares: &[Option<Values>], rest: &Reference, region: Rect) -> Light {
         let mut light = rest.light(region);
-        let size = self.camera.resolution_px;
-        let part = self.coarse.part(size, region);
-        if part.is_empty() {
+        if region.is_empty() {
             return light;
         }
-        let coefficients = self.coefficients(surface, shares, part);
+        let nodes = Nodes::around(region, self.coarse, &self.camera);
+        let mut outputs = nodes.outputs(&self.response, &self.kernel, Some(surface), shares);
+        for (channel, at_rest) in self.at_rest.iter().enumerate() {
+            let at_rest = at_rest.crop(nodes.part);
+            for (value, rest) in outputs[channel * TERMS].iter_mut().zip(&at_rest.data) {
+                *value -= rest;
+            }
+        }
+        let between = Between::new(&nodes, outputs, self.response.steepest);
         let mut rows = Rows::default();
         wide(
             #[inline(always)]
             || {
                 for row in 0..region.height() {
-                    self.shade_row(surface, &coefficients, &mut light, row, &mut rows);
+                    set_normals(self.camera.mm_per_px, surface, region, row, &mut rows.normals);
+                    between.add_row(&mut light, row, &mut rows);
                 }
             },
         );
         light
-    }
-
-    /// The coefficients on a part of the coarse grid, the constant ones less those at rest.
-    fn coefficients(&self, surface: &Grid<f32>, shares: &[Option<Values>], part: Rect) -> Vec<Values> {
-        let mut planes = vec![Vec::with_capacity(part.area()); OUTPUTS];
-        let nodes = Nodes { coarse: self.coarse, camera: &self.camera, surface: Some(surface), hidden: shares, part };
-        let mut work = Work::default();
-        for row in 0..part.height() {
-            work.set_inputs(&self.response, &nodes, row);
-            wide(
-                #[inline(always)]
-                || {
-                    self.response.coefficients(&work.inputs, &mut work.hidden, &mut work.outputs);
-                    for (channel, at_rest) in self.at_rest.iter().enumerate() {
-                        let at_rest = &at_rest.row(part.y0 + row)[part.x0..part.x1];
-                        for (value, rest) in work.outputs[channel * TERMS].iter_mut().zip(at_rest) {
-                            *value -= rest;
-                        }
-                    }
-                },
-            );
-            for (plane, output) in planes.iter_mut().zip(&work.outputs) {
-                plane.extend_from_slice(output);
-            }
-        }
-        planes.into_iter().map(|plane| self.coarse.values(self.camera.resolution_px, part, plane)).collect()
-    }
-
-    #[inline(always)]
-    fn shade_row(&self, surface: &Grid<f32>, coefficients: &[Values], light: &mut Light, row: usize, rows: &mut Rows) {
-        let region = light.region;
-        let (y, width) = (region.y0 + row, region.width());
-        let Rows { normals, terms, factor, line } = rows;
-        set_normals(self.camera.mm_per_px, surface, region, row, normals);
-        set_terms(normals, self.response.steepest, terms);
-        factor.resize(width, 0.0);
-        let factor = &mut factor[..width];
-        for (channel, plane) in light.planes.iter_mut().enumerate() {
-            let plane = &mut plane[row * width..][..width];
-            for (m, values) in coefficients[channel * TERMS..][..TERMS].iter().enumerate() {
-                values.row(y, region.x0, line, factor);
-                if m == 0 {
-                    plane.iter_mut().zip(&*factor).for_each(|(value, factor)| *value += factor);
-                } else {
-                    let term = &terms[m][..width];
-                    for x in 0..width {
-                        plane[x] += term[x] * factor[x];
-                    }
-                }
-            }
-        }
     }
 }
 
@@ -249,88 +196,4 @@ fn threshold(response: &Response, largest: &[f32]) -> Threshold {
     // Slopes along x and y are compared one by one.
     let slope = low.min(FLATTEST_CASTER) * std::f64::consts::FRAC_1_SQRT_2;
     Threshold { slope: slope as f32, height_mm: height as f32 * response.height_mm }
-}
-
-/// Pixels of the coarse grid: where they are and what is there.
-struct Nodes<'a> {
-    coarse: Coarse,
-    camera: &'a Camera,
-    /// A flat pad without one.
-    surface: Option<&'a Grid<f32>>,
-    /// Shares of the sky that are seen, on `part`.
-    hidden: &'a [Option<Values>],
-    part: Rect,
-}
-
-/// Memory for one row of the coarse grid.
-struct Work {
-    inputs: Inputs,
-    hidden: Vec<Vec<f32>>,
-    outputs: Vec<Vec<f32>>,
-}
-
-impl Default for Work {
-    fn default() -> Self {
-        Self { inputs: Default::default(), hidden: Vec::new(), outputs: vec![Vec::new(); OUTPUTS] }
-    }
-}
-
-impl Work {
-    /// What the coefficients of row `row` of the part depend on.
-    fn set_inputs(&mut self, response: &Response, nodes: &Nodes<'_>, row: usize) {
-        let Nodes { coarse, camera, surface, hidden, part } = nodes;
-        let size = camera.resolution_px;
-        let [heights, xs, ys, sky @ ..] = &mut self.inputs;
-        for plane in [&mut *heights, &mut *xs, &mut *ys] {
-            plane.clear();
-        }
-        let [low, high] = response.heights_mm;
-        for column in part.x0..part.x1 {
-            let [x, y] = coarse.place(size, [column, part.y0 + row]);
-            let [x_mm, y_mm] = camera.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
-            xs.push(x_mm as f32 / response.place_mm);
-            ys.push(y_mm as f32 / response.place_mm);
-            let border = SURFACE_BORDER as isize;
-            let w = surface.map_or(0.0, |surface| surface.at((x + border) as usize, (y + border) as usize));
-            heights.push(w.clamp(low, high) / response.height_mm);
-        }
-        for (k, plane) in sky.iter_mut().enumerate() {
-            plane.clear();
-            match hidden.get(k) {
-                Some(Some(seen)) => plane.extend(seen.values.row(row).iter().map(|share| 1.0 - share)),
-                _ => plane.resize(part.width(), 0.0),
-            }
-        }
-    }
-}
-
-/// What is kept of one row of the view on the way.
-#[derive(Default)]
-struct Rows {
-    normals: Normals,
-    terms: [Vec<f32>; TERMS],
-    factor: Vec<f32>,
-    /// Values on the coarse grid.
-    line: Vec<f32>,
-}
-
-/// The terms of a row's normals, no steeper than `steepest`.
-#[inline(always)]
-fn set_terms(normals: &Normals, steepest: f32, terms: &mut [Vec<f32>; TERMS]) {
-    let width = normals.x.len();
-    for plane in terms.iter_mut() {
-        plane.resize(width, 0.0);
-    }
-    let [_, y1, x1, yy, xy, xx, yyy, xyy, xxy, xxx, y4, xy3, x2y2, x3y, x4] =
-        terms.each_mut().map(|plane| &mut plane[..width]);
-    let (nx, ny) = (&normals.x[..width], &normals.y[..width]);
-    for i in 0..width {
-        let length = (nx[i] * nx[i] + ny[i] * ny[i]).sqrt();
-        let kept = if length > steepest { steepest / length } else { 1.0 };
-        let (x, y) = (nx[i] * kept, ny[i] * kept);
-        let all = response::terms(x, y);
-        (y1[i], x1[i], yy[i], xy[i], xx[i]) = (all[1], all[2], all[3], all[4], all[5]);
-        (yyy[i], xyy[i], xxy[i], xxx[i]) = (all[6], all[7], all[8], all[9]);
-        (y4[i], xy3[i], x2y2[i], x3y[i], x4[i]) = (all[10], all[11], all[12], all[13], all[14]);
-    }
 }

@@ -45,9 +45,6 @@ pub struct Response {
     pub outputs: Vec<Vec<f32>>,
 }
 
-/// What the coefficients depend on, at the pixels of a row: displacement and place as inputs, and hidden sky 0 to 1.
-pub type Inputs = [Vec<f32>; INPUTS];
-
 impl Default for Response {
     /// One that changes nothing.
     fn default() -> Self {
@@ -88,54 +85,43 @@ impl Response {
         (0..SECTORS).map(sector).collect()
     }
 
-    /// The coefficients at the pixels of a row, one vector per output.
-    #[inline(always)]
-    pub fn coefficients(&self, inputs: &Inputs, scratch: &mut Vec<Vec<f32>>, out: &mut [Vec<f32>]) {
-        let count = inputs[0].len();
-        scratch.resize_with(self.hidden.len(), Vec::new);
-        for (unit, weights) in scratch.iter_mut().zip(&self.hidden) {
-            unit.clear();
-            unit.resize(count, weights[INPUTS]);
-            for (input, weight) in inputs.iter().zip(weights) {
-                add_scaled(unit, input, *weight);
-            }
-            for value in unit.iter_mut() {
-                *value = squashed(*value);
-            }
-        }
-        for (output, weights) in out.iter_mut().zip(&self.outputs) {
-            let (hidden, rest) = weights.split_at(self.hidden.len());
-            output.clear();
-            output.resize(count, rest[INPUTS]);
-            for (unit, weight) in scratch.iter().zip(hidden) {
-                add_scaled(output, unit, *weight);
-            }
-            for (input, weight) in inputs.iter().zip(rest) {
-                add_scaled(output, input, *weight);
-            }
-        }
+    /// The outputs at one point, slowly and exactly.
+    pub fn outputs_at(&self, inputs: &[f64]) -> Vec<f64> {
+        let sum = |weights: &[f32], values: &[f64]| -> f64 {
+            weights.iter().zip(values).map(|(weight, value)| f64::from(*weight) * value).sum()
+        };
+        let hidden: Vec<f64> = self
+            .hidden
+            .iter()
+            .map(|weights| {
+                let x = (sum(weights, inputs) + f64::from(weights[INPUTS])).clamp(-3.0, 3.0);
+                x * (27.0 + x * x) / (27.0 + 9.0 * x * x)
+            })
+            .collect();
+        let of = |weights: &Vec<f32>| {
+            let (from_hidden, rest) = weights.split_at(hidden.len());
+            sum(from_hidden, &hidden) + sum(rest, inputs) + f64::from(rest[INPUTS])
+        };
+        self.outputs.iter().map(of).collect()
     }
 
-    /// The change of red, green and blue at one pixel, where none of the sky is hidden, as shares of full scale: for
-    /// pictures of the model.
-    pub fn at(&self, normal: [f64; 2], height_mm: f64, place_mm: [f64; 2]) -> [f64; 3] {
-        let place = place_mm.map(|mm| vec![mm as f32 / self.place_mm]);
-        let coefficients = |height_mm: f64| {
-            let mut inputs = Inputs::default();
-            inputs.iter_mut().for_each(|plane| plane.push(0.0));
-            inputs[0] = vec![(height_mm as f32).clamp(self.heights_mm[0], self.heights_mm[1]) / self.height_mm];
-            let [x, y] = place.clone();
-            (inputs[1], inputs[2]) = (x, y);
-            let mut outputs = vec![Vec::new(); OUTPUTS];
-            self.coefficients(&inputs, &mut Vec::new(), &mut outputs);
-            outputs
-        };
-        let (here, at_rest) = (coefficients(height_mm), coefficients(0.0));
-        let terms = terms(normal[0] as f32, normal[1] as f32);
+    /// The change of red, green and blue at one pixel, as shares of full scale: slowly and exactly. `hidden` is the share of
+    /// the sky that is hidden in each direction.
+    pub fn change(&self, normal: [f64; 2], height_mm: f64, place_mm: [f64; 2], hidden: [f64; SECTORS]) -> [f64; 3] {
+        let [low, high] = self.heights_mm.map(f64::from);
+        let mut inputs = vec![height_mm.clamp(low, high) / f64::from(self.height_mm)];
+        inputs.extend(place_mm.map(|mm| mm / f64::from(self.place_mm)));
+        inputs.extend(hidden);
+        let here = self.outputs_at(&inputs);
+        inputs.iter_mut().enumerate().filter(|(k, _)| !matches!(k, 1 | 2)).for_each(|(_, input)| *input = 0.0);
+        let at_rest = self.outputs_at(&inputs);
+        let length = libm::hypot(normal[0], normal[1]);
+        let kept = (f64::from(self.steepest) / length).min(1.0);
+        let terms = terms((normal[0] * kept) as f32, (normal[1] * kept) as f32);
         std::array::from_fn(|channel| {
             let first = channel * TERMS;
-            let sum: f32 = terms.iter().zip(&here[first..]).map(|(term, factor)| term * factor[0]).sum();
-            f64::from(sum - at_rest[first][0])
+            let sum: f64 = terms.iter().zip(&here[first..]).map(|(term, factor)| f64::from(*term) * factor).sum();
+            sum - at_rest[first]
         })
     }
 
@@ -146,13 +132,6 @@ impl Response {
             through + f64::from(weights[self.hidden.len()].abs())
         };
         self.outputs.iter().map(of).collect()
-    }
-}
-
-#[inline(always)]
-fn add_scaled(sum: &mut [f32], values: &[f32], by: f32) {
-    for (sum, value) in sum.iter_mut().zip(values) {
-        *sum += by * value;
     }
 }
 
@@ -172,12 +151,18 @@ pub fn squashed_slope(x: f32) -> f32 {
     27.0 / 3.0 * root * root
 }
 
-/// The terms at a normal: 1, then the products of n_x and n_y of degrees 1 to 4, powers of n_x rising.
-#[inline(always)]
+/// The last terms are products of two of those before: of which.
+pub const FACTORS: [[usize; 2]; TERMS - 3] =
+    [[1, 1], [2, 1], [2, 2], [3, 1], [3, 2], [5, 1], [5, 2], [3, 3], [4, 3], [5, 3], [5, 4], [5, 5]];
+
+/// The terms at a normal: 1, n_y, n_x, then their products of degrees 2 to 4, powers of n_x rising.
 pub fn terms(x: f32, y: f32) -> [f32; TERMS] {
-    let (xx, xy, yy) = (x * x, x * y, y * y);
-    let (xxx, xxy, xyy, yyy) = (xx * x, xx * y, x * yy, yy * y);
-    [1.0, y, x, yy, xy, xx, yyy, xyy, xxy, xxx, yy * yy, xy * yy, xx * yy, xx * xy, xx * xx]
+    let mut terms = [1.0; TERMS];
+    (terms[1], terms[2]) = (y, x);
+    for (number, [a, b]) in (TERMS - FACTORS.len()..).zip(FACTORS) {
+        terms[number] = terms[a] * terms[b];
+    }
+    terms
 }
 
 /// The degree of each of [`terms`].
