@@ -27,6 +27,7 @@ pub mod pixels;
 pub mod run;
 pub mod session;
 pub mod suspect;
+pub mod taxim;
 pub mod train;
 pub mod validate;
 

@@ -7,7 +7,7 @@
 //! (i + 0.5, j + 0.5).
 
 use crate::grid::{Grid, Rect};
-use crate::simd::wide;
+use crate::simd::{split, wide};
 
 /// Radial distortion of a `width` x `height` picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -341,16 +341,6 @@ impl Surrounded {
             [*red, *green, *blue, _] = *pixel;
         }
     }
-}
-
-/// The whole part of a number from 0 to 2^22 and the rest, from 0 to below 1.
-#[inline(always)]
-fn split(number: f32) -> (u32, f32) {
-    // From 2^23 on, floats are whole numbers. Unlike a cast, which has more cases to mind, this runs on eight at a time.
-    const WHOLE: f32 = 8_388_608.0;
-    let nearest = (number + WHOLE) - WHOLE;
-    let below = if nearest > number { nearest - 1.0 } else { nearest };
-    ((below + WHOLE).to_bits() - WHOLE.to_bits(), number - below)
 }
 
 /// Two pixels mixed, see [`lerp`].

@@ -15,6 +15,7 @@ pub mod layout;
 pub mod manifest;
 pub mod names;
 pub mod npy;
+pub mod npz;
 pub mod png;
 pub mod recorded;
 pub mod shard;

@@ -1,13 +1,13 @@
-//! Two-dimensional arrays of numbers in NumPy's file format (NEP 1: npy 1.0 to 3.0).
+//! Arrays of numbers in NumPy's file format (NEP 1: npy 1.0 to 3.0).
 //!
 //! Our own reader: `npyz` multiplies the sizes that a header claims without checking, and takes as much memory as it
-//! says the header has. Taken are float16, float32, float64 and unsigned integers, in either byte order, in C or Fortran order.
+//! says the header has. Taken are float16, float32, float64 and integers, in either byte order, in C or Fortran order.
 
 use half::f16;
 
 use crate::grid::Grid;
 
-/// What a file holds.
+/// What a file of two dimensions holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
     /// Its values, first axis down, second axis to the right. Never empty; NaN and infinities stay what they are.
@@ -16,27 +16,46 @@ pub struct Array {
     pub most: Option<f32>,
 }
 
-/// Reads a file. On failure, what is wrong with it.
+/// What a file of any shape holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Numbers {
+    /// Sizes of its axes; none for a single number.
+    pub shape: Vec<usize>,
+    /// Its values, last axis fastest; NaN and infinities stay what they are, integers beyond 2^53 are rounded.
+    pub values: Vec<f64>,
+}
+
+/// Reads a file of two dimensions whose values are not signed integers. On failure, what is wrong with it.
 pub fn decode(bytes: &[u8]) -> Result<Array, String> {
-    let (header, data) = split(bytes).ok_or("not an npy file")?;
-    let Header { number, is_fortran, shape: [rows, columns] } = Header::read(header)?;
-    let length = rows.checked_mul(columns).and_then(|count| count.checked_mul(number.size));
-    if length != Some(data.len()) {
-        let size = number.size;
-        return Err(format!("it says {rows} x {columns} values of {size} bytes, but {} bytes follow", data.len()));
+    let (header, data) = split(bytes)?;
+    let &[height, width] = header.shape.as_slice() else {
+        return Err(String::from("its array does not have two dimensions"));
+    };
+    if header.number.kind == Kind::Signed {
+        return Err(unknown(header.name, UNSIGNED));
     }
+    let data = header.values(data, |value| value as f32)?;
     if data.is_empty() {
         return Err(String::from("it has no value"));
     }
-    let mut values: Vec<f32> = data.chunks_exact(number.size).map(|bytes| number.read(bytes)).collect();
-    if is_fortran {
-        values = (0..rows * columns).map(|at| values[at % columns * rows + at / columns]).collect();
-    }
-    Ok(Array { values: Grid { width: columns, height: rows, data: values }, most: number.most() })
+    Ok(Array { values: Grid { width, height, data }, most: header.number.most() })
+}
+
+/// Reads a file. On failure, what is wrong with it.
+pub fn decode_numbers(bytes: &[u8]) -> Result<Numbers, String> {
+    let (header, data) = split(bytes)?;
+    let values = header.values(data, |value| value)?;
+    Ok(Numbers { shape: header.shape, values })
+}
+
+/// The header, and the data after it.
+fn split(bytes: &[u8]) -> Result<(Header<'_>, &[u8]), String> {
+    let (text, data) = split_text(bytes).ok_or("not an npy file")?;
+    Ok((Header::read(text)?, data))
 }
 
 /// The header's text and the data.
-fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+fn split_text(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (version, rest) = bytes.strip_prefix(b"\x93NUMPY")?.split_first_chunk::<2>()?;
     let (length, rest) = match version {
         [1, _] => rest.split_first_chunk().map(|(length, rest)| (usize::from(u16::from_le_bytes(*length)), rest)),
@@ -46,10 +65,17 @@ fn split(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     rest.split_at_checked(length)
 }
 
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Float,
+    Signed,
+    Unsigned,
+}
+
 /// How one value is stored.
 #[derive(Clone, Copy)]
 struct Number {
-    is_float: bool,
+    kind: Kind,
     is_big_endian: bool,
     size: usize,
 }
@@ -62,20 +88,18 @@ impl Number {
             (">", rest) => (true, rest),
             _ => return None,
         };
-        let (is_float, size) = match rest {
-            "f2" => (true, 2),
-            "f4" => (true, 4),
-            "f8" => (true, 8),
-            "u1" => (false, 1),
-            "u2" => (false, 2),
-            "u4" => (false, 4),
-            "u8" => (false, 8),
+        let (kind, size) = rest.split_at_checked(1)?;
+        let (kind, sizes) = match kind {
+            "f" => (Kind::Float, ["2", "4", "8"].as_slice()),
+            "i" => (Kind::Signed, ["1", "2", "4", "8"].as_slice()),
+            "u" => (Kind::Unsigned, ["1", "2", "4", "8"].as_slice()),
             _ => return None,
         };
-        Some(Self { is_float, is_big_endian, size })
+        let size = sizes.contains(&size).then(|| size.parse().ok())??;
+        Some(Self { kind, is_big_endian, size })
     }
 
-    fn read(self, bytes: &[u8]) -> f32 {
+    fn read(self, bytes: &[u8]) -> f64 {
         let mut ordered = [0; 8];
         let ordered_bytes = &mut ordered[..self.size];
         ordered_bytes.copy_from_slice(bytes);
@@ -83,28 +107,34 @@ impl Number {
             ordered_bytes.reverse();
         }
         let bits = u64::from_le_bytes(ordered);
-        match (self.is_float, self.size) {
-            (false, _) => bits as f32,
-            (true, 2) => f16::from_bits(bits as u16).to_f32(),
-            (true, 4) => f32::from_bits(bits as u32),
-            (true, _) => f64::from_bits(bits) as f32,
+        match (self.kind, self.size) {
+            (Kind::Unsigned, _) => bits as f64,
+            (Kind::Signed, size) => {
+                let unused = 64 - 8 * size as u32;
+                ((bits << unused) as i64 >> unused) as f64
+            }
+            (Kind::Float, 2) => f16::from_bits(bits as u16).to_f64(),
+            (Kind::Float, 4) => f32::from_bits(bits as u32).into(),
+            (Kind::Float, _) => f64::from_bits(bits),
         }
     }
 
     fn most(self) -> Option<f32> {
-        (!self.is_float).then(|| (u64::MAX >> (64 - 8 * self.size)) as f32)
+        (self.kind == Kind::Unsigned).then(|| (u64::MAX >> (64 - 8 * self.size)) as f32)
     }
 }
 
-struct Header {
+struct Header<'a> {
+    /// NumPy's name of the type.
+    name: &'a str,
     number: Number,
     is_fortran: bool,
-    shape: [usize; 2],
+    shape: Vec<usize>,
 }
 
-impl Header {
+impl<'a> Header<'a> {
     /// From a Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }`.
-    fn read(text: &[u8]) -> Result<Self, String> {
+    fn read(text: &'a [u8]) -> Result<Self, String> {
         let mut words = Words(str::from_utf8(text).map_err(|_| "its header is not text")?);
         let (mut number, mut is_fortran, mut shape) = (None, None, None);
         words.expect('{')?;
@@ -114,8 +144,7 @@ impl Header {
             match key {
                 "descr" => {
                     let name = words.quoted().map_err(|_| "its values are records, not numbers")?;
-                    let unknown = || format!("its values are of type `{}`; {KNOWN}", name.escape_debug());
-                    number = Some(Number::named(name).ok_or_else(unknown)?);
+                    number = Some((name, Number::named(name).ok_or_else(|| unknown(name, ANY))?));
                 }
                 "fortran_order" => is_fortran = Some(words.truth()?),
                 "shape" => shape = Some(words.shape()?),
@@ -127,13 +156,43 @@ impl Header {
             }
         }
         match (number, is_fortran, shape) {
-            (Some(number), Some(is_fortran), Some(shape)) => Ok(Self { number, is_fortran, shape }),
+            (Some((name, number)), Some(is_fortran), Some(shape)) => Ok(Self { name, number, is_fortran, shape }),
             _ => Err(String::from("its header lacks `descr`, `fortran_order` or `shape`")),
         }
     }
+
+    /// The values in C order.
+    fn values<T: Copy>(&self, data: &[u8], cast: impl Fn(f64) -> T) -> Result<Vec<T>, String> {
+        let Self { number, shape, .. } = self;
+        let length = shape.iter().try_fold(number.size, |length, size| length.checked_mul(*size));
+        if length != Some(data.len()) {
+            let sizes: Vec<String> = shape.iter().map(usize::to_string).collect();
+            let (sizes, size, found) = (sizes.join(" x "), number.size, data.len());
+            return Err(format!("it says {sizes} values of {size} bytes, but {found} bytes follow"));
+        }
+        let values: Vec<T> = data.chunks_exact(number.size).map(|bytes| cast(number.read(bytes))).collect();
+        if !self.is_fortran {
+            return Ok(values);
+        }
+        let in_c_order = |mut rest: usize| {
+            let (mut place, mut stride) = (0, values.len());
+            for size in shape.iter().rev() {
+                stride /= size;
+                place += rest % size * stride;
+                rest /= size;
+            }
+            values[place]
+        };
+        Ok((0..values.len()).map(in_c_order).collect())
+    }
 }
 
-const KNOWN: &str = "allowed: float16, float32, float64, uint8, uint16, uint32, uint64";
+const UNSIGNED: &str = "float16, float32, float64, uint8, uint16, uint32, uint64";
+const ANY: &str = "float16, float32, float64, int8 to int64, uint8 to uint64";
+
+fn unknown(name: &str, allowed: &str) -> String {
+    format!("its values are of type `{}`; allowed: {allowed}", name.escape_debug())
+}
 
 /// What is left of the header's text.
 struct Words<'a>(&'a str);
@@ -167,21 +226,25 @@ impl<'a> Words<'a> {
         Ok(truth)
     }
 
-    /// Two whole numbers in parentheses.
-    fn shape(&mut self) -> Result<[usize; 2], String> {
-        const TWO: &str = "its array does not have two dimensions";
+    /// Whole numbers in parentheses.
+    fn shape(&mut self) -> Result<Vec<usize>, String> {
+        /// Most that NumPy makes.
+        const MOST_AXES: usize = 64;
         self.expect('(')?;
-        let mut shape = [0; 2];
-        for (axis, size) in shape.iter_mut().enumerate() {
+        let mut shape = Vec::new();
+        while !self.skip(')') {
             let text = self.0.trim_start();
             let end = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
-            *size = text[..end].parse().map_err(|_| if end == 0 { TWO } else { "its array is too large" })?;
+            if end == 0 || shape.len() == MOST_AXES {
+                return Err(format!("its shape is no list of up to {MOST_AXES} whole numbers"));
+            }
+            shape.push(text[..end].parse().map_err(|_| "its array is too large")?);
             self.0 = &text[end..];
-            if !self.skip(',') && axis == 0 {
-                return Err(String::from(TWO));
+            if !self.skip(',') {
+                self.expect(')')?;
+                break;
             }
         }
-        self.expect(')').map_err(|_| TWO)?;
         Ok(shape)
     }
 }
@@ -247,6 +310,29 @@ mod tests {
         assert!(decode(&file(&header("<f8", "False", "(1, 1)"), &[0; 8])).unwrap().most.is_none());
     }
 
+    /// As `numpy.save` writes `numpy.arange(-4, 8).reshape(2, 3, 2)`, also with `order="F"`.
+    #[test]
+    fn an_array_of_any_shape_is_read_with_its_last_axis_fastest_and_with_signs() {
+        let counted: Vec<i8> = (-4..8).collect();
+        let fortran = [-4_i8, 2, -2, 4, 0, 6, -3, 3, -1, 5, 1, 7];
+        let expected = Numbers { shape: vec![2, 3, 2], values: counted.iter().map(|v| f64::from(*v)).collect() };
+        for (order, values) in [("False", counted.as_slice()), ("True", &fortran)] {
+            let little = |size: usize| -> Vec<u8> {
+                values.iter().flat_map(|v| i64::from(*v).to_le_bytes().into_iter().take(size)).collect()
+            };
+            for size in [1, 2, 4, 8] {
+                let bytes = file(&header(&format!("<i{size}"), order, "(2, 3, 2)"), &little(size));
+                assert_eq!(decode_numbers(&bytes).as_ref(), Ok(&expected), "i{size} {order}");
+            }
+            let big: Vec<u8> = values.iter().flat_map(|v| f64::from(*v).to_be_bytes()).collect();
+            assert_eq!(decode_numbers(&file(&header(">f8", order, "(2, 3, 2)"), &big)).as_ref(), Ok(&expected));
+        }
+        let single = decode_numbers(&file(&header("<i8", "True", "()"), &125_i64.to_le_bytes()));
+        assert_eq!(single, Ok(Numbers { shape: vec![], values: vec![125.0] }));
+        let none = decode_numbers(&file(&header("<f4", "True", "(3, 0, 2)"), &[]));
+        assert_eq!(none, Ok(Numbers { shape: vec![3, 0, 2], values: vec![] }));
+    }
+
     #[test]
     fn versions_two_and_three_have_a_longer_length_and_keys_come_in_any_order() {
         let text = "{\"shape\":(1,1),\"fortran_order\":False,\"descr\":\"|u1\"}";
@@ -269,12 +355,19 @@ mod tests {
         assert!(failure(&header("<f4", "False", "(1, 99999999999999999999)"), &[]).contains("too large"));
         assert!(failure(&header("<f4", "False", "(2, 2)"), &[0; 15]).contains("but 15 bytes follow"));
         assert!(failure(&header("<f4", "False", "(0, 5)"), &[]).contains("no value"));
-        for shape in ["()", "(4,)", "(1, 2, 2)", "(-1, 4)", "4"] {
-            let message = failure(&header("|u1", "False", shape), &[0; 4]);
-            assert!(message.contains("two dimensions") || message.contains("lacks a `(`"), "{shape}: {message}");
+        for shape in ["()", "(4,)", "(4)", "(1, 2, 2)"] {
+            assert!(failure(&header("|u1", "False", shape), &[0; 4]).contains("two dimensions"), "{shape}");
         }
+        for (shape, expected) in
+            [("(-1, 4)", "no list"), ("4", "lacks a `(`"), ("(4 4)", "lacks a `)`"), ("(4, 4", "no list")]
+        {
+            assert!(failure(&header("|u1", "False", shape), &[0; 4]).contains(expected), "{shape}");
+        }
+        assert!(failure(&header("|u1", "False", &format!("({})", "1,".repeat(65))), &[0]).contains("up to 64"));
         assert!(failure(&header("<i4", "False", "(1, 1)"), &[0; 4]).contains("of type `<i4`; allowed: float16"));
-        assert!(failure(&header("|O", "False", "(1, 1)"), &[0; 4]).contains("of type `|O`"));
+        for name in ["|O", "<f1", "<i3", "|b1", "<", "", "<f16", "é4"] {
+            assert!(failure(&header(name, "False", "(1, 1)"), &[0; 4]).contains("its values are of type `"), "{name}");
+        }
         let records = "{'descr': [('x', '<f4')], 'fortran_order': False, 'shape': (1, 1), }";
         assert!(failure(records, &[0; 4]).contains("records"));
         assert!(failure("{'descr': '<f4'}", &[]).contains("lacks"));

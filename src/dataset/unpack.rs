@@ -1,4 +1,4 @@
-//! Sizes that an image file may claim, checked before memory is taken for it.
+//! Sizes that an image file or an archive may claim, checked before memory is taken for it.
 //!
 //! A few bytes of a compressed file can stand for gigabytes. Pictures do not compress that well: what would unpack to
 //! much more than its file is refused, unless it is small anyway.
@@ -13,7 +13,11 @@ const MOST_TIMES: usize = 100;
 /// Refuses an image of so many columns and rows that takes `bytes_per_px` while it is read from `file` bytes.
 pub fn check(size: [usize; 2], bytes_per_px: usize, file: usize) -> Result<(), String> {
     sides(size)?;
-    let unpacked = bytes_per_px.saturating_mul(size[0] * size[1]);
+    bytes(bytes_per_px.saturating_mul(size[0] * size[1]), file)
+}
+
+/// Refuses what takes `unpacked` bytes while it is read from `file` bytes.
+pub fn bytes(unpacked: usize, file: usize) -> Result<(), String> {
     if unpacked > FREE_BYTES.max(file.saturating_mul(MOST_TIMES)) {
         return Err(format!("its {} kB would unpack to {} MB", file.div_ceil(1 << 10), unpacked >> 20));
     }

@@ -22,6 +22,7 @@ use crate::simd::wide;
 mod kernel;
 mod nodes;
 pub mod response;
+pub mod taxim;
 
 use kernel::Kernel;
 use nodes::{Between, Nodes, Rows};
