@@ -13,8 +13,8 @@ use crate::depth::Camera;
 use crate::gelpad::{self, Contact, Pad};
 use crate::optics::Light;
 use crate::optics::background::{Reference, quantise};
-use crate::optics::calibrated::Table;
 use crate::optics::calibrated::response::Response;
+use crate::optics::calibrated::{Colors, Table};
 use crate::presses::Circle;
 use crate::rng::{Stage, stream};
 
@@ -141,12 +141,7 @@ pub fn fit(session: &Session, pixels: &[&Pixels], settings: &Settings, seed: u64
 
 /// A table with a fitted model.
 pub fn table(response: Response, geometry: Geometry) -> Table {
-    Table {
-        calibration_version: Table::NEWEST,
-        generator: env!("CARGO_PKG_VERSION").to_owned(),
-        contact_over_disc: geometry.contact_over_disc,
-        response,
-    }
+    Table::new(Colors::Response(response), geometry.contact_over_disc)
 }
 
 /// An 8-bit picture of `light` over `rest`.

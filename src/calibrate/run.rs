@@ -38,7 +38,7 @@ pub struct Calibration {
     /// The pad.
     pub geometry: Geometry,
     /// The light.
-    pub table: Table,
+    pub response: Response,
     /// Each press by a model of the others.
     pub unseen: Vec<Unseen>,
     /// What speaks against each press.
@@ -75,8 +75,8 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
     for (doubts, odd) in doubts.iter_mut().zip(odd) {
         doubts.extend(odd);
     }
-    let table = table(fit(&session, &pixels.iter().collect::<Vec<_>>(), &request.settings, 100), geometry);
-    Some(Calibration { session, geometry, table, unseen, suspicions: doubts, dropped })
+    let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), &request.settings, 100);
+    Some(Calibration { session, geometry, response, unseen, suspicions: doubts, dropped })
 }
 
 /// What there is to learn, each press by a model of the others, and what that says against it.
@@ -129,6 +129,11 @@ fn odd_ones(surfaces: &Surfaces, unseen: &[Unseen]) -> Vec<Vec<String>> {
 }
 
 impl Calibration {
+    /// What a sensor's `calibration` names.
+    pub fn table(&self) -> Table {
+        table(self.response.clone(), self.geometry)
+    }
+
     /// Mean errors around the contact and over the whole image.
     pub fn errors(&self) -> [Option<Score>; 2] {
         let contact = self.unseen.iter().filter_map(|unseen| unseen.scores.contact.as_ref());
@@ -151,7 +156,7 @@ impl Calibration {
         let more = [("bottom left", -0.5, 0.5), ("bottom right", 0.5, 0.5)];
         let half = self.session.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
         let disc = |&(name, x, y): &(&str, f64, f64)| {
-            (name.to_owned(), disc_of_normals(&self.table.response, [x * half[0], y * half[1]]))
+            (name.to_owned(), disc_of_normals(&self.response, [x * half[0], y * half[1]]))
         };
         places.iter().chain(&more).map(disc).collect()
     }

@@ -4,20 +4,23 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use image::RgbImage;
+use sha2::{Digest, Sha256};
 
 use super::{Failure, print, say};
 use crate::calibrate::evaluate::{Evaluated, base_name, evaluate};
 use crate::calibrate::page::{Page, Shown};
 use crate::calibrate::run::{Calibration, Request, run};
 use crate::calibrate::session;
+use crate::calibrate::taxim::{Imported, import};
 use crate::compare::score::Score;
 use crate::config::sensor::Sensor;
 use crate::dataset::encode::json;
 use crate::dataset::png::encode_rgb;
 use crate::dataset::shard::write_whole;
 use crate::fidelity::Rung;
+use crate::optics::calibrated::{Colors, Table};
 use crate::plan::{hex, standalone, usage};
-use sha2::{Digest, Sha256};
 
 /// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
 #[derive(Debug, Args)]
@@ -25,17 +28,22 @@ use sha2::{Digest, Sha256};
 Example:
   gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml
   gelsim calibrate --evaluate others.csv --sensor my-sensor.toml --out simulated
+  gelsim calibrate --taxim taxim/calib/gelsight --out my-sensor.toml
 
 PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible
 disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside my-sensor.toml come my-sensor.calibration.json,
 my-sensor.background.png and my-sensor.html, a page of plots and pictures. In a job: [sensor] file = \"my-sensor.toml\".")]
 pub struct Calibrate {
     /// The table of presses to learn from
-    #[arg(value_name = "PRESSES.csv", required_unless_present = "evaluate", conflicts_with = "evaluate")]
+    #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim"])]
+    #[arg(conflicts_with_all = ["evaluate", "taxim"], requires = "background")]
     presses: Option<PathBuf>,
     /// The untouched pad
-    #[arg(long, value_name = "BG.png", required_unless_present = "evaluate", conflicts_with = "evaluate")]
+    #[arg(long, value_name = "BG.png", conflicts_with_all = ["evaluate", "taxim"])]
     background: Option<PathBuf>,
+    /// Take over a calibration of Taxim's: a folder with polycalib.npz, dataPack.npz and params.json
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["evaluate", "detect", "drop_bad", "contact_over_disc"])]
+    taxim: Option<PathBuf>,
     /// Simulate the presses of this table from circle and ball alone, and say how far they are from the images
     #[arg(long, value_name = "PRESSES.csv", requires = "sensor")]
     evaluate: Option<PathBuf>,
@@ -71,9 +79,20 @@ fn above_zero(text: &str) -> Result<f64, String> {
 
 impl Calibrate {
     pub(super) fn run(self) -> Result<(), Failure> {
-        match (&self.presses, &self.background, &self.evaluate, &self.sensor) {
-            (_, _, Some(table), Some(sensor)) => self.evaluate(table, sensor),
-            (Some(presses), Some(background), ..) => self.calibrate(presses, background),
+        if let (Some(table), Some(sensor)) = (&self.evaluate, &self.sensor) {
+            return self.evaluate(table, sensor);
+        }
+        if self.out.extension().is_none_or(|end| end != "toml") {
+            let message = format!("{} is no name for a sensor file", self.out.display());
+            return Err(usage(message, "it ends in .toml: --out my-sensor.toml").into());
+        }
+        let start = match &self.sensor {
+            Some(name) => standalone::sensor(name)?.sensor,
+            None => Sensor::default(),
+        };
+        match (&self.presses, &self.background, &self.taxim) {
+            (Some(presses), Some(background), _) => self.calibrate(presses, background, start),
+            (_, _, Some(folder)) => self.import(folder, start),
             _ => Err(usage("nothing to calibrate", "see gelsim calibrate --help").into()),
         }
     }
@@ -104,17 +123,7 @@ impl Calibrate {
         Ok(())
     }
 
-    fn calibrate(&self, presses: &Path, background: &Path) -> Result<(), Failure> {
-        let sensor = match &self.sensor {
-            Some(name) => standalone::sensor(name)?.sensor,
-            None => Sensor::default(),
-        };
-        let [table_path, background_path, page_path] =
-            ["calibration.json", "background.png", "html"].map(|end| self.out.with_extension(end));
-        if self.out.extension().is_none_or(|end| end != "toml") {
-            let message = format!("{} is no name for a sensor file", self.out.display());
-            return Err(usage(message, "it ends in .toml: --out my-sensor.toml").into());
-        }
+    fn calibrate(&self, presses: &Path, background: &Path, sensor: Sensor) -> Result<(), Failure> {
         let (session, notes) = session::read(presses, background, sensor, self.detect)?;
         notes.iter().for_each(|note| say(&format!("note: {note}")));
         let request = Request {
@@ -138,34 +147,67 @@ impl Calibrate {
         }
         warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
 
-        let mut table = json(&found.table);
+        let summary = summary(&found);
+        let sensor = found.session.sensor(found.geometry.thickness_mm);
+        let page_path = self.out.with_extension("html");
+        let page = page(&self.name(), &found, &summary, &warnings);
+        self.write_sensor(sensor, &found.session.background, &found.table(), &summary, Some((&page_path, page)))?;
+        let lines = summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n"));
+        print(&lines.collect::<String>())?;
+        say(&format!("-> {}, {}", self.out.display(), page_path.display()));
+        Ok(())
+    }
+
+    fn import(&self, folder: &Path, sensor: Sensor) -> Result<(), Failure> {
+        let Imported { name, resolution_px, field_of_view_mm, background, colours } = import(folder)?;
+        let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
+        let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
+        let about = [(String::from("colours"), format!("Taxim's of {name}"))];
+        self.write_sensor(sensor, &background, &Table::new(Colors::Taxim(colours), 1.0), &about, None)?;
+        say(&format!("-> {}", self.out.display()));
+        Ok(())
+    }
+
+    /// The sensor's name.
+    fn name(&self) -> String {
+        self.out.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
+    }
+
+    /// Writes the sensor file last: what it names is there then.
+    fn write_sensor(
+        &self,
+        sensor: Sensor,
+        background: &RgbImage,
+        table: &Table,
+        about: &[(String, String)],
+        page: Option<(&Path, String)>,
+    ) -> Result<(), Failure> {
+        let [table_path, background_path] =
+            ["calibration.json", "background.png"].map(|end| self.out.with_extension(end));
+        let mut table = json(table);
         table.push(b'\n');
-        let rgb = &found.session.background;
-        let picture = encode_rgb(rgb.width() as usize, rgb.height() as usize, rgb);
+        let picture = encode_rgb(background.width() as usize, background.height() as usize, background);
         let sensor = Sensor {
-            name: self.out.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+            name: self.name(),
             preset: None,
             file: None,
             background: Some(file_name(&background_path)),
             background_sha256: Some(hex(&Sha256::digest(&picture))),
             calibration: Some(file_name(&table_path)),
             calibration_sha256: Some(hex(&Sha256::digest(&table))),
-            ..found.session.sensor(found.geometry.thickness_mm)
+            ..sensor
         };
-        let summary = summary(&found);
         let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
+        let about: String = about.iter().map(|(what, figure)| format!("# {what}: {figure}\n")).collect();
         if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
         }
         write(&background_path, &picture)?;
         write(&table_path, &table)?;
-        write(&page_path, page(&sensor.name, &found, &summary, &warnings).as_bytes())?;
-        let about = summary.iter().map(|(what, figure)| format!("# {what}: {figure}\n"));
-        write(&self.out, format!("# Written by gelsim calibrate.\n{}\n{text}", about.collect::<String>()).as_bytes())?;
-        let lines = summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n"));
-        print(&lines.collect::<String>())?;
-        say(&format!("-> {}, {}", self.out.display(), page_path.display()));
-        Ok(())
+        if let Some((path, page)) = page {
+            write(path, page.as_bytes())?;
+        }
+        write(&self.out, format!("# Written by gelsim calibrate.\n{about}\n{text}").as_bytes())
     }
 }
 

@@ -27,6 +27,7 @@ pub mod taxim;
 use kernel::Kernel;
 use nodes::{Between, Nodes, Rows};
 use response::{DEGREES, FLATTEST_CASTER, Response, TERMS};
+use taxim::{Lookup, Taxim};
 
 /// Parameters of the measured light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -53,8 +54,18 @@ pub struct Table {
     pub generator: String,
     /// Radius of the contact over that of the disc which people see and annotate.
     pub contact_over_disc: f64,
-    /// The colours.
-    pub response: Response,
+    /// How colour follows from the surface.
+    pub colors: Colors,
+}
+
+/// How colour follows from the surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Colors {
+    /// Fitted by `gelsim calibrate`.
+    Response(Response),
+    /// Taken over from a calibration of Taxim's.
+    Taxim(Taxim),
 }
 
 impl Table {
@@ -81,35 +92,50 @@ impl Table {
         if !(0.1..=10.0).contains(&found.contact_over_disc) {
             return Err(format!("contact_over_disc is {}", found.contact_over_disc));
         }
-        found.response.validate()?;
+        match &found.colors {
+            Colors::Response(response) => response.validate()?,
+            Colors::Taxim(taxim) => taxim.validate()?,
+        }
         Ok(found)
+    }
+
+    /// One that this gelsim writes.
+    pub fn new(colors: Colors, contact_over_disc: f64) -> Self {
+        let generator = env!("CARGO_PKG_VERSION").to_owned();
+        Self { calibration_version: Self::NEWEST, generator, contact_over_disc, colors }
     }
 }
 
 /// The model made ready for one view.
 pub struct Shader {
-    response: Response,
-    kernel: Kernel,
-    coarse: Coarse,
     camera: Camera,
     threshold: Threshold,
-    /// The constant terms at rest, red, green and blue, at all nodes.
-    at_rest: [Grid<f32>; 3],
+    colors: Ready,
+}
+
+/// Colours made ready for one view.
+enum Ready {
+    Response(Box<Network>),
+    Taxim(Box<Lookup>),
 }
 
 impl Shader {
     /// Prepares what `table` says for a view; without one, nothing changes the picture.
     pub fn new(parameters: Calibrated, table: Option<&Table>, camera: &Camera) -> Self {
-        let response = table.map_or_else(Response::default, |table| table.response.clone());
-        let kernel = Kernel::new(&response);
-        let coarse = Coarse::spaced(parameters.spacing_mm, camera.mm_per_px);
-        let [width, height] = coarse.size(camera.resolution_px);
-        let nodes = Nodes { coarse, camera, part: Rect::whole(width, height) };
-        let outputs = nodes.outputs(&response, &kernel, None, &[]);
-        let largest: Vec<f32> =
-            outputs.iter().map(|plane| plane.iter().fold(0.0, |largest, value| value.abs().max(largest))).collect();
-        let at_rest = std::array::from_fn(|channel| Grid { width, height, data: outputs[channel * TERMS].clone() });
-        Self { threshold: threshold(&response, &largest), response, kernel, coarse, camera: *camera, at_rest }
+        let network = |response: Response| {
+            let (network, largest) = Network::new(response, parameters, camera);
+            (threshold(&network.response, &largest), Ready::Response(Box::new(network)))
+        };
+        let (threshold, colors) = match table.map(|table| &table.colors) {
+            Some(Colors::Response(response)) => network(response.clone()),
+            Some(Colors::Taxim(taxim)) => {
+                let lookup = Lookup::new(taxim, camera.resolution_px);
+                let slope = lookup.unseen_slope(255.0 * BOUND) * std::f64::consts::FRAC_1_SQRT_2;
+                (Threshold { slope: slope as f32, height_mm: f32::MAX }, Ready::Taxim(Box::new(lookup)))
+            }
+            None => network(Response::default()),
+        };
+        Self { camera: *camera, threshold, colors }
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
@@ -120,12 +146,16 @@ impl Shader {
         let shades = effects.calls(Effect::Shading, if_bent("the surface is not flat"));
         effects.calls(Effect::Grain, Need::Absent("the measured light holds it"));
         effects.calls(Effect::Darkening, Need::Absent("the measured light holds it"));
-        let shadows = effects.timed(Effect::Shadows, || {
-            let any = everywhere || !bent.is_empty();
-            any.then(|| Casting::new(self.coarse, surface, &self.camera, everywhere, Response::sky)).flatten()
+        let any = everywhere || !bent.is_empty();
+        let shadows = effects.timed(Effect::Shadows, || match &self.colors {
+            Ready::Response(network) if any => {
+                Casting::new(network.coarse, surface, &self.camera, everywhere, Response::sky)
+            }
+            _ => None,
         });
-        let need = match &shadows {
-            None if !bent.is_empty() => Need::Idle("no slope hides any of the sky"),
+        let need = match (&self.colors, &shadows) {
+            (Ready::Taxim(_), _) => Need::Absent("Taxim's colours are without shadows"),
+            (_, None) if !bent.is_empty() => Need::Idle("no slope hides any of the sky"),
             _ => if_bent("a slope hides some of the sky"),
         };
         let shadows = if effects.calls(Effect::Shadows, need) { shadows } else { None };
@@ -141,16 +171,45 @@ impl Shader {
             let hidden = shadows.map(|shadows| shadows.shares(&self.camera, region));
             (region, hidden.unwrap_or_default())
         });
-        effects.timed(Effect::Shading, || self.light(surface, &hidden, rest, region))
+        effects.timed(Effect::Shading, || {
+            let mut light = rest.light(region);
+            match &self.colors {
+                _ if region.is_empty() => {}
+                Ready::Response(network) => network.add(&mut light, surface, &hidden, &self.camera),
+                Ready::Taxim(lookup) => add_taxim(lookup, &mut light, surface, &self.camera),
+            }
+            light
+        })
+    }
+}
+
+/// A response made ready for one view.
+struct Network {
+    response: Response,
+    kernel: Kernel,
+    coarse: Coarse,
+    /// The constant terms at rest, red, green and blue, at all nodes.
+    at_rest: [Grid<f32>; 3],
+}
+
+impl Network {
+    /// Prepares a response, and says how large each of its coefficients is at rest, anywhere in view.
+    fn new(response: Response, parameters: Calibrated, camera: &Camera) -> (Self, Vec<f32>) {
+        let kernel = Kernel::new(&response);
+        let coarse = Coarse::spaced(parameters.spacing_mm, camera.mm_per_px);
+        let [width, height] = coarse.size(camera.resolution_px);
+        let nodes = Nodes { coarse, camera, part: Rect::whole(width, height) };
+        let outputs = nodes.outputs(&response, &kernel, None, &[]);
+        let size = |plane: &Vec<f32>| plane.iter().fold(0.0, |largest: f32, value| largest.max(value.abs()));
+        let largest = outputs.iter().map(size).collect();
+        let at_rest = std::array::from_fn(|channel| Grid { width, height, data: outputs[channel * TERMS].clone() });
+        (Self { response, kernel, coarse, at_rest }, largest)
     }
 
-    /// The light in a part of the view.
-    fn light(&self, surface: &Grid<f32>, shares: &[Option<Values>], rest: &Reference, region: Rect) -> Light {
-        let mut light = rest.light(region);
-        if region.is_empty() {
-            return light;
-        }
-        let nodes = Nodes::around(region, self.coarse, &self.camera);
+    /// Adds to the untouched pad's light what the surface changes; `shares` are those of the sky that are seen.
+    fn add(&self, light: &mut Light, surface: &Grid<f32>, shares: &[Option<Values>], camera: &Camera) {
+        let region = light.region;
+        let nodes = Nodes::around(region, self.coarse, camera);
         let mut outputs = nodes.outputs(&self.response, &self.kernel, Some(surface), shares);
         for (channel, at_rest) in self.at_rest.iter().enumerate() {
             let at_rest = at_rest.crop(nodes.part);
@@ -164,13 +223,43 @@ impl Shader {
             #[inline(always)]
             || {
                 for row in 0..region.height() {
-                    set_normals(self.camera.mm_per_px, surface, region, row, &mut rows.normals);
-                    between.add_row(&mut light, row, &mut rows);
+                    set_normals(camera.mm_per_px, surface, region, row, &mut rows.normals);
+                    between.add_row(light, row, &mut rows);
                 }
             },
         );
-        light
     }
+}
+
+/// Adds what Taxim's colours say.
+fn add_taxim(lookup: &Lookup, light: &mut Light, surface: &Grid<f32>, camera: &Camera) {
+    let Light { region, planes } = light;
+    let width = region.width();
+    let per_step = camera.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let mut scratch = taxim::Scratch::default();
+    let (mut slopes, mut change) = ([(); 2].map(|()| vec![0.0; width]), [(); 3].map(|()| vec![0.0; width]));
+    wide(
+        #[inline(always)]
+        || {
+            for row in 0..region.height() {
+                let y = region.y0 + row;
+                let window = |dx: usize, dy: usize| &surface.row(y + dy)[region.x0 + dx..][..width];
+                let across = [(window(2, 1), window(0, 1)), (window(1, 2), window(1, 0))];
+                for ((slopes, (after, before)), per_step) in slopes.iter_mut().zip(across).zip(per_step) {
+                    for ((slope, after), before) in slopes.iter_mut().zip(after).zip(before) {
+                        *slope = (after - before) * per_step;
+                    }
+                }
+                let [right, down] = slopes.each_ref().map(Vec::as_slice);
+                lookup.row(y, region.x0, [right, down], &mut scratch, change.each_mut().map(Vec::as_mut_slice));
+                for (plane, change) in planes.iter_mut().zip(&change) {
+                    for (value, change) in plane[row * width..][..width].iter_mut().zip(change) {
+                        *value += change * (1.0 / 255.0);
+                    }
+                }
+            }
+        },
+    );
 }
 
 /// Slope and displacement below which nothing is seen: together they change a channel by less than [`BOUND`].
