@@ -20,10 +20,16 @@ use gelsim::dataset::recorded::Recorded;
 use gelsim::dataset::stats::Stats;
 use gelsim::dataset::versioned::Versioned;
 use gelsim::dataset::{exr as exr_file, heights, npy as npy_file, png as png_file, verify};
-use gelsim::grid::Grid;
+use gelsim::depth::{Camera, Depth};
+use gelsim::effects::{Gate, Ledger};
+use gelsim::gelpad::elastic::Resolution;
+use gelsim::gelpad::{Contact, none};
+use gelsim::grid::{Grid, Rect};
 use gelsim::label::Label;
 use gelsim::object::clusters::Clusters;
 use gelsim::object::{Format, Mesh, parse};
+use gelsim::optics::background::Reference;
+use gelsim::optics::calibrated::{Calibrated, Shader, Table};
 use gelsim::plan::Plan;
 use gelsim::presses::{self as press_file, Circle};
 use gelsim::preview::{Tile, sheet};
@@ -296,6 +302,30 @@ pub fn manifest(bytes: &[u8]) {
 fn same_again<T: serde::Serialize>(value: &T, read: impl Fn(&[u8]) -> Option<T>) {
     let text = serde_json::to_vec(value).expect("JSON can hold it");
     assert_eq!(read(&text).as_ref().map(json), Some(json(value)));
+}
+
+/// A table of measured light is refused, or is the same after being written and read again, and its light is finite.
+pub fn calibration(bytes: &[u8]) {
+    let table = match Table::parse(bytes) {
+        Ok(table) => table,
+        Err(reason) => return assert!(!reason.is_empty()),
+    };
+    same_again(&table, |text| Table::parse(text).ok());
+    const CAMERA: Camera = Camera { resolution_px: [7, 5], mm_per_px: [0.5; 2] };
+    static CONTACT: LazyLock<Contact> = LazyLock::new(|| {
+        let mut overlap = Grid::new(9, 7);
+        overlap.data.iter_mut().enumerate().for_each(|(k, reach)| *reach = (k % 4) as f32 - 1.0);
+        let mut depth =
+            Depth { overlap, margin_px: 1, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
+        depth.measure();
+        none::press(&depth)
+    });
+    let rest = Reference::new(7, 5, vec![100; 105]);
+    for resolution in [Resolution::Quarter, Resolution::Full] {
+        let shader = Shader::new(Calibrated { resolution }, Some(&table), &CAMERA);
+        let light = shader.shade(&CONTACT, &rest, &mut Ledger::new(Gate::All));
+        assert!(light.region.area() == 35 && light.planes.iter().flatten().all(|value| value.is_finite()));
+    }
 }
 
 /// A table of presses is refused with a report that can be shown, or is the same after being written and read again.

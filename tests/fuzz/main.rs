@@ -42,7 +42,8 @@ targets!(
     png: 200_000,
     shard: 80_000,
     manifest: 80_000,
-    presses: 60_000
+    presses: 60_000,
+    calibration: 80_000
 );
 
 /// The committed inputs of a target, with their names.
