@@ -168,7 +168,7 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
             for key in keys {
                 let path = below(key);
                 let image = path.ends_with(".path") && !path.starts_with("object.");
-                if image || path == "sensor.background" {
+                if image || path == "sensor.background" || path == "sensor.calibration" {
                     continue;
                 }
                 if let Some(file) = changed(key, a, b) {
@@ -204,6 +204,7 @@ fn changed<'a>(key: &str, there: &toml::Table, here: &'a toml::Table) -> Option<
     let name = match key {
         "sha256" => "path",
         "background_sha256" => "background",
+        "calibration_sha256" => "calibration",
         _ => return None,
     };
     let differs = there.get(key)? != here.get(key)?;
