@@ -33,12 +33,13 @@ pub struct Evaluated {
 pub fn evaluate(table: &Path, sensor: &Standalone, rung: Rung) -> Result<Vec<Evaluated>, Report> {
     let table = presses::read(table)?;
     let mut problems = Problems::default();
-    let mut names: Vec<&str> = Vec::new();
+    let mut names: Vec<String> = Vec::new();
     for press in &table.presses {
         let mut wrong = |message: String, help: &str| problems.push(table.problem(press.line, message).help(help));
-        let name = base_name(&press.file);
+        let name = picture_name(&press.file);
         if names.contains(&name) {
-            wrong(format!("a second image is called {name}"), "pictures are written under their names without folders");
+            let help = "pictures are written under the images' names without folders, as .png";
+            wrong(format!("{}: a second picture would be called {name}", press.file), help);
         }
         names.push(name);
         if press.circle.is_none() {
@@ -93,7 +94,9 @@ fn simulate(press: &Press, ball: &Ball, sensor: &Standalone, pad: &Pad, shader: 
     Evaluated { file: press.file.clone(), simulated, scores, warnings }
 }
 
-/// The name without folders.
-pub fn base_name(file: &str) -> &str {
-    file.rsplit(['/', '\\']).next().unwrap_or(file)
+/// What the picture for an image is called: its name without folders, with the ending of a PNG.
+pub fn picture_name(file: &str) -> String {
+    let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    format!("{stem}.png")
 }

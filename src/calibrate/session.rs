@@ -1,5 +1,6 @@
 //! Reads what `gelsim calibrate` starts from: a table of presses, their images, the untouched pad.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use image::RgbImage;
@@ -16,6 +17,9 @@ use crate::presses::{self, Press, Table};
 
 /// Fewer presses teach nothing that holds elsewhere.
 pub const FEWEST: usize = 5;
+
+/// Sides of the view that a sensor file may have, mm.
+const VIEWS_MM: RangeInclusive<f64> = 1e-3..=1e4;
 
 /// Reads an 8-bit picture.
 pub fn picture(path: &Path) -> Result<RgbImage, String> {
@@ -50,9 +54,14 @@ pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> R
     if problems.is_empty() && seen.len() < FEWEST {
         problems.push(few(&table, seen.len()));
     }
-    let Some(pitch) = pitch.filter(|_| problems.is_empty()) else { return Err(table.report(&problems)) };
     let resolution_px = [size.0, size.1];
-    let sensor = Sensor { resolution_px, field_of_view_mm: resolution_px.map(|px| f64::from(px) * pitch), ..sensor };
+    let field_of_view_mm = resolution_px.map(|px| f64::from(px) * pitch.unwrap_or(1.0));
+    if field_of_view_mm.iter().any(|mm| !VIEWS_MM.contains(mm)) {
+        let message = format!("the view would be {:.3e} x {:.3e} mm", field_of_view_mm[0], field_of_view_mm[1]);
+        problems.push(table.problem(2, message).help("mm_per_px is the width of a pixel on the pad, in mm"));
+    }
+    let Some(pitch) = pitch.filter(|_| problems.is_empty()) else { return Err(table.report(&problems)) };
+    let sensor = Sensor { resolution_px, field_of_view_mm, ..sensor };
     let camera = Camera { resolution_px: resolution_px.map(|px| px as usize), mm_per_px: [pitch; 2] };
     Ok((Session { sensor, camera, background, seen }, notes))
 }

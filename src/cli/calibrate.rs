@@ -8,7 +8,7 @@ use image::RgbImage;
 use sha2::{Digest, Sha256};
 
 use super::{Failure, print, say};
-use crate::calibrate::evaluate::{Evaluated, base_name, evaluate};
+use crate::calibrate::evaluate::{Evaluated, evaluate, picture_name};
 use crate::calibrate::page::{Page, Shown};
 use crate::calibrate::run::{Calibration, Request, run};
 use crate::calibrate::session;
@@ -63,7 +63,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "MM", value_parser = above_zero, conflicts_with = "evaluate")]
     thickness_mm: Option<f64>,
     /// Radius of the contact over that of the visible disc [default: chosen]
-    #[arg(long, value_name = "SHARE", value_parser = above_zero, conflicts_with = "evaluate")]
+    #[arg(long, value_name = "SHARE", value_parser = share, conflicts_with = "evaluate")]
     contact_over_disc: Option<f64>,
     /// Rung of the accuracy ladder for --evaluate
     #[arg(long, value_name = "RUNG", default_value = "standard", requires = "evaluate")]
@@ -77,6 +77,14 @@ fn above_zero(text: &str) -> Result<f64, String> {
     }
 }
 
+/// What a table of measured light may hold.
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.1..=10.0).contains(&value) => Ok(value),
+        _ => Err(String::from("write a number from 0.1 to 10")),
+    }
+}
+
 impl Calibrate {
     pub(super) fn run(self) -> Result<(), Failure> {
         if let (Some(table), Some(sensor)) = (&self.evaluate, &self.sensor) {
@@ -85,6 +93,13 @@ impl Calibrate {
         if self.out.extension().is_none_or(|end| end != "toml") {
             let message = format!("{} is no name for a sensor file", self.out.display());
             return Err(usage(message, "it ends in .toml: --out my-sensor.toml").into());
+        }
+        if self.out.is_dir() {
+            return Err(usage(format!("{} is a folder", self.out.display()), "choose a file with --out").into());
+        }
+        if let Some(file) = self.out.ancestors().skip(1).find(|above| above.is_file()) {
+            let message = format!("{} is no folder", file.display());
+            return Err(usage(message, "choose another place with --out").into());
         }
         let start = match &self.sensor {
             Some(name) => standalone::sensor(name)?.sensor,
@@ -107,7 +122,7 @@ impl Calibrate {
         let mut lines = Vec::new();
         for Evaluated { file, simulated, scores, warnings } in &presses {
             warnings.iter().for_each(|warning| say(&format!("warning: {file}: {warning}")));
-            let path = self.out.join(base_name(file)).with_extension("png");
+            let path = self.out.join(picture_name(file));
             let [width, height] = sensor.camera.resolution_px;
             write(&path, &encode_rgb(width, height, simulated))?;
             let figures = scores.as_ref().map(|scores| row(scores.contact.as_ref(), Some(&scores.whole)));
