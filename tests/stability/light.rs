@@ -2,6 +2,11 @@
 
 use std::io::Cursor;
 
+use gelsim::calibrate::{Geometry, table};
+use gelsim::dataset::encode::json;
+use gelsim::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
+use gelsim::rng::{Stage, stream};
+
 use crate::case::{Case, Dress, run_all};
 use crate::shapes::Shape;
 
@@ -19,6 +24,17 @@ fn leds(name: &'static str, trouble: &'static str, leds: &str) -> Case {
 
 fn photo(name: &'static str, trouble: &'static str, bytes: Vec<u8>) -> Case {
     Case::new(name, trouble).file("rest.png", bytes).set("sensor.background = 'FOLDER/rest.png'")
+}
+
+/// A case with measured light, as strong as LEDs have it; the dress with near LEDs wears those instead.
+fn measured(name: &'static str, trouble: &'static str) -> Case {
+    let mut random = stream(4, Stage::Calibration, 0);
+    let mut weight = || (0.1 * random.normal()) as f32;
+    let hidden: Vec<_> = (0..8).map(|_| std::array::from_fn(|_| weight())).collect();
+    let outputs = (0..OUTPUTS).map(|_| (0..hidden.len() + INPUTS + 1).map(|_| weight()).collect()).collect();
+    let response = Response { height_mm: 0.5, place_mm: 9.6, heights_mm: [-0.1, 0.6], steepest: 0.7, hidden, outputs };
+    let table = table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.95 });
+    Case::new(name, trouble).file("table.json", json(&table)).set("sensor.calibration = 'FOLDER/table.json'")
 }
 
 /// The case with walls; its normals are asked for.
@@ -65,6 +81,15 @@ pub fn cases() -> Vec<Case> {
         Case::new("a saturated rendered background", "light over white")
             .set("sensor.rendered_background = { color = [1.0, 1.0, 1.0], glow = 10.0, grain = 1.0 }")
             .set(strong),
+        measured("a ball in measured light", "a pad that is not flat where it should be"),
+        measured("walls in measured light", "slopes and heights that nothing was learnt from")
+            .depth(2.5)
+            .shape(Shape::brick([-3.0, -2.0, 0.0], [2.0, 3.0, 8.0])),
+        measured("a corner in measured light", "places beyond the view")
+            .shape(Shape::brick([5.0, 4.0, 0.0], [60.0, 50.0, 8.0])),
+        measured("a pixel of measured light", "a grid of nothing").view([1, 1], [0.4; 2]),
+        measured("half a table", "a reader that panics").file("table.json", b"{\"calibration_version\": 1".to_vec())
+            .refused("no table of `gelsim calibrate`"),
         photo("a black photograph", "light below 0", photograph(48, 36, 0)).set(strong),
         photo("a white photograph", "light over white", photograph(48, 36, 255)).set(strong),
         photo("a photograph of 7 x 5 px", "reads beyond it", photograph(7, 5, 120)),

@@ -1,0 +1,156 @@
+//! What holds for the light of every table: nothing where the pad is flat, bounded and finite whatever the surface, the
+//! same on every processor and with any number of threads, at every rung, and from its file.
+
+use gelsim::calibrate::run::{Calibration, Request, run};
+use gelsim::calibrate::train::Settings;
+use gelsim::config::sensor::Sensor;
+use gelsim::dataset::encode::json;
+use gelsim::effects::Gate;
+use gelsim::fidelity::Rung;
+use gelsim::gelpad::Contact;
+use gelsim::gelpad::elastic::Resolution;
+use gelsim::optics::Light;
+use gelsim::optics::calibrated::Table;
+use gelsim::render::render;
+use gelsim::simd;
+use image::RgbImage;
+
+use crate::plan::plan;
+use crate::recovery::GOOD;
+use crate::sensor::{BACKGROUND, BALLS, CAMERA, UNSEEN, light, presses, rest, session, surface};
+
+const RESOLUTIONS: [Resolution; 3] = [Resolution::Quarter, Resolution::Half, Resolution::Full];
+
+fn picture(light: &Light) -> RgbImage {
+    gelsim::calibrate::picture(light, &rest())
+}
+
+/// Some presses of every object.
+fn contacts() -> impl Iterator<Item = &'static Contact> {
+    UNSEEN.iter().flat_map(|(_, presses)| presses.iter().take(2)).map(|press| &press.contact)
+}
+
+#[test]
+fn a_flat_pad_is_the_background_byte_for_byte() {
+    let flat = &presses("sphere", "", "0.3\nindentation.no_contact = 1.0", 1)[0].contact;
+    assert!(flat.surface.data.iter().all(|w| *w == 0.0));
+    for resolution in RESOLUTIONS {
+        for gate in [Gate::CalledFor, Gate::All] {
+            assert!(picture(&light(&GOOD.table, resolution, flat, gate)) == *BACKGROUND, "{resolution:?} {gate:?}");
+        }
+    }
+}
+
+#[test]
+fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
+    let like = &BALLS[0].contact;
+    let wide = like.surface.width as f32;
+    let mut random = gelsim::rng::stream(8, gelsim::rng::Stage::Relief, 0);
+    let rough: Vec<f32> = like.surface.data.iter().map(|_| 3.5 * random.unit() as f32).collect();
+    let surfaces = [
+        ("all pressed down to the shell", surface(like, |_, _| 3.5)),
+        ("a wall", surface(like, |x, _| if x > 100 { 1e3 } else { 0.0 })),
+        ("a chequered one", surface(like, |x, y| if (x + y) % 2 == 0 { 3.5 } else { -1.0 })),
+        ("noise", surface(like, |x, y| rough[y * like.surface.width + x])),
+        ("a spike", surface(like, |x, y| if (x, y) == (90, 70) { 1e6 } else { 0.0 })),
+        ("a bulge as high as a hill", surface(like, |_, _| -1e6)),
+        ("a ramp", surface(like, |x, _| 10.0 * x as f32 / wide)),
+        ("steps in a corner", surface(like, |x, y| if x < 9 && y < 9 { (x * y) as f32 } else { 0.0 })),
+    ];
+    for (name, contact) in &surfaces {
+        for resolution in RESOLUTIONS {
+            let light = light(&GOOD.table, resolution, contact, Gate::All);
+            let at_rest = rest().light(light.region);
+            let values = light.planes.iter().flatten().zip(at_rest.planes.iter().flatten());
+            let most = values.map(|(value, rest)| (value - rest).abs()).fold(0.0, |most, change| {
+                assert!(change.is_finite(), "{name}");
+                f32::max(most, change)
+            });
+            println!("{name}, {resolution:?}: changes by {most:.2} of full scale");
+            assert!(most > 0.0 && most < 2.0, "{name}, {resolution:?}: changes by {most} of full scale");
+        }
+    }
+}
+
+#[test]
+fn what_is_left_out_beyond_the_press_is_less_than_a_level() {
+    let mut left_out = 0;
+    for contact in contacts() {
+        for resolution in RESOLUTIONS {
+            let [some, all] = [Gate::CalledFor, Gate::All].map(|gate| light(&GOOD.table, resolution, contact, gate));
+            left_out += all.region.area() - some.region.area();
+            let most = picture(&some).iter().zip(picture(&all).iter()).map(|(a, b)| a.abs_diff(*b)).max();
+            assert!(most <= Some(1), "{most:?} levels at {resolution:?}");
+        }
+    }
+    assert!(left_out > 0, "nothing was ever left out");
+}
+
+#[test]
+fn processors_without_wide_vectors_give_the_same_bits() {
+    for contact in contacts() {
+        for resolution in RESOLUTIONS {
+            let bits = |light: Light| light.planes.map(|plane| plane.into_iter().map(f32::to_bits).collect::<Vec<_>>());
+            let shade = || bits(light(&GOOD.table, resolution, contact, Gate::CalledFor));
+            let own = shade();
+            assert!(!own[0].is_empty() && own == simd::narrow(shade), "{resolution:?}");
+        }
+    }
+}
+
+#[test]
+fn the_number_of_threads_moves_no_bit_of_a_table() {
+    let settings = Settings { networks: 2, units: 6, steps: 30, batch: 256, rate: 1e-2, decay: 0.1 };
+    let request = Request { thickness_mm: None, contact_over_disc: Some(0.95), drops_bad: true, settings };
+    let on = |threads: usize| -> Calibration {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| run(session(BALLS.iter().take(8)), &request)).expect("presses enough")
+    };
+    let (one, many) = (on(1), on(5));
+    assert!(one.table == many.table && one.geometry == many.geometry);
+    let pictures = |found: &Calibration| found.unseen.iter().map(|unseen| unseen.simulated.clone()).collect::<Vec<_>>();
+    assert!(pictures(&one) == pictures(&many));
+}
+
+#[test]
+fn a_table_is_the_same_from_its_file() {
+    assert_eq!(Table::parse(&json(&GOOD.table)).as_ref(), Ok(&GOOD.table));
+}
+
+#[test]
+fn every_rung_runs_and_nears_the_reference() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = |name: &str| folder.path().join(name);
+    BACKGROUND.save(path("rest.png")).expect("an image");
+    std::fs::write(path("table.json"), json(&GOOD.table)).expect("a file");
+    let sensor = Sensor {
+        background: Some(String::from("rest.png")),
+        calibration: Some(String::from("table.json")),
+        ..GOOD.session.sensor(GOOD.geometry.thickness_mm)
+    };
+    std::fs::write(path("sensor.toml"), toml::to_string(&sensor).expect("TOML")).expect("a file");
+    let plan = plan(&format!(
+        "dataset = {{ name = 'rungs', samples = 6, seed = 5 }}\nsensor.file = '{}'\nindentation.depth_mm = [0.3, 0.6]\n\
+         object = [{{ path = 'objects/sphere.obj' }}, {{ path = 'objects/dots.obj' }}]\n\
+         pose = {{ x_mm = [-3.0, 3.0], y_mm = [-2.0, 2.0] }}\noutput.layers = []\n",
+        path("sensor.toml").display()
+    ));
+    assert_eq!((plan.models.optics.name(), plan.camera), ("calibrated", CAMERA));
+    let reference = plan.at(Rung::Reference);
+    // In the order of `Rung::ALL`, levels.
+    for (rung, bound) in Rung::ALL.into_iter().zip([20.0, 5.0, 3.0, 2.0, 0.0]) {
+        let plan = plan.at(rung);
+        let errors = (0..plan.layout.samples()).map(|index| {
+            let (sample, best) = (render(&plan, index), render(&reference, index));
+            assert!(sample.label.health.finite && sample.label.optics_model == "calibrated");
+            let [x0, y0, x1, y1] = best.label.contact.bbox_px.map(|px| px as usize);
+            let at = |x: usize, y: usize| 3 * (y * CAMERA.resolution_px[0] + x);
+            let rows = (y0..y1).flat_map(|y| at(x0, y)..at(x1, y));
+            let levels = rows.clone().map(|k| f64::from(sample.image.rgb[k].abs_diff(best.image.rgb[k]))).sum::<f64>();
+            levels / rows.count().max(1) as f64
+        });
+        let error = errors.sum::<f64>() / plan.layout.samples() as f64;
+        println!("{}: {error:.2} levels from the reference", rung.name());
+        assert!(error <= bound, "{}: {error} levels, at most {bound}", rung.name());
+    }
+}

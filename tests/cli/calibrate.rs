@@ -1,0 +1,278 @@
+//! `gelsim calibrate`: what it writes, what it refuses, what it says of presses that it never saw. The pictures are drawn,
+//! not simulated: how well a sensor is recovered, the suite `calibration` tells.
+
+use std::collections::BTreeMap;
+
+use image::{Rgb, RgbImage};
+use sha2::{Digest, Sha256};
+
+use crate::calibrated::{SIZE_PX, add_sensor, rest};
+use crate::support::{Folder, assert_same_files, json};
+
+/// Column, row and radius of circles.
+const CIRCLES: [[f64; 3]; 7] = [
+    [30.0, 25.0, 8.0],
+    [60.5, 30.2, 7.0],
+    [45.0, 50.0, 8.5],
+    [70.0, 50.0, 7.5],
+    [25.0, 45.0, 6.5],
+    [50.0, 20.0, 9.0],
+    [72.0, 22.0, 6.5],
+];
+const HEAD: &str = "file,centre_x_px,centre_y_px,radius_px,ball_radius_mm,mm_per_px\n";
+
+/// A ball's dent: coloured by its slope, with a halo.
+fn pressed([x, y, radius]: [f64; 3]) -> RgbImage {
+    let mut picture = rest();
+    for (column, row, pixel) in picture.enumerate_pixels_mut() {
+        let (across, down) = ((f64::from(column) - x) / radius, (f64::from(row) - y) / radius);
+        let fade = (-3.0 * (across.hypot(down) - 1.0).max(0.0)).exp();
+        let [red, green, blue] = [60.0 * across, 60.0 * down, -40.0 * (across + down)].map(|change| change * fade);
+        let [r, g, b] = pixel.0.map(f64::from);
+        *pixel = Rgb([r + red, g + green, b + blue].map(|level| level.round().clamp(0.0, 255.0) as u8));
+    }
+    picture
+}
+
+fn row(name: &str, [x, y, radius]: [f64; 3]) -> String {
+    format!("{name},{x},{y},{radius},4,0.2\n")
+}
+
+/// Good pictures 0.png to 6.png, rest.png, and a table of them.
+fn good() -> Folder {
+    let folder = Folder::new();
+    let mut table = String::from(HEAD);
+    for (k, circle) in CIRCLES.into_iter().enumerate() {
+        pressed(circle).save(folder.path(&format!("{k}.png"))).expect("an image");
+        table += &row(&format!("{k}.png"), circle);
+    }
+    rest().save(folder.path("rest.png")).expect("an image");
+    folder.write("presses.csv", table);
+    folder
+}
+
+/// Fails with status 2, and writes nothing.
+fn refused(folder: &Folder, arguments: &str) -> String {
+    let before = folder.files("");
+    let said = folder.fail(arguments, 2);
+    assert_same_files(&before, &folder.files(""));
+    said
+}
+
+const CALIBRATE: &str = "calibrate presses.csv --background rest.png --out out/mine.toml";
+
+#[test]
+fn every_mistake_in_table_and_pictures_is_said_at_once_with_its_line() {
+    let folder = good();
+    folder.write("3.png", "no picture");
+    RgbImage::new(97, 72).save(folder.path("4.png")).expect("an image");
+    let rows = [
+        row("0.png", CIRCLES[0]),
+        row("nowhere/1.png", CIRCLES[1]),
+        String::from("2.png,,,,4,0.2\n"),
+        row("3.png", CIRCLES[3]),
+        row("4.png", CIRCLES[4]),
+        String::from("5.png,50,20,9,,0.2\n"),
+        String::from("6.png,72,22,6.5,4,0.21\n"),
+        String::from("7.png,,,,,\n"),
+    ];
+    folder.write("presses.csv", format!("{HEAD}{}", rows.concat()));
+    let said = refused(&folder, CALIBRATE);
+    for (line, words) in [
+        (3, "cannot read nowhere/1.png"),
+        (4, "2.png: no circle"),
+        (5, "cannot read 3.png"),
+        (6, "4.png is 97x72 px, the background 96x72 px"),
+        (7, "5.png: no ball_radius_mm"),
+        (8, "6.png: 0.21 mm per px, 0.2 in the rows before"),
+        (9, "cannot read 7.png"),
+        (9, "7.png: no ball_radius_mm"),
+        (9, "7.png: no mm_per_px"),
+        (9, "7.png: no circle"),
+    ] {
+        let paragraph = said.split("\n\n").find(|paragraph| paragraph.contains(words));
+        let paragraph = paragraph.unwrap_or_else(|| panic!("{words} is not in\n{said}"));
+        let whole = paragraph.contains(&format!("presses.csv:{line}:1\n")) && paragraph.contains("help: ");
+        assert!(whole, "{words}, line {line}:\n{paragraph}");
+    }
+    assert_eq!(said.matches("error: ").count(), 10, "{said}");
+    // What is looked for is not found on an untouched pad.
+    rest().save(folder.path("2.png")).expect("an image");
+    let said = refused(&folder, &format!("{CALIBRATE} --detect"));
+    assert!(said.contains("2.png: no press is found in it") && said.contains("presses.csv:4:1"), "{said}");
+}
+
+#[test]
+fn what_cannot_be_learnt_from_or_written_is_refused_before_the_work() {
+    let folder = good();
+    let table = folder.read("presses.csv");
+    folder.write("few.csv", table.lines().take(5).map(|line| format!("{line}\n")).collect::<String>());
+    folder.write("wrong.csv", table.replace("\n0.png,30,25", "\n0.png,80,60"));
+    folder.write("metres.csv", table.replace(",0.2\n", ",1e-8\n"));
+    std::fs::create_dir(folder.path("taken.toml")).expect("a folder");
+    for (arguments, words) in [
+        ("calibrate few.csv --background rest.png --out s.toml", "few.csv:5:1"),
+        ("calibrate few.csv --background rest.png --out s.toml", "4 presses are too few to learn from"),
+        ("calibrate none.csv --background rest.png --out s.toml", "cannot read the table of presses none.csv"),
+        ("calibrate presses.csv --background none.png --out s.toml", "cannot read the background none.png"),
+        ("calibrate presses.csv --background cube.obj --out s.toml", "cannot read the background cube.obj"),
+        ("calibrate presses.csv --background rest.png --out mine", "mine is no name for a sensor file"),
+        ("calibrate presses.csv --background rest.png --out mine.json", "it ends in .toml"),
+        ("calibrate presses.csv --background rest.png --out taken.toml", "taken.toml is a folder"),
+        ("calibrate presses.csv --background rest.png --out rest.png/mine.toml", "rest.png is no folder"),
+        ("calibrate presses.csv --background rest.png --out s.toml --sensor gelsigt", "gelsigt"),
+        ("calibrate presses.csv --background rest.png --out s.toml --thickness-mm 0", "from 0.01 to 1000"),
+        ("calibrate presses.csv --background rest.png --out s.toml --contact-over-disc nan", "from 0.1 to 10"),
+        ("calibrate presses.csv --background rest.png --out s.toml --contact-over-disc 50", "from 0.1 to 10"),
+        ("calibrate metres.csv --background rest.png --out s.toml", "the view would be 9.600e-7 x 7.200e-7 mm"),
+        ("calibrate presses.csv --out s.toml", "--background"),
+        ("calibrate --background rest.png --out s.toml", "PRESSES.csv"),
+        ("calibrate presses.csv --background rest.png", "--out"),
+        ("calibrate --evaluate presses.csv --out out", "--sensor"),
+        ("calibrate presses.csv --evaluate presses.csv --sensor digit --out out", "cannot be used with"),
+        ("calibrate --evaluate presses.csv --sensor digit --out out --detect", "cannot be used with"),
+        ("calibrate --evaluate presses.csv --sensor digit --out rest.png", "rest.png is not a folder"),
+        ("calibrate --evaluate presses.csv --sensor none.toml --out out", "none.toml"),
+    ] {
+        let said = refused(&folder, arguments);
+        assert!(said.contains(words), "{arguments}:\n{said}");
+    }
+    // One circle of five is where nothing is.
+    let five: String = folder.read("wrong.csv").lines().take(6).map(|line| format!("{line}\n")).collect();
+    folder.write("wrong.csv", five);
+    let said = refused(&folder, "calibrate wrong.csv --background rest.png --out s.toml --drop-bad");
+    assert!(said.contains("of 5 presses too few are usable") && said.contains("--drop-bad"), "{said}");
+}
+
+/// Runs the command on `threads` threads, and says what it wrote, on standard output and on standard error.
+fn calibrated(folder: &Folder, threads: &str) -> (BTreeMap<String, Vec<u8>>, String, String) {
+    let arguments = format!("{CALIBRATE} --detect --thickness-mm 4 --contact-over-disc 0.95");
+    let assert = folder.gelsim(&arguments).env("RAYON_NUM_THREADS", threads).assert().success();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let output = assert.get_output();
+    let written = folder.files("out");
+    std::fs::remove_dir_all(folder.path("out")).expect("what was written");
+    (written, text(&output.stdout), text(&output.stderr))
+}
+
+/// One test, because a fit takes half a minute.
+#[test]
+fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
+    let folder = good();
+    // The first circle is left to be found, the last is wrong.
+    let table = folder.read("presses.csv").replace("\n0.png,30,25,8,", "\n0.png,,,,");
+    folder.write("presses.csv", table.replace("\n6.png,72,22,", "\n6.png,40,60,"));
+    let (files, shown, said) = calibrated(&folder, "3");
+    let (again, shown_again, said_again) = calibrated(&folder, "1");
+    assert_same_files(&files, &again);
+    assert!((shown.as_str(), said.as_str()) == (shown_again.as_str(), said_again.as_str()), "{said}\n{said_again}");
+
+    let names: Vec<&str> = files.keys().map(String::as_str).collect();
+    assert_eq!(names, ["mine.background.png", "mine.calibration.json", "mine.html", "mine.toml"]);
+    for line in ["presses", "gelpad thickness", "contact over visible disc", "cross-validated, contact"] {
+        assert!(shown.lines().any(|shown| shown.starts_with(line)), "{line} is not in\n{shown}");
+    }
+    assert!(
+        shown.contains("7, 1 of them doubtful, 0 left out\n") && shown.contains("96x72 px, 0.2 mm per px"),
+        "{shown}"
+    );
+    assert!(said.contains("note: 0.png: circle found at ") && said.contains(" % sure\n"), "{said}");
+    assert!(said.contains("warning: 6.png: ") && said.matches("warning: ").count() == 1, "{said}");
+    assert!(said.ends_with("-> out/mine.toml, out/mine.html\n"), "{said}");
+
+    std::fs::create_dir(folder.path("out")).expect("a folder");
+    files.iter().for_each(|(name, bytes)| folder.write(&format!("out/{name}"), bytes));
+    let sensor: toml::Table = folder.read("out/mine.toml").parse().expect("TOML");
+    assert_eq!((sensor["name"].as_str(), sensor["gelpad_thickness_mm"].as_float()), (Some("mine"), Some(4.0)));
+    for (key, name) in [("background", "mine.background.png"), ("calibration", "mine.calibration.json")] {
+        let hash: String = Sha256::digest(&files[name]).iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(sensor[key].as_str(), Some(name));
+        assert_eq!(sensor[&format!("{key}_sha256")].as_str(), Some(hash.as_str()));
+    }
+    assert_eq!(json(&folder, "out/mine.calibration.json")["calibration_version"], 1);
+    let page = folder.read("out/mine.html");
+    assert!(page.contains("6.png") && page.trim_end().ends_with("</html>"));
+
+    folder.write(
+        "job.toml",
+        "dataset = { name = 'made', samples = 2 }\nsensor.file = 'out/mine.toml'\nindentation.depth_mm = 0.4\n\
+         object = [{ path = 'cube.obj' }]\n",
+    );
+    folder.succeed("generate job.toml --quiet --out set");
+    assert!(folder.labels("set").values().all(|label| label["optics_model"] == "calibrated"));
+}
+
+fn evaluated(folder: &Folder, more: &str) -> (String, String) {
+    let arguments = format!("calibrate --evaluate presses.csv --sensor sensor.toml --out out{more}");
+    let assert = folder.gelsim(&arguments).assert().success();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&assert.get_output().stdout), text(&assert.get_output().stderr))
+}
+
+#[test]
+fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_images() {
+    let folder = good();
+    add_sensor(&folder);
+    let (shown, said) = evaluated(&folder, "");
+    assert_eq!(said, "-> out\n");
+    let lines: Vec<&str> = shown.lines().collect();
+    assert!(lines.len() == 9 && lines[0].contains("contact MAE / PSNR dB / SSIM    whole image MAE"), "{shown}");
+    let figures = |line: &str| -> Vec<f64> { line.split_whitespace().filter_map(|word| word.parse().ok()).collect() };
+    for (k, line) in lines[1..8].iter().enumerate() {
+        assert!(line.starts_with(&format!("{k}.png ")) && figures(line).len() == 6, "{line}");
+    }
+    assert!(lines[8].starts_with("mean of 7 "), "{shown}");
+    // The mean of the contact's errors, to what is printed.
+    let mean = lines[1..8].iter().map(|line| figures(line)[0]).sum::<f64>() / 7.0;
+    assert!((figures(lines[8])[1] - mean).abs() < 0.02, "{shown}");
+    let pictures = folder.files("out");
+    assert_eq!(pictures.len(), 7);
+    let picture = |bytes: &[u8]| image::load_from_memory(bytes).expect("a picture").into_rgb8();
+    assert!(pictures.values().all(|bytes| picture(bytes).dimensions() == (SIZE_PX[0], SIZE_PX[1])));
+
+    // The images are not looked at: pictures of nothing change figures only.
+    for k in 1..7 {
+        rest().save(folder.path(&format!("{k}.png"))).expect("an image");
+    }
+    std::fs::remove_file(folder.path("0.png")).expect("a file");
+    RgbImage::new(5, 5).save(folder.path("1.png")).expect("an image");
+    let table = folder.read("presses.csv").replace("\n2.png,45,50,8.5,4,0.2\n", "\n2.png,45,50,8.5,4,0.3\n");
+    folder.write("presses.csv", table);
+    let (shown, said) = evaluated(&folder, "");
+    assert_same_files(&pictures, &folder.files("out"));
+    assert!(shown.contains("\nmean of 5 ") && shown.contains("\n0.png "), "{shown}");
+    for line in [
+        "warning: 0.png: not compared: ",
+        "warning: 1.png: not of the sensor's size: not compared\n",
+        "warning: 2.png: 0.3 mm per px in the table, 0.200000 on the sensor, which counts\n",
+    ] {
+        assert!(said.contains(line), "{line}{said}");
+    }
+    // A circle no ball has, and one out of view.
+    folder.write("presses.csv", format!("{HEAD}big.png,40,30,300,4,0.2\nfar.png,-900,-900,8,4,0.2\n"));
+    let (shown, said) = evaluated(&folder, " --fidelity draft");
+    assert!(said.contains("big.png: its circle is too large for its ball") && shown.contains("mean of 0"), "{said}");
+    assert!(folder.path("out/big.png").is_file());
+    let far = picture(&folder.files("out")["far.png"]);
+    assert!(far == rest(), "nothing is in view");
+}
+
+#[test]
+fn tables_that_cannot_be_simulated_are_refused_with_every_line() {
+    let folder = good();
+    add_sensor(&folder);
+    let rows = "a/1.png,30,20,7,4,0.2\nb/1.png,30,20,7,4,0.2\n2.png,,,,4,0.2\n3.png,30,20,7,,0.2\n";
+    folder.write("presses.csv", format!("{HEAD}{rows}"));
+    let said = refused(&folder, "calibrate --evaluate presses.csv --sensor sensor.toml --out out");
+    for (line, words) in
+        [(3, "a second picture would be called 1.png"), (4, "2.png: no circle"), (5, "3.png: no ball_radius_mm")]
+    {
+        let paragraph = said.split("\n\n").find(|paragraph| paragraph.contains(words)).unwrap_or_default();
+        assert!(paragraph.contains(&format!("presses.csv:{line}:1\n")), "{words}, line {line}:\n{said}");
+    }
+    assert_eq!(said.matches("error: ").count(), 3, "{said}");
+    // Pictures end in .png, whatever the images do.
+    folder.write("presses.csv", format!("{HEAD}a/1.png,30,20,7,4,0.2\n1.jpg,30,20,7,4,0.2\n"));
+    let said = refused(&folder, "calibrate --evaluate presses.csv --sensor sensor.toml --out out");
+    assert!(said.contains("a second picture would be called 1.png"), "{said}");
+}
