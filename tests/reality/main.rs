@@ -3,4 +3,7 @@
 
 mod detect;
 mod page;
+mod real;
+mod sensors;
+mod shapes;
 mod synthetic;

@@ -1,0 +1,213 @@
+//! Real presses of every sensor against simulated ones: by a model of the other presses, and where the error is.
+
+use std::path::{Path, PathBuf};
+
+use gelsim::calibrate::run::{Calibration, Request, run};
+use gelsim::calibrate::{Geometry, Session};
+use gelsim::compare::picture;
+use gelsim::compare::score::Scores;
+use gelsim::fidelity::Rung;
+use gelsim::optics::{self, calibrated::Table};
+use gelsim::rng::{Stage, stream};
+use image::RgbImage;
+use rayon::prelude::*;
+
+use crate::real::{self, contact_mae, half, mean, scores, shown, simulate};
+
+/// Sensors with good annotations, and the largest MAE of their contacts.
+const GOOD: [(&str, f64); 3] = [("gelsight_taxim", 4.3), ("gsmini_gssdk", 4.1), ("gelsight_thu", 8.5)];
+/// Radii that are tried for each circle, of its own.
+const RADII: [f64; 9] = [0.9, 0.925, 0.95, 0.975, 1.0, 1.025, 1.05, 1.075, 1.1];
+/// Limits of the zones by the distance from the circle's centre, radii.
+const ZONES: [f64; 7] = [0.0, 0.6, 0.9, 1.1, 1.3, 2.5, f64::INFINITY];
+/// From here on, in radii, a press changes nothing.
+const FAR: f64 = 4.0;
+
+fn folders(of: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(of).expect("a folder that can be read");
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.expect("an entry").path()).collect();
+    folders.retain(|path| path.join("annotations.csv").is_file());
+    folders.sort();
+    folders
+}
+
+fn name(folder: &Path) -> String {
+    folder.file_name().expect("a name").to_string_lossy().into_owned()
+}
+
+fn shader(session: &Session, table: Option<&Table>) -> optics::Shader {
+    let optics = Rung::Standard.choices(table.is_some()).optics;
+    optics::Shader::new(&optics, table, &session.sensor, &session.camera, None)
+}
+
+/// The presses as `table` has them, with circles of `by` times their radii.
+fn press(session: &Session, geometry: Geometry, table: Option<&Table>, by: f64) -> Vec<RgbImage> {
+    let mut sized = session.clone();
+    sized.seen.iter_mut().for_each(|seen| seen.circle.radius_px *= by);
+    sized.sensor = sized.sensor(geometry.thickness_mm);
+    simulate(session, &sized.surfaces(geometry, &half()).contacts, &shader(&sized, table))
+}
+
+/// For each press the nearest of several pictures.
+fn best(tried: &[Vec<Scores>]) -> Vec<Scores> {
+    let of = |press: usize| tried.iter().map(|all| all[press]).min_by(|a, b| contact_mae(a).total_cmp(&contact_mae(b)));
+    (0..tried[0].len()).filter_map(of).collect()
+}
+
+/// `image` moved by whole pixels, over `rest` where nothing comes in.
+fn moved(image: &RgbImage, rest: &RgbImage, by: [i64; 2]) -> RgbImage {
+    let (width, height) = (i64::from(image.width()), i64::from(image.height()));
+    RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        let [sx, sy] = [i64::from(x) - by[0], i64::from(y) - by[1]];
+        let inside = (0..width).contains(&sx) && (0..height).contains(&sy);
+        // What the press changes moves; the pad's own picture stays.
+        let (to, from) = (rest.get_pixel(x, y).0, if inside { Some((sx as u32, sy as u32)) } else { None });
+        let change = from.map_or([0; 3], |(sx, sy)| {
+            let (sim, flat) = (image.get_pixel(sx, sy).0, rest.get_pixel(sx, sy).0);
+            [0, 1, 2].map(|k| i32::from(sim[k]) - i32::from(flat[k]))
+        });
+        image::Rgb([0, 1, 2].map(|k| (i32::from(to[k]) + change[k]).clamp(0, 255) as u8))
+    })
+}
+
+/// Sums of absolute differences and counts of values in each of [`ZONES`], and beyond [`FAR`]: as they are, and less the
+/// image's own mean there.
+struct Zones {
+    sums: [[f64; 2]; ZONES.len() - 1],
+    far: f64,
+    noise: f64,
+}
+
+impl Zones {
+    fn of(seen: &gelsim::calibrate::Seen, simulated: &RgbImage) -> Self {
+        let mut sums = [[0.0; 2]; ZONES.len() - 1];
+        let mut far: [Vec<f64>; 3] = Default::default();
+        let [cx, cy] = seen.circle.centre_px;
+        for ((x, y, real), sim) in seen.image.enumerate_pixels().zip(simulated.pixels()) {
+            let distance = (f64::from(x) - cx).hypot(f64::from(y) - cy) / seen.circle.radius_px;
+            let zone = ZONES.partition_point(|limit| *limit <= distance) - 1;
+            for k in 0..3 {
+                let error = f64::from(sim.0[k]) - f64::from(real.0[k]);
+                sums[zone] = [sums[zone][0] + error.abs(), sums[zone][1] + 1.0];
+                if distance > FAR {
+                    far[k].push(error);
+                }
+            }
+        }
+        let noise = far.iter().flat_map(|errors| {
+            let offset = mean(errors.iter().copied());
+            errors.iter().map(move |error| (error - offset).abs())
+        });
+        Self { sums, far: mean(far.iter().flatten().map(|error| error.abs())), noise: mean(noise) }
+    }
+
+    /// Mean errors in the zones, and each zone's share of those up to `until`, %.
+    fn shown(all: &[Self]) -> String {
+        let sum = |zone: usize, k: usize| all.iter().map(|zones| zones.sums[zone][k]).sum::<f64>();
+        let shares = |zones: std::ops::Range<usize>| -> String {
+            let total: f64 = zones.clone().map(|zone| sum(zone, 0)).sum();
+            zones.map(|zone| format!("{:5.0}", 100.0 * sum(zone, 0) / total)).collect()
+        };
+        let errors: String = (0..ZONES.len() - 1).map(|zone| format!("{:6.2}", sum(zone, 0) / sum(zone, 1))).collect();
+        let [far, noise] = [mean(all.iter().map(|zones| zones.far)), mean(all.iter().map(|zones| zones.noise))];
+        format!("{errors} |{} |{} | {far:5.2} {noise:5.2}", shares(0..4), shares(0..ZONES.len() - 1))
+    }
+}
+
+/// The cross-validated pictures, the nearest, the middle and the furthest, beside the real ones.
+fn draw(name: &str, found: &Calibration) {
+    let mut order: Vec<usize> = (0..found.unseen.len()).collect();
+    order.sort_by(|a, b| contact_mae(&found.unseen[*a].scores).total_cmp(&contact_mae(&found.unseen[*b].scores)));
+    let rows = [0, order.len() / 2, order.len() - 1].map(|rank| {
+        let (seen, unseen) = (&found.session.seen[order[rank]], &found.unseen[order[rank]]);
+        picture::row(format!("{}: MAE {:.2}", seen.file, contact_mae(&unseen.scores)), &seen.image, &unseen.simulated)
+    });
+    real::write(&format!("{name}.png"), &picture::sheet(rows.into(), 480));
+}
+
+#[test]
+fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_background() {
+    let Some(folder) = real::folder() else { return };
+    let mut zones = Vec::new();
+    println!("sensor, presses; contact (1.3 radii) MAE / PSNR dB / SSIM | whole image MAE");
+    for folder in folders(&folder) {
+        let (name, Some(session)) = (name(&folder), real::session(&folder)) else { continue };
+        let found = run(session, &Request::default()).expect("enough presses");
+        let (session, geometry) = (&found.session, found.geometry);
+        let count = session.seen.len();
+        let bare = scores(session, &vec![session.background.clone(); count]);
+        let phong = scores(session, &press(session, geometry, None, 1.0));
+        let unseen: Vec<Scores> = found.unseen.iter().map(|unseen| unseen.scores).collect();
+        let sized = RADII.map(|by| scores(session, &press(session, geometry, Some(&found.table), by)));
+        let placed: Vec<Scores> = session
+            .seen
+            .par_iter()
+            .zip(&found.unseen)
+            .filter_map(|(seen, unseen)| {
+                let by = (-3..=3).flat_map(|x| (-3..=3).map(move |y| [x, y]));
+                let all = by.map(|by| {
+                    let image = moved(&unseen.simulated, &session.background, by);
+                    gelsim::compare::score::score(
+                        &seen.image,
+                        &image,
+                        Some(&seen.circle),
+                        gelsim::calibrate::pixels::DILATE,
+                    )
+                });
+                all.min_by(|a, b| contact_mae(a).total_cmp(&contact_mae(b)))
+            })
+            .collect();
+        println!(
+            "{name}, {count}; thickness {} mm, contact over disc {:.2}",
+            geometry.thickness_mm, geometry.contact_over_disc
+        );
+        let line = |what: &str, scores: &[Scores]| println!("    {what:44} {}", shown(scores.iter()));
+        line("background alone", &bare);
+        line("phong, not calibrated, this background", &phong);
+        line("calibrated, cross-validated", &unseen);
+        line("the same, centre moved to the best in 3 px", &placed);
+        line("calibrated, in sample", &sized[RADII.len() / 2]);
+        line("the same, the best of radii x 0.9 to 1.1", &best(&sized));
+        let own: Vec<Zones> = session
+            .seen
+            .par_iter()
+            .zip(&found.unseen)
+            .map(|(seen, unseen)| Zones::of(seen, &unseen.simulated))
+            .collect();
+        zones.push(format!("{name:16}{}", Zones::shown(&own)));
+        draw(&name, &found);
+        let error = |scores: &[Scores]| mean(scores.iter().map(contact_mae));
+        assert!(error(&unseen) < 0.5 * error(&bare) && error(&unseen) < error(&phong), "{name}");
+        if let Some((_, most)) = GOOD.iter().find(|(good, _)| *good == name) {
+            assert!(error(&unseen) <= *most, "{name}: {}", error(&unseen));
+        }
+    }
+    println!(
+        "\nzones 0-.6 .6-.9 .9-1.1 1.1-1.3 1.3-2.5 beyond: MAE | share of the contact's error, % | of the image's, % |"
+    );
+    println!("beyond 4 radii: MAE, and less each image's mean");
+    println!("{}", zones.join("\n"));
+}
+
+#[test]
+fn more_presses_bring_a_sensor_nearer() {
+    const SENSOR: &str = "gsmini_gssdk";
+    const HELD_OUT: usize = 8;
+    let Some(folder) = real::folder() else { return };
+    let session = real::session(&folder.join(SENSOR)).expect("a table of presses");
+    let all = session.seen.len();
+    let order = stream(0, Stage::Calibration, 7).some_of((0..all).collect(), all);
+    let part = |of: &[usize]| {
+        let seen = of.iter().map(|k| session.seen[*k].clone()).collect();
+        Session { seen, ..session.clone() }
+    };
+    let others = part(&order[..HELD_OUT]);
+    let error = |count: usize| {
+        let found = run(part(&order[HELD_OUT..HELD_OUT + count]), &Request::default()).expect("enough presses");
+        let scores = scores(&others, &press(&others, found.geometry, Some(&found.table), 1.0));
+        println!("{SENSOR}: {count:2} presses, tested on {HELD_OUT} others: {}", shown(scores.iter()));
+        mean(scores.iter().map(contact_mae))
+    };
+    let errors = [5, 8, 12, 20, all - HELD_OUT].map(error);
+    assert!(errors[4] < 0.9 * errors[0], "{errors:?}");
+}
