@@ -12,8 +12,8 @@ use super::{Geometry, Session, Surfaces, fit, table};
 use crate::compare::score::{Score, score};
 use crate::gelpad::Model;
 use crate::gelpad::elastic::{Elastic, Resolution};
-use crate::optics::calibrated::Table;
 use crate::optics::calibrated::response::{Response, SECTORS};
+use crate::optics::calibrated::{Colors, Table};
 
 /// Pixels of a press that are learnt from.
 const PIXELS: usize = 4000;
@@ -38,7 +38,7 @@ pub struct Calibration {
     /// The pad.
     pub geometry: Geometry,
     /// The light.
-    pub response: Response,
+    pub table: Table,
     /// Each press by a model of the others.
     pub unseen: Vec<Unseen>,
     /// What speaks against each press.
@@ -76,7 +76,7 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
         doubts.extend(odd);
     }
     let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), &request.settings, 100);
-    Some(Calibration { session, geometry, response, unseen, suspicions: doubts, dropped })
+    Some(Calibration { session, geometry, table: table(response, geometry), unseen, suspicions: doubts, dropped })
 }
 
 /// What there is to learn, each press by a model of the others, and what that says against it.
@@ -129,11 +129,6 @@ fn odd_ones(surfaces: &Surfaces, unseen: &[Unseen]) -> Vec<Vec<String>> {
 }
 
 impl Calibration {
-    /// What a sensor's `calibration` names.
-    pub fn table(&self) -> Table {
-        table(self.response.clone(), self.geometry)
-    }
-
     /// Mean errors around the contact and over the whole image.
     pub fn errors(&self) -> [Option<Score>; 2] {
         let contact = self.unseen.iter().filter_map(|unseen| unseen.scores.contact.as_ref());
@@ -155,9 +150,9 @@ impl Calibration {
         let places = [("middle", 0.0, 0.0), ("top left", -0.5, -0.5), ("top right", 0.5, -0.5)];
         let more = [("bottom left", -0.5, 0.5), ("bottom right", 0.5, 0.5)];
         let half = self.session.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
-        let disc = |&(name, x, y): &(&str, f64, f64)| {
-            (name.to_owned(), disc_of_normals(&self.response, [x * half[0], y * half[1]]))
-        };
+        let Colors::Response(response) = &self.table.colors else { return Vec::new() };
+        let disc =
+            |&(name, x, y): &(&str, f64, f64)| (name.to_owned(), disc_of_normals(response, [x * half[0], y * half[1]]));
         places.iter().chain(&more).map(disc).collect()
     }
 }

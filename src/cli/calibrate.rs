@@ -166,7 +166,7 @@ impl Calibrate {
         let sensor = found.session.sensor(found.geometry.thickness_mm);
         let page_path = self.out.with_extension("html");
         let page = page(&self.name(), &found, &summary, &warnings);
-        self.write_sensor(sensor, &found.session.background, &found.table(), &summary, Some((&page_path, page)))?;
+        self.write_sensor(sensor, &found.session.background, &found.table, &summary, Some((&page_path, page)))?;
         let lines = summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n"));
         print(&lines.collect::<String>())?;
         say(&format!("-> {}, {}", self.out.display(), page_path.display()));

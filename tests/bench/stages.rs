@@ -17,7 +17,6 @@ use gelsim::dataset::{encode, exr, png};
 use gelsim::depth::{self, Camera, Placement, Window};
 use gelsim::effects::{Gate, Ledger};
 use gelsim::gelpad::Pad;
-use gelsim::gelpad::elastic::Resolution;
 use gelsim::gelpad::mean_blur::MeanBlur;
 use gelsim::grid::Rect;
 use gelsim::object::clusters::Clusters;
@@ -156,9 +155,9 @@ fn light(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("phong", name), |b| {
             b.iter(|| plan.ready.shader.shade(black_box(contact), &plan.reference, &mut ledger()));
         });
-        for resolution in [Resolution::Quarter, Resolution::Half, Resolution::Full] {
-            let shader = Shader::new(Calibrated { resolution }, Some(&table), &CAMERA);
-            let id = BenchmarkId::new(format!("calibrated_{resolution:?}").to_lowercase(), name);
+        for spacing_mm in [0.25, 0.1, 0.0] {
+            let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
+            let id = BenchmarkId::new(format!("calibrated_{spacing_mm:?}").to_lowercase(), name);
             group.bench_function(id, |b| {
                 b.iter(|| shader.shade(black_box(contact), &plan.reference, &mut ledger()));
             });

@@ -8,7 +8,6 @@ use gelsim::dataset::encode::json;
 use gelsim::effects::Gate;
 use gelsim::fidelity::Rung;
 use gelsim::gelpad::Contact;
-use gelsim::gelpad::elastic::Resolution;
 use gelsim::optics::Light;
 use gelsim::optics::calibrated::Table;
 use gelsim::render::render;
@@ -19,7 +18,8 @@ use crate::plan::plan;
 use crate::recovery::GOOD;
 use crate::sensor::{BACKGROUND, BALLS, CAMERA, UNSEEN, light, presses, rest, session, surface};
 
-const RESOLUTIONS: [Resolution; 3] = [Resolution::Quarter, Resolution::Half, Resolution::Full];
+/// Of the grid on which coefficients are found, mm.
+const SPACINGS: [f64; 3] = [0.25, 0.1, 0.0];
 
 fn picture(light: &Light) -> RgbImage {
     gelsim::calibrate::picture(light, &rest())
@@ -34,9 +34,9 @@ fn contacts() -> impl Iterator<Item = &'static Contact> {
 fn a_flat_pad_is_the_background_byte_for_byte() {
     let flat = &presses("sphere", "", "0.3\nindentation.no_contact = 1.0", 1)[0].contact;
     assert!(flat.surface.data.iter().all(|w| *w == 0.0));
-    for resolution in RESOLUTIONS {
+    for spacing_mm in SPACINGS {
         for gate in [Gate::CalledFor, Gate::All] {
-            assert!(picture(&light(&GOOD.table, resolution, flat, gate)) == *BACKGROUND, "{resolution:?} {gate:?}");
+            assert!(picture(&light(&GOOD.table, spacing_mm, flat, gate)) == *BACKGROUND, "{spacing_mm:?} {gate:?}");
         }
     }
 }
@@ -58,16 +58,16 @@ fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
         ("steps in a corner", surface(like, |x, y| if x < 9 && y < 9 { (x * y) as f32 } else { 0.0 })),
     ];
     for (name, contact) in &surfaces {
-        for resolution in RESOLUTIONS {
-            let light = light(&GOOD.table, resolution, contact, Gate::All);
+        for spacing_mm in SPACINGS {
+            let light = light(&GOOD.table, spacing_mm, contact, Gate::All);
             let at_rest = rest().light(light.region);
             let values = light.planes.iter().flatten().zip(at_rest.planes.iter().flatten());
             let most = values.map(|(value, rest)| (value - rest).abs()).fold(0.0, |most, change| {
                 assert!(change.is_finite(), "{name}");
                 f32::max(most, change)
             });
-            println!("{name}, {resolution:?}: changes by {most:.2} of full scale");
-            assert!(most > 0.0 && most < 2.0, "{name}, {resolution:?}: changes by {most} of full scale");
+            println!("{name}, {spacing_mm:?}: changes by {most:.2} of full scale");
+            assert!(most > 0.0 && most < 2.0, "{name}, {spacing_mm:?}: changes by {most} of full scale");
         }
     }
 }
@@ -76,11 +76,11 @@ fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
 fn what_is_left_out_beyond_the_press_is_less_than_a_level() {
     let mut left_out = 0;
     for contact in contacts() {
-        for resolution in RESOLUTIONS {
-            let [some, all] = [Gate::CalledFor, Gate::All].map(|gate| light(&GOOD.table, resolution, contact, gate));
+        for spacing_mm in SPACINGS {
+            let [some, all] = [Gate::CalledFor, Gate::All].map(|gate| light(&GOOD.table, spacing_mm, contact, gate));
             left_out += all.region.area() - some.region.area();
             let most = picture(&some).iter().zip(picture(&all).iter()).map(|(a, b)| a.abs_diff(*b)).max();
-            assert!(most <= Some(1), "{most:?} levels at {resolution:?}");
+            assert!(most <= Some(1), "{most:?} levels at {spacing_mm:?}");
         }
     }
     assert!(left_out > 0, "nothing was ever left out");
@@ -89,11 +89,11 @@ fn what_is_left_out_beyond_the_press_is_less_than_a_level() {
 #[test]
 fn processors_without_wide_vectors_give_the_same_bits() {
     for contact in contacts() {
-        for resolution in RESOLUTIONS {
+        for spacing_mm in SPACINGS {
             let bits = |light: Light| light.planes.map(|plane| plane.into_iter().map(f32::to_bits).collect::<Vec<_>>());
-            let shade = || bits(light(&GOOD.table, resolution, contact, Gate::CalledFor));
+            let shade = || bits(light(&GOOD.table, spacing_mm, contact, Gate::CalledFor));
             let own = shade();
-            assert!(!own[0].is_empty() && own == simd::narrow(shade), "{resolution:?}");
+            assert!(!own[0].is_empty() && own == simd::narrow(shade), "{spacing_mm:?}");
         }
     }
 }

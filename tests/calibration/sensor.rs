@@ -9,7 +9,6 @@ use gelsim::depth::Camera;
 use gelsim::effects::{Gate, Ledger};
 use gelsim::fidelity::Rung;
 use gelsim::gelpad::Contact;
-use gelsim::gelpad::elastic::Resolution;
 use gelsim::grid::Rect;
 use gelsim::label::Label;
 use gelsim::metrics::image::mae;
@@ -156,14 +155,14 @@ pub fn rest() -> Reference {
 }
 
 /// A table's light of a surface.
-pub fn light(table: &Table, resolution: Resolution, contact: &Contact, gate: Gate) -> Light {
-    let shader = calibrated::Shader::new(Calibrated { resolution }, Some(table), &CAMERA);
+pub fn light(table: &Table, spacing_mm: f64, contact: &Contact, gate: Gate) -> Light {
+    let shader = calibrated::Shader::new(Calibrated { spacing_mm }, Some(table), &CAMERA);
     shader.shade(contact, &rest(), &mut Ledger::new(gate))
 }
 
 /// A table's picture of a surface.
 pub fn simulated(table: &Table, contact: &Contact) -> RgbImage {
-    picture(&light(table, Resolution::Quarter, contact, Gate::CalledFor), &rest())
+    picture(&light(table, 0.25, contact, Gate::CalledFor), &rest())
 }
 
 /// The picture of a surface by those who do not calibrate.

@@ -22,7 +22,6 @@ use gelsim::dataset::versioned::Versioned;
 use gelsim::dataset::{exr as exr_file, heights, npy as npy_file, png as png_file, verify};
 use gelsim::depth::{Camera, Depth};
 use gelsim::effects::{Gate, Ledger};
-use gelsim::gelpad::elastic::Resolution;
 use gelsim::gelpad::{Contact, none};
 use gelsim::grid::{Grid, Rect};
 use gelsim::label::Label;
@@ -321,8 +320,8 @@ pub fn calibration(bytes: &[u8]) {
         none::press(&depth)
     });
     let rest = Reference::new(7, 5, vec![100; 105]);
-    for resolution in [Resolution::Quarter, Resolution::Full] {
-        let shader = Shader::new(Calibrated { resolution }, Some(&table), &CAMERA);
+    for spacing_mm in [0.25, 0.0] {
+        let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
         let light = shader.shade(&CONTACT, &rest, &mut Ledger::new(Gate::All));
         assert!(light.region.area() == 35 && light.planes.iter().flatten().all(|value| value.is_finite()));
     }
