@@ -1,6 +1,8 @@
 //! What holds for the light of every table: nothing where the pad is flat, bounded and finite whatever the surface, the
 //! same on every processor and with any number of threads, at every rung, and from its file.
 
+use std::sync::LazyLock;
+
 use gelsim::calibrate::run::{Calibration, Request, run};
 use gelsim::calibrate::train::Settings;
 use gelsim::config::sensor::Sensor;
@@ -18,8 +20,10 @@ use crate::plan::plan;
 use crate::recovery::GOOD;
 use crate::sensor::{BACKGROUND, BALLS, CAMERA, UNSEEN, light, presses, rest, session, surface};
 
-/// Of the grid on which coefficients are found, mm.
-const SPACINGS: [f64; 3] = [0.25, 0.1, 0.0];
+/// Distances of the pixels between which light is interpolated, mm: the rungs', a wide one, none.
+const SPACINGS_MM: [f64; 3] = [0.25, 0.6, 0.0];
+
+static TABLE: LazyLock<Table> = LazyLock::new(|| GOOD.table.clone());
 
 fn picture(light: &Light) -> RgbImage {
     gelsim::calibrate::picture(light, &rest())
@@ -34,9 +38,9 @@ fn contacts() -> impl Iterator<Item = &'static Contact> {
 fn a_flat_pad_is_the_background_byte_for_byte() {
     let flat = &presses("sphere", "", "0.3\nindentation.no_contact = 1.0", 1)[0].contact;
     assert!(flat.surface.data.iter().all(|w| *w == 0.0));
-    for spacing_mm in SPACINGS {
+    for spacing_mm in SPACINGS_MM {
         for gate in [Gate::CalledFor, Gate::All] {
-            assert!(picture(&light(&GOOD.table, spacing_mm, flat, gate)) == *BACKGROUND, "{spacing_mm:?} {gate:?}");
+            assert!(picture(&light(&TABLE, spacing_mm, flat, gate)) == *BACKGROUND, "{spacing_mm} mm {gate:?}");
         }
     }
 }
@@ -58,29 +62,38 @@ fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
         ("steps in a corner", surface(like, |x, y| if x < 9 && y < 9 { (x * y) as f32 } else { 0.0 })),
     ];
     for (name, contact) in &surfaces {
-        for spacing_mm in SPACINGS {
-            let light = light(&GOOD.table, spacing_mm, contact, Gate::All);
+        for spacing_mm in SPACINGS_MM {
+            let light = light(&TABLE, spacing_mm, contact, Gate::All);
             let at_rest = rest().light(light.region);
             let values = light.planes.iter().flatten().zip(at_rest.planes.iter().flatten());
             let most = values.map(|(value, rest)| (value - rest).abs()).fold(0.0, |most, change| {
                 assert!(change.is_finite(), "{name}");
                 f32::max(most, change)
             });
-            println!("{name}, {spacing_mm:?}: changes by {most:.2} of full scale");
-            assert!(most > 0.0 && most < 2.0, "{name}, {spacing_mm:?}: changes by {most} of full scale");
+            println!("{name}, {spacing_mm} mm: changes by {most:.2} of full scale");
+            assert!(most < 1.6, "{name}, {spacing_mm} mm: changes by {most} of full scale");
         }
     }
 }
 
 #[test]
 fn what_is_left_out_beyond_the_press_is_less_than_a_level() {
+    // The halos of presses fill the view; those of dents this small do not.
+    let dent = |x0: f32, y0: f32, deep: f32| {
+        surface(&BALLS[0].contact, move |x, y| {
+            let away = ((x as f32 - x0) * (x as f32 - x0) + (y as f32 - y0) * (y as f32 - y0)).sqrt();
+            deep * (1.0 / (1.0 + (away / 6.0) * (away / 6.0)) - 0.002).max(0.0)
+        })
+    };
+    let dents = [dent(40.0, 40.0, 0.1), dent(150.0, 20.0, 0.3), dent(100.0, 149.0, 0.03), dent(-3.0, 70.0, 0.2)];
     let mut left_out = 0;
-    for contact in contacts() {
-        for spacing_mm in SPACINGS {
-            let [some, all] = [Gate::CalledFor, Gate::All].map(|gate| light(&GOOD.table, spacing_mm, contact, gate));
+    for contact in contacts().cloned().chain(dents) {
+        let contact = &contact;
+        for spacing_mm in SPACINGS_MM {
+            let [some, all] = [Gate::CalledFor, Gate::All].map(|gate| light(&TABLE, spacing_mm, contact, gate));
             left_out += all.region.area() - some.region.area();
             let most = picture(&some).iter().zip(picture(&all).iter()).map(|(a, b)| a.abs_diff(*b)).max();
-            assert!(most <= Some(1), "{most:?} levels at {spacing_mm:?}");
+            assert!(most <= Some(1), "{most:?} levels at {spacing_mm} mm");
         }
     }
     assert!(left_out > 0, "nothing was ever left out");
@@ -89,11 +102,11 @@ fn what_is_left_out_beyond_the_press_is_less_than_a_level() {
 #[test]
 fn processors_without_wide_vectors_give_the_same_bits() {
     for contact in contacts() {
-        for spacing_mm in SPACINGS {
+        for spacing_mm in SPACINGS_MM {
             let bits = |light: Light| light.planes.map(|plane| plane.into_iter().map(f32::to_bits).collect::<Vec<_>>());
-            let shade = || bits(light(&GOOD.table, spacing_mm, contact, Gate::CalledFor));
+            let shade = || bits(light(&TABLE, spacing_mm, contact, Gate::CalledFor));
             let own = shade();
-            assert!(!own[0].is_empty() && own == simd::narrow(shade), "{spacing_mm:?}");
+            assert!(!own[0].is_empty() && own == simd::narrow(shade), "{spacing_mm} mm");
         }
     }
 }
@@ -114,7 +127,7 @@ fn the_number_of_threads_moves_no_bit_of_a_table() {
 
 #[test]
 fn a_table_is_the_same_from_its_file() {
-    assert_eq!(Table::parse(&json(&GOOD.table)).as_ref(), Ok(&GOOD.table));
+    assert_eq!(Table::parse(&json(&*TABLE)).as_ref(), Ok(&*TABLE));
 }
 
 #[test]
@@ -122,7 +135,7 @@ fn every_rung_runs_and_nears_the_reference() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = |name: &str| folder.path().join(name);
     BACKGROUND.save(path("rest.png")).expect("an image");
-    std::fs::write(path("table.json"), json(&GOOD.table)).expect("a file");
+    std::fs::write(path("table.json"), json(&*TABLE)).expect("a file");
     let sensor = Sensor {
         background: Some(String::from("rest.png")),
         calibration: Some(String::from("table.json")),

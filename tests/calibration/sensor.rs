@@ -162,7 +162,7 @@ pub fn light(table: &Table, spacing_mm: f64, contact: &Contact, gate: Gate) -> L
 
 /// A table's picture of a surface.
 pub fn simulated(table: &Table, contact: &Contact) -> RgbImage {
-    picture(&light(table, 0.25, contact, Gate::CalledFor), &rest())
+    picture(&light(table, Calibrated::default().spacing_mm, contact, Gate::CalledFor), &rest())
 }
 
 /// The picture of a surface by those who do not calibrate.
