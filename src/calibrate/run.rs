@@ -117,7 +117,7 @@ fn odd_ones(surfaces: &Surfaces, unseen: &[Unseen]) -> Vec<Vec<String>> {
         if *too_large {
             odd.push(String::from("its circle is too large for its ball"));
         }
-        if *error > (middle + 5.0 * spread).max(1.5 * middle) {
+        if *error > (middle + 5.0 * spread).max(2.0 * middle) {
             odd.push(format!(
                 "it is simulated far worse than the others ({error:.1} levels, theirs {middle:.1}): its circle or its ball \
                  may be wrong"

@@ -265,7 +265,7 @@ fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings:
             real: seen.image.clone(),
             simulated: unseen.simulated.clone(),
             circle: Some(seen.circle),
-            scores: unseen.scores.clone(),
+            scores: unseen.scores,
             suspicions: suspicions.clone(),
         })
         .collect();

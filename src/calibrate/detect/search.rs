@@ -98,6 +98,9 @@ impl Sums {
 mod tests {
     use super::*;
 
+    /// A place and its levels.
+    type Pixel = (f64, f64, [f64; 3]);
+
     /// Slow twin: the plane is found by solving the normal equations of all pixels.
     fn plain_slope(levels: &Grid<[f32; 3]>, centre: [f64; 2], radius: f64) -> f64 {
         let mut pixels = Vec::new();
@@ -110,11 +113,11 @@ mod tests {
             }
         }
         let n = pixels.len() as f64;
-        let mean = |value: &dyn Fn(&(f64, f64, [f64; 3])) -> f64| pixels.iter().map(value).sum::<f64>() / n;
+        let mean = |value: &dyn Fn(&Pixel) -> f64| pixels.iter().map(value).sum::<f64>() / n;
         let (u, v) = (mean(&|p| p.0), mean(&|p| p.1));
         let (uu, uv) = (mean(&|p| (p.0 - u) * (p.0 - u)), mean(&|p| (p.0 - u) * (p.1 - v)));
         // Gram and Schmidt: the second direction without the first.
-        let second = |p: &(f64, f64, [f64; 3])| p.1 - v - uv / uu * (p.0 - u);
+        let second = |p: &Pixel| p.1 - v - uv / uu * (p.0 - u);
         let (ww, mut sum) = (mean(&|p| second(p) * second(p)), 0.0);
         for k in 0..3 {
             let (a, b) = (mean(&|p| (p.0 - u) * p.2[k]), mean(&|p| second(p) * p.2[k]));

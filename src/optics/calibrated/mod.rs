@@ -80,15 +80,15 @@ impl Table {
             calibration_version: u32,
             generator: String,
         }
-        let found = serde_json::from_slice::<Self>(bytes).map_err(|error| match serde_json::from_slice(bytes) {
-            Ok(Header { calibration_version, generator }) if calibration_version > Self::NEWEST => {
-                format!("gelsim {generator} wrote it, which is newer than this one")
-            }
-            _ => format!("no table of `gelsim calibrate`: {error}"),
-        })?;
-        if found.calibration_version != Self::NEWEST {
-            return Err(format!("version {} of the file is not known", found.calibration_version));
+        let none = |error: serde_json::Error| format!("no table of `gelsim calibrate`: {error}");
+        let Header { calibration_version, generator } = serde_json::from_slice(bytes).map_err(none)?;
+        if calibration_version > Self::NEWEST {
+            return Err(format!("gelsim {generator} wrote it, which is newer than this one"));
         }
+        if calibration_version != Self::NEWEST {
+            return Err(format!("version {calibration_version} of the file is not known"));
+        }
+        let found: Self = serde_json::from_slice(bytes).map_err(none)?;
         if !(0.1..=10.0).contains(&found.contact_over_disc) {
             return Err(format!("contact_over_disc is {}", found.contact_over_disc));
         }

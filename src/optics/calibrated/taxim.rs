@@ -46,7 +46,9 @@ impl Taxim {
             if all.len() != bins * bins {
                 return Err(format!("{} polynomials of {channel} for {bins} x {bins} bins", all.len()));
             }
-            if let Some(at) = all.iter().position(|polynomial| !(self.most(polynomial) <= MOST_LEVELS)) {
+            // What is not a number is not within the limit either.
+            let within = |polynomial: &[f32; TERMS]| self.most(polynomial) <= MOST_LEVELS;
+            if let Some(at) = all.iter().position(|polynomial| !within(polynomial)) {
                 let (steepness, direction) = (at / bins, at % bins);
                 return Err(format!(
                     "the polynomial of {channel} in bin {steepness} of steepness, {direction} of direction is not finite, or \
@@ -179,7 +181,7 @@ fn quarter_turns(x: f32, y: f32) -> f32 {
     let (above, below) = if past { (low - high, low + high) } else { (low, high) };
     let t = above / below.max(f32::MIN_POSITIVE);
     let z = t * t;
-    let series = ((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_294_9e-1;
+    let series = ((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_295e-1;
     let start = if past { 0.5 } else { 0.0 };
     let eighth = start + (series * z * t + t) * std::f32::consts::FRAC_2_PI;
     if steep { 1.0 - eighth } else { eighth }
