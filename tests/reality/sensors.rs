@@ -86,11 +86,11 @@ impl Zones {
         for ((x, y, real), sim) in seen.image.enumerate_pixels().zip(simulated.pixels()) {
             let distance = (f64::from(x) - cx).hypot(f64::from(y) - cy) / seen.circle.radius_px;
             let zone = ZONES.partition_point(|limit| *limit <= distance) - 1;
-            for k in 0..3 {
-                let error = f64::from(sim.0[k]) - f64::from(real.0[k]);
+            for (far, (sim, real)) in far.iter_mut().zip(sim.0.iter().zip(real.0)) {
+                let error = f64::from(*sim) - f64::from(real);
                 sums[zone] = [sums[zone][0] + error.abs(), sums[zone][1] + 1.0];
                 if distance > FAR {
-                    far[k].push(error);
+                    far.push(error);
                 }
             }
         }
@@ -109,8 +109,13 @@ impl Zones {
             zones.map(|zone| format!("{:5.0}", 100.0 * sum(zone, 0) / total)).collect()
         };
         let errors: String = (0..ZONES.len() - 1).map(|zone| format!("{:6.2}", sum(zone, 0) / sum(zone, 1))).collect();
-        let [far, noise] = [mean(all.iter().map(|zones| zones.far)), mean(all.iter().map(|zones| zones.noise))];
-        format!("{errors} |{} |{} | {far:5.2} {noise:5.2}", shares(0..4), shares(0..ZONES.len() - 1))
+        let far = |of: fn(&Self) -> f64| match mean(all.iter().map(of)) {
+            far if far.is_finite() => format!("{far:5.2}"),
+            // A picture without such a place.
+            _ => String::from("    -"),
+        };
+        let (far, noise) = (far(|zones| zones.far), far(|zones| zones.noise));
+        format!("{errors} |{} |{} | {far} {noise}", shares(0..4), shares(0..ZONES.len() - 1))
     }
 }
 
