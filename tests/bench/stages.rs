@@ -138,7 +138,7 @@ fn measured() -> Table {
     calibrate::table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.95 })
 }
 
-/// Measured light of a ball, and of a surface that is bent everywhere, beside Phong's. Floor: 3 ms at the spacing
+/// Measured light of a ball, and of a surface that is bent everywhere, beside Phong's. Aim: 3 ms at the spacing
 /// that the rungs have.
 fn light(c: &mut Criterion) {
     let mut group = c.benchmark_group("light");
