@@ -61,7 +61,7 @@ fn a_shard_has_one_writer_who_is_named_and_whose_death_frees_it() {
 #[test]
 fn a_writer_whose_partial_file_was_replaced_does_not_bring_it_to_its_final_name() {
     let edits = [("samples_per_shard = 3", "samples_per_shard = 1000"), ("[48, 36]", "[320, 240]")];
-    let folder = with_whole(&edited(JOB, &edits));
+    let folder = with_whole(&edited(&edited(JOB, &edits), &[("samples = 8", "samples = 80")]));
     let partial = "out/data/.train-000000.tar.partial";
     // What is in a tar's first 256 KiB stands in memory until there is more.
     let mut run = Asleep::at(&folder, partial, "generate job.toml --quiet --out out --threads 1");
@@ -78,7 +78,7 @@ fn a_writer_whose_partial_file_was_replaced_does_not_bring_it_to_its_final_name(
 #[test]
 fn a_folder_that_is_removed_under_a_run_is_an_error_in_words() {
     let edits = [("samples_per_shard = 3", "samples_per_shard = 1000"), ("[48, 36]", "[320, 240]")];
-    let folder = with_whole(&edited(JOB, &edits));
+    let folder = with_whole(&edited(&edited(JOB, &edits), &[("samples = 8", "samples = 80")]));
     let partial = "out/data/.train-000000.tar.partial";
     let mut run = Asleep::at(&folder, partial, "generate job.toml --quiet --out out --threads 1");
     fs::remove_dir_all(folder.path("out")).expect("a folder");
