@@ -78,12 +78,7 @@ impl Probe {
         let members = members(plan, &sample);
         let encode = clock.lap();
         let mut hash = Sha256::new();
-        let mut bytes = 0;
-        for member in &members {
-            hash.update(&member.bytes);
-            // A header, and the content in blocks.
-            bytes += 512 + (member.bytes.len() as u64).next_multiple_of(512);
-        }
+        members.iter().for_each(|member| hash.update(&member.bytes));
         std::hint::black_box(hash.finalize());
         Self {
             healthy: sample.label.health.healthy,
@@ -91,7 +86,7 @@ impl Probe {
             effects: sample.effects,
             seconds: Seconds { encode, ..sample.seconds },
             write_s: clock.lap(),
-            bytes,
+            bytes: plan.job.output.container.bytes_of(&plan.layout.shard_of(index), index, &members),
         }
     }
 
@@ -152,7 +147,7 @@ pub fn forecast(
         seconds: seconds.scaled(1.0 / count),
         write_s,
         wall_s,
-        bytes: samples as f64 * bytes + shards as f64 * 1024.0,
+        bytes: samples as f64 * bytes + shards as f64 * plan.job.output.container.empty_bytes() as f64,
         samples,
         shards,
         threads,

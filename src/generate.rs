@@ -1,32 +1,36 @@
 //! Writes a dataset: shards in parallel, each whole or not at all; stops cleanly and goes on where it stopped.
 //!
-//! What is there already is read first, and made again where it is not what was written. Every thread takes the next shard that is not there yet. Within a shard, blocks of samples are rendered in
-//! parallel and appended in order, so that threads without a shard of their own help the others. No bytes depend on
-//! who renders what: a shard is a function of plan and shard number.
+//! What is there already is read first, and made again where it is not what was written. Every thread takes the next
+//! shard that is not there yet. Within a shard, blocks of samples are rendered in parallel and appended in order, so that
+//! threads without a shard of their own help the others. No bytes depend on who renders what: a shard is a function of
+//! plan and shard number.
 
 use std::any::Any;
 use std::io;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
 
 use crate::config::diagnostic::Report;
-use crate::dataset::card;
 use crate::dataset::encode::{Member, members};
-use crate::dataset::folder::{self, Refused, prepare};
+use crate::dataset::finalize::{Finalized, finalize};
+use crate::dataset::folder::{Refused, prepare};
 use crate::dataset::layout::Shard;
 use crate::dataset::manifest::Manifest;
-use crate::dataset::shard::{Lock, Paths, Writer, write_whole};
+use crate::dataset::recorded::Recorded;
+use crate::dataset::shard::{Lock, Paths, Writer};
 use crate::dataset::stats::Stats;
-use crate::dataset::versioned::{Unreadable, Versioned};
+use crate::dataset::verify::Depth;
+use crate::dataset::versioned::Versioned;
 use crate::effects::PerEffect;
 use crate::health::{Accepted, Unfit, accept};
 use crate::label::Label;
-use crate::plan::{Plan, usage};
+use crate::plan::Plan;
 use crate::render::{Clock, Seconds};
 
 /// Samples that are rendered before the first of them is written: bounds memory, and keeps helping threads busy.
@@ -65,6 +69,8 @@ pub struct Done {
     pub bytes: u64,
     /// Wall time, s.
     pub seconds: f64,
+    /// Samples of the dataset before this run made it larger.
+    pub grown_from: Option<u64>,
     /// True if the dataset is complete and described.
     pub complete: bool,
 }
@@ -102,8 +108,21 @@ pub struct Watch {
     pub stop: AtomicBool,
     /// Samples rendered so far.
     pub rendered: AtomicU64,
-    /// Samples of this run in all, set when it is known.
-    pub expected: AtomicU64,
+    /// Shards written so far.
+    pub written: AtomicU64,
+    /// Samples and shards of this run in all, once they are known.
+    pub expected: OnceLock<Expected>,
+}
+
+/// What a run has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expected {
+    /// Samples to render.
+    pub samples: u64,
+    /// Shards to write.
+    pub shards: u64,
+    /// Shards that are there already.
+    pub skipped: u64,
 }
 
 /// Draws a sample of a plan: [`accept`], but for tests.
@@ -117,12 +136,12 @@ pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, S
 fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Done, Stopped> {
     let start = Instant::now();
     let root = &request.root;
-    prepare(root, plan, request.overwrite)?;
+    let grown_from = prepare(root, plan, request.overwrite)?;
     known::<Manifest>(&root.join("dataset.json"))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| Stopped::Io(root.clone(), io::Error::other(error)))?;
 
-    let mut done = Done::default();
+    let mut done = Done { grown_from, ..Done::default() };
     let mut missing = Vec::new();
     let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
     let there = |number| {
@@ -141,7 +160,9 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
             }
         }
     }
-    watch.expected.store(missing.iter().map(|shard| shard.samples).sum(), Ordering::Relaxed);
+    let samples = missing.iter().map(|shard| shard.samples).sum();
+    // Nobody else sets it.
+    let _ = watch.expected.set(Expected { samples, shards: missing.len() as u64, skipped: done.skipped });
 
     let next = AtomicUsize::new(0);
     let failed = AtomicBool::new(false);
@@ -153,6 +174,7 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
             }
             let result = write_shard(plan, root, shard, watch, &failed, draw);
             failed.fetch_or(!matches!(result, Ok(_) | Err(Stopped::Held(_))), Ordering::Relaxed);
+            watch.written.fetch_add(u64::from(result.is_ok()), Ordering::Relaxed);
             written.push(result);
         }
         written
@@ -180,7 +202,8 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
         return Err(stopped);
     }
     // Also after a shard was held: who finishes last describes the dataset, whoever that is.
-    done.complete = finalize(plan, root)?;
+    let finalized = finalize(&Recorded::new(root, plan.job.clone()), Depth::Sizes)?;
+    done.complete = matches!(finalized, Finalized::Whole { .. });
     if !done.complete && !held.is_empty() {
         held.sort();
         return Err(Stopped::Held(held));
@@ -201,27 +224,17 @@ enum There {
 
 /// Looks for a shard of this job, and reads it.
 fn there(plan: &Plan, root: &Path, shard: &Shard) -> Result<There, Stopped> {
-    let paths = Paths::new(root, shard);
-    let Some(stats) = stats(plan, &paths.stats)? else { return Ok(There::Missing) };
-    let whole = stats.vouches_for(&paths.tar).map_err(|error| Stopped::Io(paths.tar.clone(), error))?;
+    let paths = Paths::new(root, shard, plan.job.output.container);
+    // The last shard of a split was shorter before the dataset grew.
+    let is_ours = |stats: &Stats| stats.fingerprint == plan.fingerprint && stats.samples == shard.samples;
+    let Some(stats) = known::<Stats>(&paths.stats)?.filter(is_ours) else { return Ok(There::Missing) };
+    let whole = stats.vouches_for(&paths).map_err(|error| Stopped::Io(paths.data.clone(), error))?;
     Ok(if whole { There::Whole(Box::new(stats)) } else { There::Damaged })
-}
-
-/// The stats at `path`, if they are of this job.
-fn stats(plan: &Plan, path: &Path) -> Result<Option<Stats>, Stopped> {
-    Ok(known::<Stats>(path)?.filter(|stats| stats.fingerprint == plan.fingerprint))
 }
 
 /// A file of the dataset, if it is there and whole. One that a newer gelsim wrote is not ours to replace.
 fn known<T: Versioned>(path: &Path) -> Result<Option<T>, Stopped> {
-    match T::read(path) {
-        Ok(found) => Ok(found),
-        Err(Unreadable::Io(error)) => Err(Stopped::Io(path.to_owned(), error)),
-        Err(Unreadable::Newer(version)) => {
-            let message = format!("{} was written by gelsim {version}, which is newer than this one", path.display());
-            Err(Stopped::Usage(usage(message, "go on with that version, or choose another folder with --out")))
-        }
-    }
+    Ok(T::read_or_refuse(path)?)
 }
 
 fn write_shard(
@@ -232,7 +245,7 @@ fn write_shard(
     failed: &AtomicBool,
     draw: &Draw,
 ) -> Result<Stats, Stopped> {
-    let paths = Paths::new(root, shard);
+    let paths = Paths::new(root, shard, plan.job.output.container);
     let partial = paths.partial.clone();
     let io = |error| Stopped::Io(partial.clone(), error);
     let lock = match Lock::take(&paths.lock).map_err(|error| Stopped::Io(paths.lock.clone(), error))? {
@@ -291,40 +304,6 @@ fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Encoded, Stopped> {
 fn said(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     text.unwrap_or("no message").to_owned()
-}
-
-/// Writes manifest, index and card once all shards are there. False while some are missing.
-pub fn finalize(plan: &Plan, root: &Path) -> Result<bool, Stopped> {
-    let mut stats = Vec::new();
-    for number in 0..plan.layout.shard_count() {
-        let paths = Paths::new(root, &plan.layout.shard(number));
-        match self::stats(plan, &paths.stats)? {
-            Some(found) if found.measures(&paths.tar).map_err(|error| Stopped::Io(paths.tar.clone(), error))? => {
-                stats.push(found);
-            }
-            _ => return Ok(false),
-        }
-    }
-    let lock = folder::lock(root);
-    let _alone = Lock::wait(&lock).map_err(|error| Stopped::Io(lock.clone(), error))?;
-    folder::sweep(root).map_err(|error| Stopped::Io(root.to_owned(), error))?;
-    let manifest = Manifest::new(plan, &stats);
-    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
-    let json = |value: Result<serde_json::Value, serde_json::Error>, path: &Path| {
-        value.map_err(|error| Stopped::Io(path.to_owned(), io::Error::other(error)))
-    };
-    let path = root.join("dataset.json");
-    let dataset = pretty(&json(serde_json::to_value(&manifest), &path)?);
-    let files = [
-        ("dataset.json", dataset),
-        ("wids.json", pretty(&manifest.wids())),
-        ("README.md", card::card(plan, &manifest)),
-    ];
-    for (name, text) in files {
-        let path = root.join(name);
-        write_whole(&path, text.as_bytes()).map_err(|error| Stopped::Io(path.clone(), error))?;
-    }
-    Ok(true)
 }
 
 #[cfg(test)]

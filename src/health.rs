@@ -50,6 +50,11 @@ pub const MOST_ATTEMPTS: u32 = 100;
 /// How far beyond the pad's back rounding and the solver's tolerance may take the surface, in thicknesses.
 const SLACK: f32 = 1e-3;
 
+/// How far a healthy surface may lie from the undeformed pad, and an object reach below it, mm.
+pub fn bound_mm(thickness_mm: f64) -> f64 {
+    thickness_mm * (1.0 + f64::from(SLACK))
+}
+
 impl Health {
     /// Checks a sample of a pad `thickness_mm` thick.
     pub fn check(image: &Image, depth: &Depth, contact: &Contact, thickness_mm: f64) -> Self {

@@ -10,6 +10,7 @@ use crate::camera::lens::Lens;
 use crate::camera::print::Ink;
 use crate::camera::{Image, Shot};
 use crate::dataset::layout::Split;
+use crate::dataset::png16::Steps;
 use crate::depth::Depth;
 use crate::effects::{Ledger, Note, PerEffect};
 use crate::gelpad::elastic::LARGEST_STRAIN;
@@ -20,6 +21,9 @@ use crate::plan::Plan;
 use crate::scene::Scene;
 use crate::simd::wide;
 
+/// Program and version.
+pub const GENERATOR: &str = concat!("gelsim ", env!("CARGO_PKG_VERSION"));
+
 /// Version of the label's keys and their meaning.
 pub const SCHEMA_VERSION: u32 = 1;
 
@@ -28,6 +32,8 @@ pub const SCHEMA_VERSION: u32 = 1;
 pub struct Label {
     /// Version of this schema.
     pub schema_version: u32,
+    /// Program and version that made the sample.
+    pub generator: String,
     /// Nine digits that begin the names of the sample's members.
     pub key: String,
     /// Number of the sample in the dataset.
@@ -68,6 +74,8 @@ pub struct Label {
     pub numerics: NumericsLabel,
     /// What a check of the sample found.
     pub health: Health,
+    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    pub png16: Steps,
 }
 
 /// What was pressed.
@@ -224,6 +232,7 @@ impl Label {
         let view = Rect::whole(width, height);
         Self {
             schema_version: SCHEMA_VERSION,
+            generator: GENERATOR.to_owned(),
             key: key(scene.index),
             index: scene.index,
             seed: plan.seed,
@@ -284,6 +293,7 @@ impl Label {
                 model_error_um: contact.numerics.model_error_um,
             },
             health: Health::check(image, depth, contact, plan.thickness_mm),
+            png16: Steps::new(&plan.layers, plan.job.output.depth_format, plan.thickness_mm),
         }
     }
 }

@@ -43,6 +43,7 @@ pub mod forecast;
 pub mod generate;
 pub mod inspect;
 pub mod preview;
+pub mod report;
 
 pub mod calibrate;
 pub mod compare;
@@ -53,4 +54,5 @@ pub mod tradeoff;
 pub mod cli;
 pub mod grid;
 pub mod input;
+pub mod page;
 pub mod simd;

@@ -10,7 +10,7 @@ use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
 use crate::dataset::archive::Files;
-use crate::dataset::{exr, png};
+use crate::dataset::{decode, png};
 use crate::grid::Grid;
 use crate::health::shown;
 use crate::label::Label;
@@ -46,15 +46,33 @@ impl Tile {
             |suffix: &str| files.member(suffix).ok_or_else(|| named(suffix, String::from("is not in the shard")));
         let tactile = png::decode_rgb(needed("tactile.png")?).map_err(|reason| named("tactile.png", reason))?;
         let label: Label = serde_json::from_slice(needed("json")?).map_err(|error| named("json", error.to_string()))?;
-        let depth = files.member("depth.exr").map(exr::decode).transpose();
+        let depth = decode::depth_mm(files, &label.png16)?;
         let contact = files.member("contact.png").map(png::decode_rgb).transpose();
         let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
             width: grey.width() as usize,
             height: grey.height() as usize,
             data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
         });
-        let depth = depth.map_err(|reason| named("depth.exr", reason))?;
         Ok(Self { tactile, depth, contact, caption: caption(&label) })
+    }
+
+    /// Class, depth and number.
+    pub fn caption(&self) -> &str {
+        &self.caption
+    }
+
+    /// The panels beside each other, each made `panel_width` px wide at the most.
+    pub fn strip(&self, panel_width: u32) -> RgbImage {
+        let panels = scaled(self.panels(), panel_width);
+        let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
+        let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
+        let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
+        let mut left = 0;
+        for panel in &panels {
+            imageops::replace(&mut strip, panel, left, 0);
+            left += i64::from(panel.width()) + 2;
+        }
+        strip
     }
 
     /// The panels that there are: tactile, depth, contact.

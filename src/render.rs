@@ -59,6 +59,20 @@ impl Seconds {
         self.scene + self.depth + self.gelpad + self.optics + self.camera + self.label
     }
 
+    /// The stages in their order, with their names.
+    pub fn stages(&self) -> [(&'static str, f64); 7] {
+        let Self { scene, depth, gelpad, optics, camera, label, encode } = *self;
+        [
+            ("scene", scene),
+            ("depth", depth),
+            ("gelpad", gelpad),
+            ("optics", optics),
+            ("camera", camera),
+            ("label", label),
+            ("encode", encode),
+        ]
+    }
+
     /// Multiplied by a factor.
     pub fn scaled(&self, by: f64) -> Self {
         let Self { scene, depth, gelpad, optics, camera, label, encode } = *self;

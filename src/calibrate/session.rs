@@ -12,7 +12,6 @@ use crate::config::sensor::Sensor;
 use crate::dataset::png;
 use crate::depth::Camera;
 use crate::input;
-use crate::plan::usage;
 use crate::presses::{self, Press, Table};
 
 /// Fewer presses teach nothing that holds elsewhere.
@@ -32,16 +31,17 @@ pub fn picture(path: &Path) -> Result<RgbImage, String> {
 /// `detects`. Returns notes with it, and every mistake instead of it.
 pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> Result<(Session, Vec<String>), Report> {
     let table = presses::read(table)?;
-    let background = picture(background).map_err(|reason| {
-        let message = format!("cannot read the background {}: {reason}", background.display());
-        usage(message, "a PNG of the untouched pad belongs here")
-    })?;
-    let size = background.dimensions();
     let mut problems = Problems::default();
+    let untouched = picture(background);
+    if let Err(reason) = &untouched {
+        let message = format!("cannot read the background {}: {reason}", background.display());
+        problems.push(Problem::new(message).help("a PNG of the untouched pad belongs here"));
+    }
+    let background = untouched.ok();
     let (mut notes, mut seen) = (Vec::new(), Vec::new());
     let pitch = table.presses.iter().find_map(|press| press.mm_per_px);
     for press in &table.presses {
-        match one(press, &background, pitch, detects) {
+        match one(press, background.as_ref(), pitch, detects) {
             Ok((press, note)) => {
                 seen.push(press);
                 notes.extend(note);
@@ -54,7 +54,8 @@ pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> R
     if problems.is_empty() && seen.len() < FEWEST {
         problems.push(few(&table, seen.len()));
     }
-    let resolution_px = [size.0, size.1];
+    let Some(background) = background else { return Err(table.report(&problems)) };
+    let resolution_px = <[u32; 2]>::from(background.dimensions());
     let field_of_view_mm = resolution_px.map(|px| f64::from(px) * pitch.unwrap_or(1.0));
     if field_of_view_mm.iter().any(|mm| !VIEWS_MM.contains(mm)) {
         let message = format!("the view would be {:.3e} x {:.3e} mm", field_of_view_mm[0], field_of_view_mm[1]);
@@ -77,17 +78,18 @@ type Mistakes = Vec<(String, String)>;
 /// One row with its image, and a note where its circle was looked for.
 fn one(
     press: &Press,
-    background: &RgbImage,
+    background: Option<&RgbImage>,
     pitch: Option<f64>,
     detects: bool,
 ) -> Result<(Seen, Option<String>), Mistakes> {
     let mut mistakes: Mistakes = Vec::new();
     let mut wrong = |message: String, help: &str| mistakes.push((message, help.to_owned()));
     let image = picture(&press.path);
+    let other_size = |image: &RgbImage| background.map(RgbImage::dimensions).filter(|size| *size != image.dimensions());
     let image = match image {
-        Ok(image) if image.dimensions() == background.dimensions() => Some(image),
+        Ok(image) if other_size(&image).is_none() => Some(image),
         Ok(image) => {
-            let ([w, h], [bw, bh]) = (<[u32; 2]>::from(image.dimensions()), <[u32; 2]>::from(background.dimensions()));
+            let ((w, h), (bw, bh)) = (image.dimensions(), other_size(&image).unwrap_or_default());
             wrong(
                 format!("{} is {w}x{h} px, the background {bw}x{bh} px", press.file),
                 "all pictures of a sensor have one size",
@@ -115,7 +117,7 @@ fn one(
     let (mut circle, mut note) = (press.circle, None);
     if circle.is_none() && !detects {
         wrong(format!("{}: no circle", press.file), "annotate it, or add --detect to have it looked for");
-    } else if let (None, Some(image)) = (circle, &image) {
+    } else if let (None, Some(image), Some(background)) = (circle, &image, background) {
         match detect(image, background) {
             Some(found) => {
                 circle = Some(found.circle);
@@ -132,6 +134,7 @@ fn one(
         (Some(image), Some(circle), Some(ball_radius_mm)) if mistakes.is_empty() => {
             Ok((Seen { file: press.file.clone(), image, circle, ball_radius_mm }, note))
         }
+        // Perhaps none: without a background nothing can be looked for.
         _ => Err(mistakes),
     }
 }

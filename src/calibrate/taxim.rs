@@ -29,7 +29,7 @@ pub struct Imported {
     /// The untouched pad, of that resolution.
     pub background: RgbImage,
     /// The colours; valid.
-    pub colours: Taxim,
+    pub colors: Taxim,
 }
 
 /// Reads a folder. On failure, everything that is wrong in it.
@@ -50,8 +50,8 @@ pub fn import(folder: &Path) -> Result<Imported, Report> {
     let photograph = photograph(&folder.join("dataPack.npz"), params.as_ref());
     let photograph = photograph.map_err(|reason| keep("dataPack.npz", FOLDER_HELP, reason)).ok();
     if let (Some(Params { sensor, simulator }), Some(table), Some(photograph)) = (params, table, photograph) {
-        let colours = Taxim { bins: table.bins, resolution_px: [sensor.w, sensor.h], polynomials: table.polynomials };
-        match colours.validate() {
+        let colors = Taxim { bins: table.bins, resolution_px: [sensor.w, sensor.h], polynomials: table.polynomials };
+        match colors.validate() {
             Err(reason) => keep("polycalib.npz", "the calibration failed there; make it again", reason),
             Ok(()) => {
                 let whole = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
@@ -60,7 +60,7 @@ pub fn import(folder: &Path) -> Result<Imported, Report> {
                     resolution_px: [sensor.w as u32, sensor.h as u32],
                     field_of_view_mm: [sensor.w, sensor.h].map(|size| size as f64 * sensor.pixmm),
                     background: background(&photograph, &simulator),
-                    colours,
+                    colors,
                 });
             }
         }

@@ -174,11 +174,11 @@ impl Calibrate {
     }
 
     fn import(&self, folder: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let Imported { name, resolution_px, field_of_view_mm, background, colours } = import(folder)?;
+        let Imported { name, resolution_px, field_of_view_mm, background, colors } = import(folder)?;
         let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
         let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
         let about = [(String::from("colours"), format!("Taxim's of {name}"))];
-        self.write_sensor(sensor, &background, &Table::new(Colors::Taxim(colours), 1.0), &about, None)?;
+        self.write_sensor(sensor, &background, &Table::new(Colors::Taxim(colors), 1.0), &about, None)?;
         say(&format!("-> {}", self.out.display()));
         Ok(())
     }

@@ -1,16 +1,17 @@
 //! `gelsim generate`
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
 
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use indicatif::{HumanBytes, HumanCount};
+use serde_json::{Value, json};
 use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
-use super::{Extent, Failure, JobOverrides, no_threads, print_notes, say, settled};
+use super::log::{Format, Log, say};
+use super::progress::Progress;
+use super::{Extent, Failure, JobOverrides, no_threads, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::generate::{Done, Request, Stopped, Watch, generate};
 use crate::label::key;
@@ -21,6 +22,7 @@ use crate::plan::{Plan, usage};
 #[command(after_help = "\
 Example:
   gelsim generate configs/quickstart.toml --samples 50 --out /tmp/quick
+  gelsim generate job.toml --partition 0/8 --threads 4 --log-format json
   gelsim generate job.toml --set 'indentation.depth_mm=[0.3, 0.9]' --set 'sensor.preset=\"digit\"'")]
 pub struct Generate {
     /// The job
@@ -36,13 +38,21 @@ pub struct Generate {
     /// Print nothing but errors
     #[arg(long)]
     quiet: bool,
+    /// Form of the messages on standard error; json: one object a line
+    #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
+    log_format: Format,
 }
 
 impl Generate {
     pub(super) fn run(self) -> Result<(), Failure> {
+        let log = Log { format: self.log_format, quiet: self.quiet };
+        self.generate(log).map_err(|failure| log.failed(failure))
+    }
+
+    fn generate(self, log: Log) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
         let plan = Plan::load(&self.job, &self.overrides.overrides())?;
-        print_notes(&plan.notes, self.quiet);
+        log.notes(&plan.notes);
         let shards = self.extent.shards(plan.layout.shard_count())?;
         let root = self.extent.root(&plan);
         let recorded = if self.overwrite { None } else { recorded_rung(&root) };
@@ -52,7 +62,7 @@ impl Generate {
                         and --partition";
             return Err(usage(message, help).into());
         }
-        let plan = settled(plan, recorded, self.quiet)?;
+        let plan = settled(plan, recorded, log)?;
         let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
 
         let watch = Arc::new(Watch::default());
@@ -61,20 +71,23 @@ impl Generate {
         let result = std::thread::scope(|scope| {
             let worker = std::thread::Builder::new().spawn_scoped(scope, || generate(&plan, &request, &watch));
             let worker = worker.map_err(|error| no_threads(&error))?;
-            let bar = progress_bar(self.quiet);
+            let mut progress = Progress::new(log);
             while !worker.is_finished() {
-                bar.set_length(watch.expected.load(Ordering::Relaxed));
-                bar.set_position(watch.rendered.load(Ordering::Relaxed));
-                std::thread::sleep(Duration::from_millis(if bar.is_hidden() { 5 } else { 100 }));
+                progress.show(&watch);
+                std::thread::sleep(progress.pause());
             }
-            bar.finish_and_clear();
+            progress.show(&watch);
+            progress.end();
             Ok::<_, Failure>(worker.join())
         })?;
         let result = result.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         match result {
             Ok(done) => {
-                if !self.quiet {
-                    say(&summary(&done, &root.display().to_string()));
+                let root = root.display().to_string();
+                match log.format {
+                    Format::Json => log.event("done", figures(&done, &root)),
+                    Format::Text if !self.quiet => say(&summary(&done, &root)),
+                    Format::Text => {}
                 }
                 Ok(())
             }
@@ -101,31 +114,23 @@ fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
     Ok(seen)
 }
 
-fn progress_bar(quiet: bool) -> ProgressBar {
-    let visible = !quiet && std::io::stderr().is_terminal();
-    let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let style = ProgressStyle::with_template("{bar:32} {human_pos}/{human_len} samples  {rate}  {eta} left")
-        .unwrap_or(ProgressStyle::default_bar())
-        .with_key("rate", |state: &ProgressState, out: &mut dyn std::fmt::Write| {
-            // What cannot be written to the terminal is only not seen.
-            let _ = write!(out, "{:.0} samples/s", state.per_sec());
-        });
-    ProgressBar::with_draw_target(None, target).with_style(style)
-}
-
 fn summary(done: &Done, root: &str) -> String {
     let mut text = format!(
-        "{} samples in {} shard{}, {}, {:.1} s ({:.1} samples/s) -> {root}",
+        "{} samples in {} shard{}, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
         HumanCount(done.samples),
         done.shards,
         if done.shards == 1 { "" } else { "s" },
+        HumanCount(done.rejected),
         HumanBytes(done.bytes),
         done.seconds,
-        done.samples as f64 / done.seconds.max(1e-9),
+        speed(done),
     );
     if done.skipped > 0 {
         let shards = if done.skipped == 1 { "shard was" } else { "shards were" };
         text += &format!("; {} {shards} there already", done.skipped);
+    }
+    if let Some(before) = done.grown_from {
+        text += &format!("; the dataset had {} samples", HumanCount(before));
     }
     if !done.complete {
         text += "; the dataset is not complete yet: other shards are missing";
@@ -142,6 +147,29 @@ fn summary(done: &Done, root: &str) -> String {
         text += &format!("\n{what}: {} {of}", HumanCount(*count));
     }
     text
+}
+
+/// The same for pipelines.
+fn figures(done: &Done, root: &str) -> Value {
+    json!({
+        "out": root,
+        "samples": done.samples,
+        "rejected": done.rejected,
+        "unhealthy": done.unhealthy,
+        "unconverged": done.unconverged,
+        "shards": done.shards,
+        "shards_there_already": done.skipped,
+        "shards_made_again": done.damaged,
+        "bytes": done.bytes,
+        "seconds": done.seconds,
+        "samples_per_s": speed(done),
+        "samples_before": done.grown_from,
+        "complete": done.complete,
+    })
+}
+
+fn speed(done: &Done) -> f64 {
+    done.samples as f64 / done.seconds.max(1e-9)
 }
 
 fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
@@ -166,10 +194,9 @@ fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
              report it with the job",
             key(index),
         )),
-        Stopped::Interrupted => Failure {
-            message: String::from("stopped; finished shards stay, the same command goes on from there"),
-            status: (128 + signal) as u8,
-        },
+        Stopped::Interrupted => {
+            Failure::stopped("stopped; finished shards stay, the same command goes on from there", signal)
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand, each from arguments to a library call to what is printed.
 
+use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -7,7 +8,6 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 use crate::config::Overrides;
-use crate::config::diagnostic::Report;
 use crate::fidelity::Rung;
 use crate::plan::{Plan, usage};
 use crate::tradeoff::choose::{Chosen, choose};
@@ -15,16 +15,25 @@ use crate::tradeoff::choose::{Chosen, choose};
 mod calibrate;
 mod compare;
 mod completions;
+mod failure;
+mod finalize;
 mod generate;
 mod init;
 mod inspect;
 pub mod list;
+mod log;
 mod plan;
 mod preview;
+mod progress;
+mod report;
 mod reproduce;
 mod schema;
 mod tradeoff;
 mod verify;
+
+pub use failure::Failure;
+use log::Log;
+pub use log::say;
 
 /// Synthetic datasets for optical tactile sensors.
 #[derive(Debug, Parser)]
@@ -46,10 +55,14 @@ enum Command {
     Compare(compare::Compare),
     /// Check that a dataset is whole, and name what is not.
     Verify(verify::Verify),
+    /// Describe a dataset of which all shards are there.
+    Finalize(finalize::Finalize),
     /// Render a sample of a dataset again and compare the bytes.
     Reproduce(reproduce::Reproduce),
     /// Draw a contact sheet of a dataset or of a job's samples.
     Preview(preview::Preview),
+    /// Write one HTML page about a dataset.
+    Report(report::Report),
     /// Fit the light of a real sensor to presses of a ball.
     Calibrate(calibrate::Calibrate),
     /// Say what meshes are like and what a sensor would see of them.
@@ -64,30 +77,27 @@ enum Command {
     Completions(completions::Completions),
 }
 
-/// Why the program ends with a status other than 0.
-#[derive(Debug)]
-pub struct Failure {
-    /// What is printed on standard error.
-    pub message: String,
-    /// Exit status: 1 failed while running, 2 something the user wrote is wrong, 130 or 143 stopped by a signal.
-    pub status: u8,
-}
+/// Exit status of a program that panicked, which is a bug.
+pub const PANICKED: u8 = 101;
 
-impl Failure {
-    /// Something failed while running.
-    fn running(message: impl Into<String>) -> Self {
-        Self { message: format!("error: {}", message.into()), status: 1 }
+/// Runs a command line, the program's name first, and prints what went wrong. The exit status.
+pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments = match Arguments::try_parse_from(line) {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help, or what is wrong with the line. If nobody can hear it, that changes nothing.
+            let _ = error.print();
+            return error.exit_code() as u8;
+        }
+    };
+    let Err(failure) = run(arguments) else { return 0 };
+    if let Some(message) = failure.text(std::io::stderr().is_terminal()) {
+        say(&message);
     }
+    failure.status
 }
 
-impl From<Report> for Failure {
-    fn from(report: Report) -> Self {
-        Self { message: report.render(std::io::stderr().is_terminal()), status: 2 }
-    }
-}
-
-/// Runs a command.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+fn run(arguments: Arguments) -> Result<(), Failure> {
     start_threads(&arguments.command)?;
     match arguments.command {
         Command::Generate(command) => command.run(),
@@ -95,8 +105,10 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Tradeoff(command) => command.run(),
         Command::Compare(command) => command.run(),
         Command::Verify(command) => command.run(),
+        Command::Finalize(command) => command.run(),
         Command::Reproduce(command) => command.run(),
         Command::Preview(command) => command.run(),
+        Command::Report(command) => command.run(),
         Command::Calibrate(command) => command.run(),
         Command::Inspect(command) => command.run(),
         Command::Init(command) => command.run(),
@@ -122,21 +134,16 @@ fn no_threads(error: &dyn std::fmt::Display) -> Failure {
 }
 
 /// A plan whose rung is known: one that the job leaves to be chosen is the recorded one, or is found by probing.
-fn settled(plan: Plan, recorded: Option<Rung>, quiet: bool) -> Result<Plan, Failure> {
+fn settled(plan: Plan, recorded: Option<Rung>, log: Log) -> Result<Plan, Failure> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     if let Some(rung) = recorded {
-        if !quiet {
-            say(&format!("note: fidelity {}, with which the dataset was begun", rung.name()));
-        }
+        log.note(&format!("fidelity {}, with which the dataset was begun", rung.name()));
         return Ok(plan.at(rung));
     }
-    let chosen = choose(&plan, bound)?;
-    if !quiet {
-        let Chosen { rung, error_um, ms } = chosen;
-        let name = rung.name();
-        say(&format!("note: fidelity {name} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample"));
-    }
-    Ok(plan.at(chosen.rung))
+    let Chosen { rung, error_um, ms } = choose(&plan, bound)?;
+    let name = rung.name();
+    log.note(&format!("fidelity {name} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample"));
+    Ok(plan.at(rung))
 }
 
 /// What changes a job from the command line.
@@ -254,19 +261,5 @@ fn print(text: &str) -> Result<(), Failure> {
             Err(Failure::running(format!("standard output: {error}")))
         }
         _ => Ok(()),
-    }
-}
-
-/// Says something on standard error. If nobody can hear it, that is no failure of the work.
-pub fn say(text: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{text}");
-}
-
-/// Prints notes about a plan on standard error.
-fn print_notes(notes: &[String], quiet: bool) {
-    if !quiet {
-        for note in notes {
-            say(&format!("note: {note}"));
-        }
     }
 }

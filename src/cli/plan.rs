@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use indicatif::{HumanBytes, HumanCount};
 
-use super::{Extent, Failure, JobOverrides, print, print_notes, settled};
+use super::{Extent, Failure, JobOverrides, Log, print, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::effects::Effect;
 use crate::forecast::{Forecast, forecast};
@@ -36,9 +36,9 @@ impl Plan {
     pub(super) fn run(self) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
         let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
-        print_notes(&plan.notes, self.quiet);
+        Log::text(self.quiet).notes(&plan.notes);
         let root = self.extent.root(&plan);
-        let plan = settled(plan, recorded_rung(&root), self.quiet)?;
+        let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
         let count = plan.layout.shard_count();
         let shards = self.extent.shards(count)?.unwrap_or(0..count);
         let samples = shards.clone().map(|number| plan.layout.shard(number).samples).sum();
@@ -102,17 +102,7 @@ fn effects(forecast: &Forecast) -> String {
 fn stages(forecast: &Forecast) -> String {
     let mut text = format!("\n{:<12} {:>10} {:>7}\n", "stage", "CPU ms", "time");
     let (s, all) = (&forecast.seconds, whole_s(forecast));
-    let stages = [
-        ("scene", s.scene),
-        ("depth", s.depth),
-        ("gelpad", s.gelpad),
-        ("optics", s.optics),
-        ("camera", s.camera),
-        ("label", s.label),
-        ("encode", s.encode),
-        ("write", forecast.write_s),
-        ("all", all),
-    ];
+    let stages = s.stages().into_iter().chain([("write", forecast.write_s), ("all", all)]);
     for (name, seconds) in stages {
         let _ = writeln!(text, "{name:<12} {:>10.2} {:>7}", 1e3 * seconds, percent(seconds / all));
     }

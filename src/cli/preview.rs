@@ -6,7 +6,7 @@ use clap::Args;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::{Failure, JobOverrides, print_notes, say, settled};
+use super::{Failure, JobOverrides, Log, say, settled};
 use crate::dataset::recorded::Recorded;
 use crate::dataset::shard::write_whole;
 use crate::effects::Effect;
@@ -63,8 +63,8 @@ impl Preview {
     }
 
     fn plan(&self) -> Result<Plan, Failure> {
-        let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, false)?;
-        print_notes(&plan.notes, false);
+        let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, Log::text(false))?;
+        Log::text(false).notes(&plan.notes);
         Ok(plan)
     }
 

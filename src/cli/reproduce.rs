@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{Failure, print, print_notes};
+use super::{Failure, Log, print};
 use crate::config::Overrides;
 use crate::dataset::archive::Files;
 use crate::dataset::encode::{Member, members};
@@ -38,14 +38,14 @@ impl Reproduce {
         }
         let there = dataset.sample(self.key).map_err(Failure::running)?;
         let plan = Plan::load(&self.dir.join("job.toml"), &Overrides::default())?;
-        print_notes(&plan.notes, false);
+        Log::text(false).notes(&plan.notes);
         let drawn = accept(&plan, self.key);
         let Accepted { sample, .. } =
             drawn.map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
         let (text, same) = compare(&there, &members(&plan, &sample));
         print(&text)?;
         // What differs has been said.
-        if same { Ok(()) } else { Err(Failure { message: String::new(), status: 1 }) }
+        if same { Ok(()) } else { Err(Failure::said(1)) }
     }
 }
 
@@ -55,7 +55,7 @@ fn compare(there: &Files, here: &[Member]) -> (String, bool) {
     let mut same = there.members.len() == here.len();
     for member in here {
         let bytes = member.bytes.len();
-        let _ = match there.member(member.suffix) {
+        let _ = match there.member(&member.suffix) {
             Some(old) if old == member.bytes => {
                 writeln!(text, "{}.{}: the same {bytes} bytes", there.key, member.suffix)
             }
@@ -73,7 +73,7 @@ fn compare(there: &Files, here: &[Member]) -> (String, bool) {
         };
     }
     for (suffix, _) in &there.members {
-        if here.iter().all(|member| member.suffix != suffix) {
+        if here.iter().all(|member| member.suffix != *suffix) {
             let _ = writeln!(text, "{}.{suffix}: is not made by this job", there.key);
         }
     }

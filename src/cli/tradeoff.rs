@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{Failure, print, print_notes, say};
+use super::{Failure, Log, print, say};
 use crate::config::Overrides;
 use crate::dataset::shard::write_whole;
 use crate::plan::{Plan, usage};
@@ -44,7 +44,7 @@ impl Tradeoff {
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
-        print_notes(&plan.notes, self.quiet);
+        Log::text(self.quiet).notes(&plan.notes);
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name)));
         if folder.exists() && !folder.is_dir() {
             let message = format!("{} is not a folder", folder.display());

@@ -42,6 +42,6 @@ impl Verify {
         };
         print(&text)?;
         // What is wrong has been said.
-        if count == 0 { Ok(()) } else { Err(Failure { message: String::new(), status: 1 }) }
+        if count == 0 { Ok(()) } else { Err(Failure::said(1)) }
     }
 }

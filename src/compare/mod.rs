@@ -11,9 +11,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::config::diagnostic::Report;
+use crate::dataset::archive::Files;
+use crate::dataset::png;
 use crate::dataset::recorded::Recorded;
-use crate::dataset::shard::Paths;
-use crate::dataset::{archive, png};
 use crate::plan::usage;
 
 pub mod distribution;
@@ -224,10 +224,11 @@ fn tally_files(entries: &[&Entry]) -> Result<Tally, Report> {
 fn tally_dataset(dataset: &Recorded) -> Result<Tally, Report> {
     let every = dataset.layout.samples().div_ceil(MOST_OF_A_SET as u64).max(1);
     let shard = |number: u64| -> Result<Tally, String> {
-        let path = Paths::new(&dataset.root, &dataset.layout.shard(number)).tar;
+        let shard = dataset.layout.shard(number);
         let (mut sum, mut wrong) = (Tally::default(), None);
-        let visit = |files: archive::Files| {
-            if !files.key.parse::<u64>().is_ok_and(|index| index.is_multiple_of(every)) {
+        let counts = |key: &str| key.parse::<u64>().is_ok_and(|index| index.is_multiple_of(every));
+        let visit = |files: Files| {
+            if !counts(&files.key) {
                 return ControlFlow::Continue(());
             }
             let image =
@@ -238,8 +239,9 @@ fn tally_dataset(dataset: &Recorded) -> Result<Tally, Report> {
             }
             if wrong.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let read = archive::open(&path, visit);
-        read.and_then(|()| wrong.map_or(Ok(()), Err)).map_err(|reason| format!("{}: {reason}", path.display()))?;
+        let read = dataset.read(&shard, |head| head.suffix == "tactile.png" && counts(head.key), visit);
+        let path = || dataset.paths(&shard).data;
+        read.and_then(|()| wrong.map_or(Ok(()), Err)).map_err(|reason| format!("{}: {reason}", path().display()))?;
         Ok(sum)
     };
     let tallies: Vec<_> = (0..dataset.layout.shard_count()).into_par_iter().map(shard).collect();

@@ -11,15 +11,32 @@ use crate::health::OnUnhealthy;
 pub struct Output {
     /// Layers written beside the tactile image.
     pub layers: Vec<Layer>,
-    /// How float layers are stored.
+    /// Format of float layers: depth, surface, normal, pressure.
+    pub depth_format: DepthFormat,
+    /// How those are stored that are EXR pictures.
     pub exr: Exr,
+    /// What holds a shard's files.
+    pub container: Container,
     /// What becomes of a sample that is not finite, not within bounds or not solved.
     pub on_unhealthy: OnUnhealthy,
 }
 
+impl Output {
+    /// The layers that are written, each once, in the order of [`Layer::ALL`].
+    pub fn layers_in_order(&self) -> Vec<Layer> {
+        Layer::ALL.into_iter().filter(|layer| self.layers.contains(layer)).collect()
+    }
+}
+
 impl Default for Output {
     fn default() -> Self {
-        Self { layers: vec![Layer::Depth], exr: Exr::default(), on_unhealthy: OnUnhealthy::default() }
+        Self {
+            layers: vec![Layer::Depth],
+            depth_format: DepthFormat::default(),
+            exr: Exr::default(),
+            container: Container::default(),
+            on_unhealthy: OnUnhealthy::default(),
+        }
     }
 }
 
@@ -48,21 +65,114 @@ impl Layer {
     pub const ALL: [Self; 7] =
         [Self::Depth, Self::Surface, Self::Contact, Self::Normal, Self::Pressure, Self::Markers, Self::Reference];
 
-    /// The end of the member's name, after the sample's key.
-    pub fn suffix(self) -> &'static str {
+    /// Its name in jobs, members and labels.
+    pub fn name(self) -> &'static str {
         match self {
-            Self::Depth => "depth.exr",
-            Self::Surface => "surface.exr",
-            Self::Contact => "contact.png",
-            Self::Normal => "normal.exr",
-            Self::Pressure => "pressure.exr",
-            Self::Markers => "markers.json",
-            Self::Reference => "reference.png",
+            Self::Depth => "depth",
+            Self::Surface => "surface",
+            Self::Contact => "contact",
+            Self::Normal => "normal",
+            Self::Pressure => "pressure",
+            Self::Markers => "markers",
+            Self::Reference => "reference",
+        }
+    }
+
+    /// How it is written where float layers have the format `format`. Only depth and surface have a range that 16-bit
+    /// steps suit.
+    pub fn coding(self, format: DepthFormat) -> Coding {
+        match (self, format) {
+            (Self::Contact | Self::Reference, _) => Coding::Png,
+            (Self::Markers, _) => Coding::Json,
+            (Self::Depth | Self::Surface, DepthFormat::Png16) => Coding::Png16,
+            (_, DepthFormat::Npy) => Coding::Npy,
+            (_, DepthFormat::Exr | DepthFormat::Png16) => Coding::Exr,
+        }
+    }
+
+    /// The end of the member's name, after the sample's key.
+    pub fn suffix(self, format: DepthFormat) -> String {
+        format!("{}.{}", self.name(), self.coding(format).ending())
+    }
+}
+
+/// Format of float layers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthFormat {
+    /// OpenEXR pictures.
+    #[default]
+    Exr,
+    /// NumPy arrays of float32.
+    Npy,
+    /// Depth and surface as 16-bit grey PNG, in steps that the label names; other layers as EXR.
+    Png16,
+}
+
+impl DepthFormat {
+    /// Every format.
+    pub const ALL: [Self; 3] = [Self::Exr, Self::Npy, Self::Png16];
+
+    /// Its name in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Exr => "exr",
+            Self::Npy => "npy",
+            Self::Png16 => "png16",
         }
     }
 }
 
-/// Storage of float layers.
+/// How a layer is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coding {
+    /// OpenEXR.
+    Exr,
+    /// NumPy array.
+    Npy,
+    /// PNG of 16 bits: not `.png`, which readers of tars cut to 8 bits.
+    Png16,
+    /// PNG of 8 bits.
+    Png,
+    /// JSON.
+    Json,
+}
+
+impl Coding {
+    /// The end of a file's name, after the last dot.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Exr => "exr",
+            Self::Npy => "npy",
+            Self::Png16 => "png16",
+            Self::Png => "png",
+            Self::Json => "json",
+        }
+    }
+}
+
+/// What holds a shard's files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Container {
+    /// A tar, which WebDataset reads.
+    #[default]
+    Tar,
+    /// A folder with a metadata.jsonl, as the imagefolder of Hugging Face.
+    Folder,
+}
+
+impl Container {
+    /// Its name in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tar => "tar",
+            Self::Folder => "folder",
+        }
+    }
+}
+
+/// Storage of EXR layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Exr {

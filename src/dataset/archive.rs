@@ -1,9 +1,83 @@
-//! A shard read back: the samples in a tar, one after the other, each with its files.
+//! A shard as a tar: written, and read back sample by sample.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use super::encode::Member;
+use super::shard::{create_anew, same_file};
+use crate::plan::hex;
+
+/// A tar being written.
+pub struct Writer(tar::Builder<BufWriter<Hashed>>);
+
+impl Writer {
+    /// Starts a tar in place of what is at `path`.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let hashed = Hashed { file: create_anew(path)?, hash: Sha256::new(), bytes: 0 };
+        Ok(Self(tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed))))
+    }
+
+    /// Appends a sample's files.
+    pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
+        for member in members {
+            let mut header = tar::Header::new_ustar();
+            header.set_path(format!("{key}.{}", member.suffix))?;
+            header.set_size(member.bytes.len() as u64);
+            header.set_mode(0o644);
+            header.set_mtime(0);
+            header.set_uid(0);
+            header.set_gid(0);
+            header.set_cksum();
+            self.0.append(&header, member.bytes.as_slice())?;
+        }
+        Ok(())
+    }
+
+    /// Brings to disk what was begun at `path`, which must still be there. Its length and SHA-256.
+    pub fn finish(&mut self, path: &Path) -> io::Result<(u64, String)> {
+        self.0.finish()?;
+        let buffer = self.0.get_mut();
+        buffer.flush()?;
+        let hashed = buffer.get_mut();
+        hashed.file.sync_all()?;
+        if !same_file(&hashed.file, path) {
+            return Err(io::Error::other("another process has replaced it"));
+        }
+        Ok((hashed.bytes, hex(&hashed.hash.clone().finalize())))
+    }
+}
+
+/// Bytes that a tar has besides its files.
+pub const EMPTY_BYTES: u64 = 1024;
+
+/// Bytes that a sample's files take in a tar: each with a header, in blocks.
+pub fn bytes_of(members: &[Member]) -> u64 {
+    members.iter().map(|member| 512 + (member.bytes.len() as u64).next_multiple_of(512)).sum()
+}
+
+/// A file that knows the SHA-256 of what was written to it.
+struct Hashed {
+    file: File,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl Write for Hashed {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.hash.update(&bytes[..written]);
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
 
 /// The files of one sample.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -21,19 +95,46 @@ impl Files {
     }
 }
 
-/// Reads the tar at `path`; see [`read`].
-pub fn open(path: &Path, visit: impl FnMut(Files) -> ControlFlow<()>) -> Result<(), String> {
-    let file = File::open(path).map_err(|error| error.to_string())?;
-    read(BufReader::with_capacity(1 << 18, file), visit)
+/// What a tar says of one file before it is read.
+#[derive(Clone, Copy, Debug)]
+pub struct Head<'a> {
+    /// The sample's key.
+    pub key: &'a str,
+    /// End of the name, after key and dot.
+    pub suffix: &'a str,
+    /// Length of the content.
+    pub bytes: u64,
 }
 
-/// Shows every sample of a tar to `visit`, until that breaks off. What follows each other under one key is one sample.
-///
-/// Takes no more memory than the sample that is largest, whatever a header says.
-pub fn read(tar: impl Read, mut visit: impl FnMut(Files) -> ControlFlow<()>) -> Result<(), String> {
+/// Shows every sample of the tar at `path` to `visit`, until that breaks off, with the files that are `wanted`; the others
+/// are skipped without being read.
+pub fn open(
+    path: &Path,
+    wanted: impl FnMut(Head) -> bool,
+    visit: impl FnMut(Files) -> ControlFlow<()>,
+) -> Result<(), String> {
+    let file = File::open(path).map_err(|error| error.to_string())?;
+    let length = file.metadata().map_err(|error| error.to_string())?.len();
+    let mut archive = tar::Archive::new(Skipping(BufReader::with_capacity(1 << 14, file)));
+    walk(archive.entries_with_seek().map_err(|error| error.to_string())?, length, wanted, visit)
+}
+
+/// Shows every sample of a tar to `visit` with all its files, until that breaks off.
+pub fn read(tar: impl Read, visit: impl FnMut(Files) -> ControlFlow<()>) -> Result<(), String> {
     let mut archive = tar::Archive::new(tar);
-    let mut files = Files::default();
-    for entry in archive.entries().map_err(|error| error.to_string())? {
+    walk(archive.entries().map_err(|error| error.to_string())?, u64::MAX, |_| true, visit)
+}
+
+/// What follows each other under one key is one sample. Takes no more memory than the sample that is largest, whatever a
+/// header says; `length` is the tar's, beyond which nothing may be skipped.
+fn walk<R: Read>(
+    entries: tar::Entries<R>,
+    length: u64,
+    mut wanted: impl FnMut(Head) -> bool,
+    mut visit: impl FnMut(Files) -> ControlFlow<()>,
+) -> Result<(), String> {
+    let mut sample: Option<Files> = None;
+    for entry in entries {
         let mut entry = entry.map_err(|error| format!("not a tar: {error}"))?;
         let name = entry.path_bytes().into_owned();
         let shown = String::from_utf8_lossy(&name).escape_debug().to_string();
@@ -42,22 +143,54 @@ pub fn read(tar: impl Read, mut visit: impl FnMut(Files) -> ControlFlow<()>) -> 
         }
         let split = str::from_utf8(&name).ok().and_then(|name| name.split_once('.'));
         let Some((key, suffix)) = split else { return Err(format!("{shown} is not named KEY.LAYER")) };
-        let mut bytes = Vec::new();
-        entry.read_to_end(&mut bytes).map_err(|error| format!("{shown}: {error}"))?;
-        if bytes.len() as u64 != entry.size() {
-            return Err(format!("{shown} ends after {} of {} bytes", bytes.len(), entry.size()));
+        let size = entry.size();
+        let short = |bytes: u64| Err(format!("{shown} ends after {bytes} of {size} bytes"));
+        let there = length.saturating_sub(entry.raw_file_position());
+        if there < size {
+            return short(there);
         }
-        if files.key != key && !files.members.is_empty() && visit(std::mem::take(&mut files)).is_break() {
+        if sample.as_ref().is_some_and(|files| files.key != key)
+            && let Some(files) = sample.take()
+            && visit(files).is_break()
+        {
             return Ok(());
         }
-        key.clone_into(&mut files.key);
-        files.members.push((suffix.to_owned(), bytes));
+        let files = sample.get_or_insert_with(|| Files { key: key.to_owned(), members: Vec::new() });
+        if wanted(Head { key, suffix, bytes: size }) {
+            let mut bytes = Vec::new();
+            entry.read_to_end(&mut bytes).map_err(|error| format!("{shown}: {error}"))?;
+            if bytes.len() as u64 != size {
+                return short(bytes.len() as u64);
+            }
+            files.members.push((suffix.to_owned(), bytes));
+        }
     }
-    if !files.members.is_empty() {
+    if let Some(files) = sample {
         // Whether it breaks off makes no difference at the end.
         let _ = visit(files);
     }
     Ok(())
+}
+
+/// A file of which parts are skipped: what the buffer holds already is not read again.
+struct Skipping(BufReader<File>);
+
+impl Read for Skipping {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.0.read(bytes)
+    }
+}
+
+impl Seek for Skipping {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match to {
+            SeekFrom::Current(by) => {
+                self.0.seek_relative(by)?;
+                self.0.stream_position()
+            }
+            _ => self.0.seek(to),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -100,6 +233,35 @@ mod tests {
         })
         .expect("a tar");
         assert_eq!(first.as_ref(), found.first());
+    }
+
+    #[test]
+    fn only_what_is_wanted_is_read_and_the_rest_is_skipped() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.tar");
+        let large = "x".repeat(100_000);
+        let whole = tar(&[("0.png", &large), ("0.json", "{}"), ("1.png", "y"), ("1.json", "[]"), ("2.png", &large)]);
+        let opened = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("a file");
+            let (mut heads, mut found) = (Vec::new(), Vec::new());
+            let wanted = |head: Head| {
+                heads.push((head.key.to_owned(), head.bytes));
+                head.suffix == "json"
+            };
+            let visit = |files| {
+                found.push(files);
+                ControlFlow::Continue(())
+            };
+            open(&path, wanted, visit).map(|()| (heads, found))
+        };
+        let (heads, found) = opened(&whole).expect("a tar");
+        assert_eq!(heads.iter().map(|(_, bytes)| *bytes).collect::<Vec<_>>(), [100_000, 2, 1, 2, 100_000]);
+        let keys: Vec<&str> = found.iter().map(|files| files.key.as_str()).collect();
+        assert_eq!(keys, ["0", "1", "2"]);
+        assert_eq!(found[1].members, [(String::from("json"), b"[]".to_vec())]);
+        assert!(found[2].members.is_empty());
+        let error = opened(&whole[..150_000]).expect_err("cut in what is skipped");
+        assert!(error.starts_with("2.png ends after ") && error.ends_with(" of 100000 bytes"), "{error}");
     }
 
     #[test]

@@ -4,18 +4,23 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
+use super::decode;
 use super::layout::Split;
 use super::manifest::Manifest;
-use crate::config::output::Layer;
+use super::recorded::Recorded;
+use crate::config::Job;
+use crate::config::output::{Coding, Container, Layer};
 use crate::label::Label;
-use crate::plan::Plan;
+use crate::plan::view;
+
+mod loading;
 
 /// The text of the card.
-pub fn card(plan: &Plan, manifest: &Manifest) -> String {
+pub fn card(recorded: &Recorded, manifest: &Manifest) -> String {
     let mut text = String::from("---\n");
-    front_matter(&mut text, plan, manifest);
+    front_matter(&mut text, recorded, manifest);
     text.push_str("---\n\n");
-    body(&mut text, plan, manifest);
+    body(&mut text, recorded, manifest);
     text
 }
 
@@ -24,35 +29,80 @@ fn used_splits(manifest: &Manifest) -> impl Iterator<Item = (&'static str, u64)>
 }
 
 /// Column types are pinned: what a reader guesses from the first rows goes wrong where a value is null or whole.
-fn front_matter(text: &mut String, plan: &Plan, manifest: &Manifest) {
+fn front_matter(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     // In quotes: a name such as 2024 or null would not be text.
     let _ = writeln!(text, "pretty_name: \"{}\"", manifest.name);
-    text.push_str("tags:\n- tactile\n- synthetic\n- webdataset\n");
-    text.push_str("configs:\n- config_name: default\n  data_files:\n");
+    let (tag, patterns): (&str, &[&str]) = match manifest.container {
+        Container::Tar => ("webdataset", &["-*.tar"]),
+        // Of a sample's files those that imagefolder knows: by the others, and by JSON, it takes itself for another loader.
+        Container::Folder => ("imagefolder", &["-*/metadata.jsonl", "-*/*.png"]),
+    };
+    let _ = writeln!(text, "tags:\n- tactile\n- synthetic\n- {tag}\nconfigs:\n- config_name: default\n  data_files:");
     for (split, _) in used_splits(manifest) {
-        let _ = writeln!(text, "  - split: {split}\n    path: data/{split}-*.tar");
-    }
-    text.push_str("dataset_info:\n  features:\n");
-    for (name, kind) in [("__key__", "string"), ("__url__", "string")] {
-        let _ = writeln!(text, "  - name: {name}\n    dtype: {kind}");
-    }
-    text.push_str("  - name: tactile.png\n    dtype: image\n");
-    for layer in &plan.layers {
-        let _ = writeln!(text, "  - name: {}", layer.suffix());
-        match layer.suffix().rsplit('.').next() {
-            Some("png") => text.push_str("    dtype: image\n"),
-            Some("json") => {
-                text.push_str("    struct:\n");
-                for name in ["rest_px", "moved_px"] {
-                    let _ = writeln!(text, "    - name: {name}\n      sequence:\n        sequence: float64");
-                }
+        match patterns {
+            [only] => _ = writeln!(text, "  - split: {split}\n    path: data/{split}{only}"),
+            several => {
+                let _ = writeln!(text, "  - split: {split}\n    path:");
+                several.iter().for_each(|pattern| _ = writeln!(text, "    - data/{split}{pattern}"));
             }
-            _ => text.push_str("    dtype: binary\n"),
         }
+    }
+    match manifest.container {
+        Container::Tar => {
+            text.push_str("dataset_info:\n  features:\n");
+            columns_of_tars(text, &recorded.job);
+        }
+        Container::Folder => {
+            // As a part of the configuration: imagefolder guesses in spite of what dataset_info says.
+            text.push_str("  features:\n");
+            columns_of_folders(text, &recorded.job);
+        }
+    }
+}
+
+/// One column per file of a sample.
+fn columns_of_tars(text: &mut String, job: &Job) {
+    let mut column = |name: &str, kind: &str| _ = writeln!(text, "  - name: {name}\n    {kind}");
+    column("__key__", "dtype: string");
+    column("__url__", "dtype: string");
+    column("tactile.png", "dtype: image");
+    let format = job.output.depth_format;
+    let [width, height] = job.sensor.resolution_px;
+    for layer in job.output.layers_in_order() {
+        let kind = match layer.coding(format) {
+            Coding::Png => "dtype: image".to_owned(),
+            Coding::Exr | Coding::Png16 => "dtype: binary".to_owned(),
+            Coding::Npy => {
+                let channels = decode::channels(layer).len();
+                let (axes, more) = if channels == 1 { (2, String::new()) } else { (3, format!(", {channels}")) };
+                format!(
+                    "dtype:\n      array{axes}_d:\n        shape: [{height}, {width}{more}]\n        dtype: float32"
+                )
+            }
+            Coding::Json => {
+                let list = |name| format!("\n    - name: {name}\n      sequence:\n        sequence: float64");
+                format!("struct:{}{}", list("rest_px"), list("moved_px"))
+            }
+        };
+        column(&layer.suffix(format), &kind);
     }
     text.push_str("  - name: json\n    struct:\n");
     let schema = schemars::schema_for!(Label).to_value();
     features(text, &schema, &schema, 4);
+}
+
+/// The columns of metadata.jsonl, as [`super::imagefolder::row`] writes them.
+fn columns_of_folders(text: &mut String, job: &Job) {
+    // First: a reader looks for `file_name` where it meets the first image.
+    text.push_str("  - name: image\n    dtype: image\n");
+    for layer in job.output.layers_in_order() {
+        let _ = match layer.coding(job.output.depth_format) {
+            Coding::Png => writeln!(text, "  - name: {}_image\n    dtype: image", layer.name()),
+            _ => writeln!(text, "  - name: {}_path\n    dtype: string", layer.name()),
+        };
+    }
+    let schema = schemars::schema_for!(Label).to_value();
+    features(text, &schema, &schema, 2);
 }
 
 /// Writes the properties of a JSON Schema object in the notation of `dataset_info`.
@@ -93,10 +143,10 @@ fn dtype(schema: &Value) -> &'static str {
     }
 }
 
-fn body(text: &mut String, plan: &Plan, manifest: &Manifest) {
-    let sensor = &plan.job.sensor;
+fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
+    let sensor = &recorded.job.sensor;
     let [width, height] = sensor.resolution_px;
-    let [mm_x, mm_y] = plan.camera.mm_per_px;
+    let [mm_x, mm_y] = view(&recorded.job).mm_per_px;
     let _ = writeln!(
         text,
         "# {}\n\n{} synthetic presses on a `{}` tactile sensor ({width} x {height} px, {mm_x} x {mm_y} mm per pixel, \
@@ -119,32 +169,25 @@ fn body(text: &mut String, plan: &Plan, manifest: &Manifest) {
     }
     text.push_str("\n## A sample\n\n| member | what it is |\n|---|---|\n");
     text.push_str("| `KEY.tactile.png` | the tactile image, 8-bit RGB |\n");
-    for layer in &plan.layers {
-        let _ = writeln!(text, "| `KEY.{}` | {} |", layer.suffix(), meaning(*layer));
+    let format = recorded.job.output.depth_format;
+    for layer in recorded.job.output.layers_in_order() {
+        let _ = writeln!(text, "| `KEY.{}` | {} |", layer.suffix(format), meaning(layer, layer.coding(format)));
     }
     text.push_str("| `KEY.json` | the label: object, pose, indentation, contact, sensor, numerics |\n");
+    if manifest.container == Container::Folder {
+        text.push_str(
+            "\nA sample is a row of `metadata.jsonl` in its folder: its images, the paths of its other layers from this \
+             folder on, and the label's keys. Folders are read in no fixed order.\n",
+        );
+    }
     text.push_str(
         "\nThe frame is the camera's: x to the right, y down, z out of the pad towards the object, origin in the middle \
-         of the image on the undeformed pad; lengths are millimetres.\n\n## Loading\n\n",
+         of the image on the undeformed pad; lengths are millimetres.\n\n## Loading\n\nFrom this folder:\n\n",
     );
-    let first = used_splits(manifest).next().map_or("train", |(split, _)| split);
-    let shards = manifest.shards.iter().filter(|shard| shard.split == first).count();
-    let pattern = match shards {
-        0 | 1 => format!("data/{first}-000000.tar"),
-        more => format!("data/{first}-{{000000..{:06}}}.tar", more - 1),
-    };
-    let _ = writeln!(text, "```python\nimport io, OpenEXR, webdataset as wds  # OpenEXR >= 3.5\n");
-    let _ = writeln!(
-        text,
-        "exr = wds.handle_extension(\"exr\", lambda b: OpenEXR.File(io.BytesIO(b), separate_channels=True).channels()[\"Z\"].pixels)"
-    );
-    let _ = writeln!(text, "samples = wds.WebDataset(\"{pattern}\", shardshuffle=False).decode(\"rgb8\", exr)");
-    text.push_str("for sample in samples:\n    image, label = sample[\"tactile.png\"], sample[\"json\"]\n");
-    if plan.layers.contains(&Layer::Depth) {
-        text.push_str("    depth_mm = sample[\"depth.exr\"]\n");
+    let split = used_splits(manifest).next().map_or("train", |(split, _)| split);
+    for snippet in loading::snippets(&recorded.job.output, split) {
+        let _ = writeln!(text, "```python\n{snippet}```\n");
     }
-    text.push_str("```\n\n```python\nfrom datasets import load_dataset\n\n");
-    let _ = writeln!(text, "samples = load_dataset(\"PATH/OF/THIS/FOLDER\", split=\"{first}\")\n```");
 }
 
 /// A name of the user's in one line, whatever is in it.
@@ -157,14 +200,27 @@ fn in_table(name: &str) -> String {
     one_line(name).replace('\\', "\\\\").replace('|', "\\|").replace('<', "\\<")
 }
 
-fn meaning(layer: Layer) -> &'static str {
-    match layer {
-        Layer::Depth => "channel Z, mm: how far the object reaches below the undeformed pad, 0 where it does not",
-        Layer::Surface => "channel Z, mm: displacement of the pad's surface, positive into the pad",
+/// What a layer holds, and in what form.
+fn meaning(layer: Layer, coding: Coding) -> String {
+    let what = match layer {
+        Layer::Depth => "mm: how far the object reaches below the undeformed pad, 0 where it does not",
+        Layer::Surface => "mm: displacement of the pad's surface, positive into the pad",
         Layer::Contact => "8-bit grey, 255 where the pad touches",
-        Layer::Normal => "channels X, Y, Z: unit normals of the surface towards the camera; a flat pad is (0, 0, -1)",
-        Layer::Pressure => "channel P, kPa",
+        Layer::Normal => "unit normals of the surface towards the camera; a flat pad is (0, 0, -1)",
+        Layer::Pressure => "kPa: pressure between pad and object",
         Layer::Markers => "rest and moved positions of the markers, px",
         Layer::Reference => "the image without contact, 8-bit RGB",
+    };
+    let channels = decode::channels(layer).join(", ");
+    match (coding, layer) {
+        (Coding::Exr, _) if channels.len() == 1 => format!("channel {channels}, {what}"),
+        (Coding::Exr, _) => format!("channels {channels}: {what}"),
+        (Coding::Npy, _) if channels.len() == 1 => format!("float32, rows and columns, {what}"),
+        (Coding::Npy, _) => format!("float32, rows, columns and {channels}: {what}"),
+        (Coding::Png16, Layer::Surface) => {
+            format!("16-bit grey; less the label's `png16.surface_zero`, times `png16.surface_mm_per_step`, {what}")
+        }
+        (Coding::Png16, _) => format!("16-bit grey; times the label's `png16.depth_mm_per_step`, {what}"),
+        (Coding::Png | Coding::Json, _) => what.to_owned(),
     }
 }

@@ -5,8 +5,9 @@ use std::io;
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
-use crate::config::output::{Exr, Layer, Pixel};
-use crate::dataset::{exr, png};
+use crate::config::output::{Coding, Exr, Layer, Pixel};
+use crate::dataset::decode::channels;
+use crate::dataset::{exr, npy, png};
 use crate::gelpad::SURFACE_BORDER;
 use crate::grid::Grid;
 use crate::optics::normals::normals;
@@ -16,59 +17,87 @@ use crate::render::Sample;
 /// One file of a sample.
 pub struct Member {
     /// The end of its name, after key and dot.
-    pub suffix: &'static str,
+    pub suffix: String,
     /// Its content.
     pub bytes: Vec<u8>,
+}
+
+impl Member {
+    fn new(suffix: impl Into<String>, bytes: Vec<u8>) -> Self {
+        Self { suffix: suffix.into(), bytes }
+    }
 }
 
 /// Encodes the tactile image, the layers and the label.
 pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let image = &sample.image;
     let (width, height) = (image.width, image.height);
-    let mut members = vec![Member { suffix: "tactile.png", bytes: png::encode_rgb(width, height, &image.rgb) }];
-    // Layers have the image's geometry.
-    let seen = |plane: Vec<f32>| match &sample.lens {
-        Some(lens) => lens.warp_plane(&Grid { width, height, data: plane }).data,
-        None => plane,
-    };
+    let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
     for layer in &plan.layers {
-        let single = |name, plane: Vec<f32>| exr::encode(width, height, &[(name, &seen(plane))], plan.exr);
         let bytes = match layer {
-            Layer::Depth => single("Z", sample.depth.below_pad().data),
-            Layer::Surface => single("Z", sample.contact.surface.inner(SURFACE_BORDER).data),
+            Layer::Depth | Layer::Surface | Layer::Normal | Layer::Pressure => float_layer(plan, sample, *layer),
             Layer::Contact => match &sample.lens {
                 Some(lens) => png::encode_grey(width, height, &lens.warp_mask(&sample.contact.mask).data),
                 None => png::encode_grey(width, height, &sample.contact.mask.data),
             },
-            Layer::Normal => {
-                let mut normals = normals(&sample.contact, &plan.camera);
-                if sample.lens.is_some() {
-                    let plane = |k: usize| seen(normals.iter().map(|normal| normal[k]).collect());
-                    let [x, y, z] = std::array::from_fn(plane);
-                    for (k, normal) in normals.iter_mut().enumerate() {
-                        // Interpolated normals are a little short.
-                        let length = (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt();
-                        *normal = [x[k] / length, y[k] / length, z[k] / length];
-                    }
-                }
-                let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect::<Vec<f32>>();
-                let (x, y, z) = (plane(0), plane(1), plane(2));
-                exr::encode(width, height, &[("X", &x), ("Y", &y), ("Z", &z)], plan.exr)
-            }
             Layer::Reference => png::encode_rgb(width, height, &plan.ready.body.untouched.rgb),
-            Layer::Pressure => {
-                // Half floats end at 65504 kPa, which a stiff pad exceeds.
-                let storage = Exr { pixel: Pixel::Float, ..plan.exr };
-                let pressure = sample.contact.pressure.as_ref().map(|pressure| seen(pressure.data.clone()));
-                let pressure = pressure.unwrap_or_else(|| vec![0.0; width * height]);
-                exr::encode(width, height, &[("P", &pressure)], storage)
-            }
             Layer::Markers => markers(sample),
         };
-        members.push(Member { suffix: layer.suffix(), bytes });
+        members.push(Member::new(layer.suffix(plan.job.output.depth_format), bytes));
     }
-    members.push(Member { suffix: "json", bytes: json(&sample.label) });
+    members.push(Member::new("json", json(&sample.label)));
     members
+}
+
+/// Encodes a layer of floats in the format that the job wants.
+fn float_layer(plan: &Plan, sample: &Sample, layer: Layer) -> Vec<u8> {
+    let (width, height) = (sample.image.width, sample.image.height);
+    let planes = planes(plan, sample, layer);
+    let planes: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
+    match layer.coding(plan.job.output.depth_format) {
+        Coding::Npy => npy::encode(width, height, &planes),
+        Coding::Png16 => sample.label.png16.encode(layer, width, height, planes[0]),
+        _ => {
+            let storage = match layer {
+                // Half floats end at 65504 kPa, which a stiff pad exceeds.
+                Layer::Pressure => Exr { pixel: Pixel::Float, ..plan.exr },
+                _ => plan.exr,
+            };
+            let named: Vec<(&str, &[f32])> = channels(layer).iter().copied().zip(planes).collect();
+            exr::encode(width, height, &named, storage)
+        }
+    }
+}
+
+/// The planes of a layer of floats, in the image's geometry.
+fn planes(plan: &Plan, sample: &Sample, layer: Layer) -> Vec<Vec<f32>> {
+    let (width, height) = (sample.image.width, sample.image.height);
+    let seen = |plane: Vec<f32>| match &sample.lens {
+        Some(lens) => lens.warp_plane(&Grid { width, height, data: plane }).data,
+        None => plane,
+    };
+    match layer {
+        Layer::Depth => vec![seen(sample.depth.below_pad().data)],
+        Layer::Surface => vec![seen(sample.contact.surface.inner(SURFACE_BORDER).data)],
+        Layer::Normal => {
+            let normals = normals(&sample.contact, &plan.camera);
+            let mut planes = [0, 1, 2].map(|k| seen(normals.iter().map(|normal| normal[k]).collect()));
+            if sample.lens.is_some() {
+                let [x, y, z] = &mut planes;
+                for ((x, y), z) in x.iter_mut().zip(y).zip(z) {
+                    // Interpolated normals are a little short.
+                    let length = (*x * *x + *y * *y + *z * *z).sqrt();
+                    (*x, *y, *z) = (*x / length, *y / length, *z / length);
+                }
+            }
+            planes.into()
+        }
+        Layer::Pressure => {
+            let pressure = sample.contact.pressure.as_ref().map(|pressure| seen(pressure.data.clone()));
+            vec![pressure.unwrap_or_else(|| vec![0.0; width * height])]
+        }
+        Layer::Contact | Layer::Markers | Layer::Reference => Vec::new(),
+    }
 }
 
 /// The markers' positions, px, at rest and moved: two lists of pairs.

@@ -4,6 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::finalize::DESCRIPTIONS;
 use super::names::{self, FOLDERS, is_foreign};
 pub use super::names::{lock, sweep};
 use super::shard::{Lock, write_whole};
@@ -22,8 +23,9 @@ pub enum Refused {
 }
 
 /// Makes `root` ready for `plan`: a new folder, an empty one, or one that the same job began. Nothing in it may be a
-/// link that leads out of it.
-pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused> {
+/// link that leads out of it. A job that differs from the recorded one only in having more samples takes the folder
+/// over: then the number of samples before.
+pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>, Refused> {
     let io = |path: &Path| {
         let path = path.to_owned();
         move |error| Refused::Io(path, error)
@@ -81,7 +83,13 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
     }
     let lock = lock(root);
     let _alone = Lock::wait(&lock).map_err(io(&lock))?;
-    if !job_path.exists() {
+    let grown_from = recorded_samples(root).filter(|there| *there < plan.layout.samples());
+    if !job_path.exists() || grown_from.is_some() {
+        // First, so that none ever stands beside a job that asks for more.
+        for name in DESCRIPTIONS.into_iter().chain([names::REPORT]) {
+            let path = root.join(name);
+            names::remove(&path).map_err(io(&path))?;
+        }
         let text = match resolved_job(root, plan).map_err(io(&job_path))? {
             Ok(text) => text,
             Err(path) => {
@@ -91,18 +99,41 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<(), Refused>
         };
         write_whole(&job_path, text.as_bytes()).map_err(io(&job_path))?;
     }
-    Ok(())
+    Ok(grown_from)
+}
+
+/// The text of the job.toml of a dataset in `root`, if there is one.
+fn recorded_text(root: &Path) -> Option<String> {
+    let path = root.join("job.toml");
+    // Opening a pipe would wait for its other end.
+    let plain = path.symlink_metadata().is_ok_and(|meta| meta.is_file());
+    plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(RESOLVED))
 }
 
 /// The rung that the dataset in `root` was begun with, if there is one.
 pub fn recorded_rung(root: &Path) -> Option<Rung> {
-    let path = root.join("job.toml");
-    // Opening a pipe would wait for its other end.
-    let plain = path.symlink_metadata().is_ok_and(|meta| meta.is_file());
-    let text = plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(RESOLVED))?;
-    let job: toml::Table = text.parse().ok()?;
+    let job: toml::Table = recorded_text(root)?.parse().ok()?;
     let name = job.get("fidelity")?.as_str()?;
     Rung::ALL.into_iter().find(|rung| rung.name() == name)
+}
+
+/// The number of samples that the dataset in `root` has or is to have.
+pub fn recorded_samples(root: &Path) -> Option<u64> {
+    samples(&recorded_text(root)?.parse().ok()?)
+}
+
+fn samples(job: &toml::Table) -> Option<u64> {
+    job.get("dataset")?.get("samples")?.as_integer()?.try_into().ok()
+}
+
+/// The version of gelsim that made the dataset in `root`.
+pub fn recorded_version(root: &Path) -> Option<String> {
+    Some(version(&recorded_text(root)?).to_owned())
+}
+
+fn version(job: &str) -> &str {
+    let first = job.lines().next().unwrap_or_default();
+    first.strip_prefix(RESOLVED).unwrap_or_default().trim().trim_end_matches('.')
 }
 
 /// The text of `job.toml`: every default written out, paths relative to `root`, which must exist. The inner error is a
@@ -130,11 +161,10 @@ fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {
     Ok(pathdiff::diff_paths(&path, root).unwrap_or(path))
 }
 
-/// What differs between the job of a dataset and the plan's, by dotted key and, where a file changed, by its name;
+/// What differs between the job of a dataset and the plan's, more samples aside, by dotted key and, where a file changed, by its name;
 /// folders aside, because contents have hashes.
 fn differences(there: &str, plan: &Plan) -> Vec<String> {
-    let first = there.lines().next().unwrap_or_default();
-    let version = first.strip_prefix(RESOLVED).unwrap_or_default().trim().trim_end_matches('.');
+    let version = version(there);
     if version != env!("CARGO_PKG_VERSION") {
         return vec![format!("gelsim {version} made it, this is {}", env!("CARGO_PKG_VERSION"))];
     }
@@ -191,6 +221,8 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
         (toml::Value::Array(a), toml::Value::Array(b)) if a.len() != b.len() => {
             found.push(format!("{path} has {} elements there and {} here", a.len(), b.len()));
         }
+        // A dataset may grow.
+        (toml::Value::Integer(a), toml::Value::Integer(b)) if path == "dataset.samples" && a < b => {}
         // The name of a mesh is the object's in the labels.
         (toml::Value::String(a), toml::Value::String(b))
             if path.starts_with("object.") && path.ends_with(".path") && stem(a) == stem(b) => {}

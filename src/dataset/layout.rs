@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::dataset::Splits;
+use crate::config::dataset::{Dataset, Splits};
 
 /// A split of a dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema)]
@@ -102,6 +102,11 @@ impl Shard {
 }
 
 impl Layout {
+    /// That of a job, whose numbers need not be checked yet.
+    pub fn of(dataset: &Dataset) -> Self {
+        Self::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard, dataset.splits)
+    }
+
     /// `samples` samples; the shares are taken as parts of their sum. Sound for any numbers, so that it can be made
     /// before they are checked.
     pub fn new(samples: u64, samples_per_shard: u64, splits: Splits) -> Self {

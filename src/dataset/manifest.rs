@@ -8,10 +8,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::layout::Split;
+use super::recorded::{Recorded, RecordedObject};
 use super::stats::Stats;
 use super::versioned::Versioned;
+use crate::config::output::{Container, DepthFormat};
 use crate::label::SCHEMA_VERSION;
-use crate::plan::Plan;
+use crate::plan::{classes, fingerprint, rung};
 
 /// Version of the manifest's keys and their meaning.
 pub const MANIFEST_VERSION: u32 = 1;
@@ -25,7 +27,7 @@ pub struct Manifest {
     pub name: String,
     /// What made it.
     pub generator: Generator,
-    /// SHA-256 over everything that decides its bytes.
+    /// SHA-256 over everything that decides the bytes of a sample.
     pub fingerprint: String,
     /// Version of the labels' schema.
     pub label_schema_version: u32,
@@ -37,6 +39,12 @@ pub struct Manifest {
     pub fidelity: String,
     /// Layers beside the tactile image.
     pub layers: Vec<String>,
+    /// Format of the float layers among them.
+    #[serde(default)]
+    pub depth_format: DepthFormat,
+    /// What a shard is.
+    #[serde(default)]
+    pub container: Container,
     /// Samples per split.
     pub splits: BTreeMap<String, u64>,
     /// Classes in the order of their `class_index`, with their samples.
@@ -79,7 +87,7 @@ pub struct ObjectEntry {
 /// A shard.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ShardEntry {
-    /// The tar, relative to the dataset's folder.
+    /// The tar or folder, relative to the dataset's folder.
     pub file: String,
     /// Its split.
     pub split: String,
@@ -100,54 +108,61 @@ impl Versioned for Manifest {
 }
 
 impl Manifest {
-    /// Describes the dataset of `plan` from the stats of all its shards, in order.
-    pub fn new(plan: &Plan, stats: &[Stats]) -> Self {
+    /// Describes a dataset from the stats of all its shards, in order.
+    pub fn new(recorded: &Recorded, stats: &[Stats]) -> Self {
+        let (job, layout, objects) = (&recorded.job, &recorded.layout, recorded.objects());
+        let output = &job.output;
         let samples_of = |class: &str| stats.iter().filter_map(|stats| stats.classes.get(class)).sum();
         let shards = stats.iter().enumerate().map(|(number, stats)| ShardEntry {
             file: stats.file.clone(),
-            split: plan.layout.shard(number as u64).split.name().to_owned(),
+            split: layout.shard(number as u64).split.name().to_owned(),
             samples: stats.samples,
             bytes: stats.bytes,
             sha256: stats.sha256.clone(),
         });
-        let objects = plan.objects.iter().map(|object| ObjectEntry {
-            id: object.id.clone(),
-            class: object.class.clone(),
-            mesh_sha256: object.sha256.clone(),
-        });
         Self {
             manifest_version: MANIFEST_VERSION,
-            name: plan.name.clone(),
+            name: job.dataset.name.clone().unwrap_or_default(),
             generator: Generator { name: "gelsim".to_owned(), version: env!("CARGO_PKG_VERSION").to_owned() },
-            fingerprint: plan.fingerprint.clone(),
+            fingerprint: fingerprint(job),
             label_schema_version: SCHEMA_VERSION,
-            seed: plan.seed,
-            samples: plan.layout.samples(),
-            fidelity: plan.rung.name().to_owned(),
-            layers: plan.layers.iter().map(|layer| layer.suffix().to_owned()).collect(),
+            seed: job.dataset.seed,
+            samples: layout.samples(),
+            fidelity: rung(job).name().to_owned(),
+            layers: output.layers_in_order().iter().map(|layer| layer.suffix(output.depth_format)).collect(),
+            depth_format: output.depth_format,
+            container: output.container,
             splits: Split::ALL
                 .into_iter()
-                .map(|split| (split.name().to_owned(), plan.layout.samples_in(split)))
+                .map(|split| (split.name().to_owned(), layout.samples_in(split)))
                 .filter(|(_, samples)| *samples > 0)
                 .collect(),
-            classes: plan.classes.iter().map(|name| Class { name: name.clone(), samples: samples_of(name) }).collect(),
-            objects: objects.collect(),
+            classes: classes(objects.iter().map(|object| object.class.as_str()))
+                .into_iter()
+                .map(|name| Class { samples: samples_of(&name), name })
+                .collect(),
+            objects: objects
+                .into_iter()
+                .map(|RecordedObject { id, class, sha256 }| ObjectEntry { id, class, mesh_sha256: sha256 })
+                .collect(),
             shards: shards.collect(),
         }
     }
 
-    /// The WebDataset index (wids-shard-index-v1).
-    pub fn wids(&self) -> serde_json::Value {
+    /// The WebDataset index (wids-shard-index-v1), which only tars have.
+    pub fn wids(&self) -> Option<serde_json::Value> {
         let shards: Vec<_> = self
             .shards
             .iter()
             .map(|shard| json!({ "url": shard.file, "nsamples": shard.samples, "filesize": shard.bytes }))
             .collect();
-        json!({
-            "__kind__": "wids-shard-index-v1",
-            "wids_version": 1,
-            "name": self.name,
-            "shardlist": shards,
+        (self.container == Container::Tar).then(|| {
+            json!({
+                "__kind__": "wids-shard-index-v1",
+                "wids_version": 1,
+                "name": self.name,
+                "shardlist": shards,
+            })
         })
     }
 }

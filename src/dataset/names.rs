@@ -8,14 +8,20 @@ use std::fs::{self, FileType};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::imagefolder;
 use super::layout::Split;
 use super::shard::Lock;
 
 /// Files beside the folders. job.toml goes last: while it is there, what remains is known to be ours.
-const FILES: [&str; 4] = ["README.md", "dataset.json", "wids.json", "job.toml"];
+const FILES: [&str; 5] = ["README.md", "dataset.json", "wids.json", REPORT, "job.toml"];
+
+/// Name of the page about the dataset, where it is kept beside the data.
+pub const REPORT: &str = "report.html";
 
 /// Folders of the shards' files.
-pub const FOLDERS: [&str; 2] = ["data", "stats"];
+pub const FOLDERS: [&str; 2] = [DATA, "stats"];
+/// That of the shards themselves.
+const DATA: &str = "data";
 
 /// Name of [`lock`].
 pub const LOCK: &str = ".gelsim.lock";
@@ -46,9 +52,17 @@ pub fn strange(root: &Path) -> Result<Option<String>, Failed> {
         }
     }
     for folder in FOLDERS {
-        for (path, _) in of_shards(&root.join(folder))? {
+        for Ours { path, is_folder, .. } in of_shards(root, folder)? {
             match kind(&path)? {
-                Some(kind) if !kind.is_file() => return Ok(Some(describe(&path, kind))),
+                Some(kind) if kind.is_dir() && is_folder => {
+                    let inside = imagefolder::strange(&path).map_err(|error| (path.clone(), error))?;
+                    if let Some(inside) = inside.map(|name| path.join(name))
+                        && let Some(kind) = self::kind(&inside)?
+                    {
+                        return Ok(Some(describe(&inside, kind)));
+                    }
+                }
+                Some(kind) if !kind.is_file() || is_folder => return Ok(Some(describe(&path, kind))),
                 _ => {}
             }
         }
@@ -75,22 +89,36 @@ fn describe(path: &Path, kind: FileType) -> String {
     format!("{} is {what}", path.display())
 }
 
-/// The shard that a file in `data` or `stats` belongs to, partial files and locks included.
-fn shard(name: &str) -> Option<&str> {
-    let name = name.strip_prefix('.').unwrap_or(name);
-    let stem = &name[..name.find('.')?];
+/// The shard that a file or folder in `data` or `stats` belongs to, partial ones and locks included; and the rest of its
+/// name, after the shard's.
+fn shard(name: &str) -> Option<(&str, &str)> {
+    let hidden = name.strip_prefix('.').unwrap_or(name);
+    let (stem, ending) = hidden.split_at(hidden.find('.').unwrap_or(hidden.len()));
     let (split, number) = stem.split_once('-')?;
     let counted = number.len() == 6 && number.bytes().all(|byte| byte.is_ascii_digit());
-    (counted && Split::ALL.iter().any(|known| known.name() == split)).then_some(stem)
+    let ours = counted && Split::ALL.iter().any(|known| known.name() == split);
+    // Hidden names of ours say what they are.
+    (ours && (!ending.is_empty() || hidden == name)).then_some((stem, ending))
 }
 
-/// The files of shards in `folder`, with the shards' names; none if there is no such folder.
-fn of_shards(folder: &Path) -> Result<Vec<(PathBuf, String)>, Failed> {
-    let failed = |error| (folder.to_owned(), error);
+/// Something of a shard's.
+struct Ours {
+    path: PathBuf,
+    /// Name of the shard.
+    shard: String,
+    /// True if it is a shard that is a folder, also while it is written or goes aside.
+    is_folder: bool,
+}
+
+/// What is there of shards in the folder `folder` of a dataset; nothing if there is no such folder.
+fn of_shards(root: &Path, folder: &str) -> Result<Vec<Ours>, Failed> {
+    let path = root.join(folder);
     let mut found = Vec::new();
-    for name in entries(folder).map_err(failed)? {
-        if let Some(shard) = name.to_str().and_then(shard) {
-            found.push((folder.join(&name), shard.to_owned()));
+    for name in entries(&path).map_err(|error| (path.clone(), error))? {
+        let Some((shard, ending)) = name.to_str().and_then(shard) else { continue };
+        let is_folder = ["", ".partial", ".replaced.partial"].contains(&ending);
+        if !is_folder || folder == DATA {
+            found.push(Ours { path: path.join(&name), shard: shard.to_owned(), is_folder });
         }
     }
     Ok(found)
@@ -122,9 +150,8 @@ pub fn is_foreign(root: &Path) -> io::Result<bool> {
 pub fn clear(root: &Path) -> Result<Result<(), String>, Failed> {
     let path = lock(root);
     let _alone = Lock::wait(&path).map_err(|error| (path, error))?;
-    let data = root.join("data");
     let mut held = Vec::new();
-    for (path, shard) in of_shards(&data)? {
+    for Ours { path, shard, .. } in of_shards(root, DATA)? {
         if path.extension().is_some_and(|ending| ending == "lock") {
             match Lock::take(&path).map_err(|error| (path, error))? {
                 Ok(lock) => held.push(lock),
@@ -133,18 +160,22 @@ pub fn clear(root: &Path) -> Result<Result<(), String>, Failed> {
         }
     }
     for folder in FOLDERS {
-        let folder = root.join(folder);
-        for (path, _) in of_shards(&folder)? {
-            remove(&path)?;
+        for Ours { path, .. } in of_shards(root, folder)? {
+            match remove(&path) {
+                // Something of the user's own is in it.
+                Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {}
+                removed => removed.map_err(|error| (path, error))?,
+            }
         }
+        let folder = root.join(folder);
         match fs::remove_dir(&folder) {
             // Something of the user's own is in it.
             Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {}
             removed => absent_is_fine(removed).map_err(|error| (folder, error))?,
         }
     }
-    for file in FILES {
-        remove(&root.join(file))?;
+    for path in FILES.map(|file| root.join(file)) {
+        remove(&path).map_err(|error| (path, error))?;
     }
     Ok(Ok(()))
 }
@@ -152,24 +183,23 @@ pub fn clear(root: &Path) -> Result<Result<(), String>, Failed> {
 /// Removes what killed runs left. Only under the [`lock`] of a dataset of which all shards are complete; what belongs
 /// to a shard that another process has locked stays.
 pub fn sweep(root: &Path) -> io::Result<()> {
-    let second = |(_, error)| error;
     for name in entries(root)? {
         let partial = name.to_str().is_some_and(|name| {
             let of_ours = FILES.iter().any(|file| name.strip_prefix('.').is_some_and(|rest| rest.starts_with(file)));
             of_ours && name.ends_with(".partial")
         });
         if partial {
-            remove(&root.join(name)).map_err(second)?;
+            remove(&root.join(name))?;
         }
     }
     for folder in FOLDERS {
-        for (path, shard) in of_shards(&root.join(folder)).map_err(second)? {
+        for Ours { path, shard, .. } in of_shards(root, folder).map_err(|(_, error)| error)? {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             if name.starts_with('.') && (name.ends_with(".partial") || name.ends_with(".lock")) {
                 // A lock that is free goes with the file it was taken on.
-                let lock = Lock::take(&root.join("data").join(format!(".{shard}.lock")))?;
+                let lock = Lock::take(&root.join(DATA).join(format!(".{shard}.lock")))?;
                 if lock.is_ok() {
-                    remove(&path).map_err(second)?;
+                    remove(&path)?;
                 }
             }
         }
@@ -177,8 +207,12 @@ pub fn sweep(root: &Path) -> io::Result<()> {
     Ok(())
 }
 
-fn remove(path: &Path) -> Result<(), Failed> {
-    absent_is_fine(fs::remove_file(path)).map_err(|error| (path.to_owned(), error))
+/// Removes a file, or the folder of a shard unless something is in it that is not ours; if it is there.
+pub fn remove(path: &Path) -> io::Result<()> {
+    match path.symlink_metadata() {
+        Ok(meta) if meta.is_dir() => absent_is_fine(imagefolder::remove(path)),
+        _ => absent_is_fine(fs::remove_file(path)),
+    }
 }
 
 fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
@@ -194,14 +228,13 @@ mod tests {
 
     #[test]
     fn files_of_shards_are_told_from_others() {
-        for name in ["train-000000.tar", ".val-000012.tar.partial", ".test-999999.lock", "train-000001.json"] {
-            assert!(shard(name).is_some(), "{name}");
-        }
-        for name in ["train-000000", "train-00000.tar", "other-000000.tar", "train-+00001.tar", "measured.csv", ".", ""]
-        {
-            assert_eq!(shard(name), None, "{name}");
-        }
-        assert_eq!(shard(".train-000003.json.77.partial"), Some("train-000003"));
+        let ours =
+            ["train-000000.tar", "train-000000", ".val-000012.tar.partial", ".test-999999.lock", "train-000001.json"];
+        let theirs =
+            [".train-000000", "train-00000.tar", "other-000000.tar", "train-+00001", "measured.csv", ".", "", "-"];
+        assert_eq!(ours.map(|name| shard(name).is_some()), [true; 5]);
+        assert_eq!(theirs.map(shard), [None; 8]);
+        assert_eq!(shard(".train-000003.json.77.partial"), Some(("train-000003", ".json.77.partial")));
     }
 
     #[test]
@@ -219,6 +252,23 @@ mod tests {
         clear(root.path()).expect("no failure").expect("nobody writes");
         assert!(ours.iter().all(|name| !path(name).exists()) && !path("stats").exists());
         assert!(theirs.iter().all(|name| path(name).exists()));
+    }
+
+    #[test]
+    fn a_shard_that_is_a_folder_goes_but_for_what_is_not_ours() {
+        let root = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| root.path().join(name);
+        let folders = ["data/train-000000", "data/.train-000001.partial", "data/.val-000000.replaced.partial"];
+        for folder in folders.iter().chain(&["stats/train-000000", "data/train-000002"]) {
+            fs::create_dir_all(path(folder)).expect("a folder");
+            fs::write(path(folder).join("000000001.json"), "{}").expect("a file");
+        }
+        fs::write(path("data/train-000002/notes.txt"), "mine").expect("a file");
+        clear(root.path()).expect("no failure").expect("nobody writes");
+        assert!(folders.iter().all(|name| !path(name).exists()));
+        assert!(path("stats/train-000000/000000001.json").exists(), "no shard's");
+        assert!(path("data/train-000002/notes.txt").exists());
+        assert!(!path("data/train-000002/000000001.json").exists());
     }
 
     #[test]

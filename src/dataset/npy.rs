@@ -1,6 +1,6 @@
 //! Arrays of numbers in NumPy's file format (NEP 1: npy 1.0 to 3.0).
 //!
-//! Our own reader: `npyz` multiplies the sizes that a header claims without checking, and takes as much memory as it
+//! Written are planes of float32. The reader is our own: `npyz` multiplies the sizes that a header claims without checking, and takes as much memory as it
 //! says the header has. Taken are float16, float32, float64 and integers, in either byte order, in C or Fortran order.
 
 use half::f16;
@@ -46,6 +46,44 @@ pub fn decode_numbers(bytes: &[u8]) -> Result<Numbers, String> {
     let (header, data) = split(bytes)?;
     let values = header.values(data, |value| value)?;
     Ok(Numbers { shape: header.shape, values })
+}
+
+/// Writes rows and columns of float32, version 1.0, little endian, in C order; several planes are a third axis.
+pub fn encode(width: usize, height: usize, planes: &[&[f32]]) -> Vec<u8> {
+    /// NumPy begins the data at a multiple of this.
+    const ALIGNED: usize = 64;
+    const LENGTH_AT: usize = 8;
+    let channels = if planes.len() == 1 { String::new() } else { format!(", {}", planes.len()) };
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}{channels}), }}");
+    let start = (LENGTH_AT + 2 + text.len() + 1).next_multiple_of(ALIGNED);
+    let mut bytes = Vec::with_capacity(start + 4 * width * height * planes.len());
+    bytes.extend(b"\x93NUMPY\x01\x00");
+    bytes.extend(((start - LENGTH_AT - 2) as u16).to_le_bytes());
+    bytes.extend(text.as_bytes());
+    bytes.resize(start - 1, b' ');
+    bytes.push(b'\n');
+    match planes {
+        [plane] => plane.iter().for_each(|value| bytes.extend(value.to_le_bytes())),
+        planes => {
+            for i in 0..width * height {
+                planes.iter().for_each(|plane| bytes.extend(plane[i].to_le_bytes()));
+            }
+        }
+    }
+    bytes
+}
+
+/// Refuses a file whose values are not float32, little endian, in C order.
+pub fn check_float32(bytes: &[u8]) -> Result<(), String> {
+    let (Header { name, is_fortran, .. }, _) = split(bytes)?;
+    match (name, is_fortran) {
+        ("<f4", false) => Ok(()),
+        _ => Err(format!(
+            "its values are of type `{}`{}, not `<f4`",
+            name.escape_debug(),
+            if is_fortran { " in Fortran order" } else { "" }
+        )),
+    }
 }
 
 /// The header, and the data after it.
@@ -294,6 +332,23 @@ mod tests {
                     assert_eq!(decode(&bytes).unwrap().values, expected, "{mark}{name} {order}");
                 }
             }
+        }
+    }
+
+    /// The header is what `numpy.save` writes for `numpy.zeros((36, 48), "<f4")`.
+    #[test]
+    fn what_is_written_has_numpys_header_and_comes_back() {
+        let plane: Vec<f32> = (0..36 * 48).map(|k| k as f32 * -0.37).collect();
+        let bytes = encode(48, 36, &[&plane]);
+        let expected = "\u{1}\0v\0{'descr': '<f4', 'fortran_order': False, 'shape': (36, 48), }";
+        assert_eq!(&bytes[..6], b"\x93NUMPY");
+        assert_eq!(bytes[6..128], format!("{expected:<121}\n").into_bytes());
+        assert_eq!(decode(&bytes).unwrap().values.data, plane);
+        let three = encode(48, 36, &[&plane, &plane, &plane]);
+        assert_eq!(decode_numbers(&three).unwrap().shape, [36, 48, 3]);
+        // Wherever the text ends, the data begins at a multiple of 64.
+        for width in [1, 10, 100_000, 10_000_000] {
+            assert_eq!(encode(width, 0, &[&[]]).len() % 64, 0, "{width}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! PNG files of a sample: 8-bit RGB and grey.
+//! PNG files of a sample: 8-bit RGB and grey, 16-bit grey.
 
 use std::io::Cursor;
 
@@ -16,6 +16,12 @@ pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
 /// Encodes row-major grey.
 pub fn encode_grey(width: usize, height: usize, grey: &[u8]) -> Vec<u8> {
     encode(width, height, grey, ExtendedColorType::L8)
+}
+
+/// Encodes row-major grey of 16 bits.
+pub fn encode_grey16(width: usize, height: usize, grey: &[u16]) -> Vec<u8> {
+    let bytes: Vec<u8> = grey.iter().flat_map(|value| value.to_ne_bytes()).collect();
+    encode(width, height, &bytes, ExtendedColorType::L16)
 }
 
 fn encode(width: usize, height: usize, pixels: &[u8], color: ExtendedColorType) -> Vec<u8> {

@@ -3,13 +3,13 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use super::archive::{self, Files};
-use super::layout::Layout;
+use super::archive::{Files, Head};
+use super::layout::{Layout, Shard};
 use super::shard::Paths;
 use crate::config::diagnostic::{Problems, Report};
 use crate::config::{self, Job, Overrides};
 use crate::label::key;
-use crate::plan::usage;
+use crate::plan::{ids, stem, usage};
 
 /// A dataset's folder.
 pub struct Recorded {
@@ -19,6 +19,16 @@ pub struct Recorded {
     pub job: Job,
     /// Its samples, splits and shards.
     pub layout: Layout,
+}
+
+/// An object as the job records it.
+pub struct RecordedObject {
+    /// Unique name in the labels.
+    pub id: String,
+    /// Class in the labels.
+    pub class: String,
+    /// SHA-256 of the mesh file.
+    pub sha256: String,
 }
 
 impl Recorded {
@@ -34,15 +44,29 @@ impl Recorded {
         if !problems.is_empty() {
             return Err(Report::new(&problems, &written.document.sources));
         }
-        let dataset = &written.job.dataset;
-        let layout = Layout::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard, dataset.splits);
-        Ok(Self { root: root.to_owned(), job: written.job, layout })
+        Ok(Self::new(root, written.job))
+    }
+
+    /// The dataset of a resolved job at `root`.
+    pub fn new(root: &Path, job: Job) -> Self {
+        Self { root: root.to_owned(), layout: Layout::of(&job.dataset), job }
+    }
+
+    /// The objects, in the order of the job.
+    pub fn objects(&self) -> Vec<RecordedObject> {
+        let entries = &self.job.object;
+        let ids = ids(entries.iter().map(|entry| stem(entry.path.as_deref().unwrap_or_default())).collect());
+        let objects = entries.iter().zip(ids).map(|(entry, id)| RecordedObject {
+            class: entry.class.clone().unwrap_or_else(|| id.clone()),
+            sha256: entry.sha256.clone().unwrap_or_default(),
+            id,
+        });
+        objects.collect()
     }
 
     /// The files of sample `index`, which must be below the number of samples.
     pub fn sample(&self, index: u64) -> Result<Files, String> {
-        let path = Paths::new(&self.root, &self.layout.shard_of(index)).tar;
-        let key = key(index);
+        let (shard, key) = (self.layout.shard_of(index), key(index));
         let mut found = None;
         let visit = |files: Files| match files.key == key {
             true => {
@@ -51,7 +75,25 @@ impl Recorded {
             }
             false => ControlFlow::Continue(()),
         };
-        let read = archive::open(&path, visit).and_then(|()| found.ok_or(format!("sample {key} is not in it")));
-        read.map_err(|reason| format!("{}: {reason}", path.display()))
+        let read = self.read(&shard, |head| head.key == key, visit);
+        let read = read.and_then(|()| found.ok_or(format!("sample {key} is not in it")));
+        read.map_err(|reason| format!("{}: {reason}", self.paths(&shard).data.display()))
+    }
+
+    /// Shows the samples of a shard to `visit`, in order, with those of their files that are `wanted`; the others are not
+    /// read.
+    pub fn read(
+        &self,
+        shard: &Shard,
+        wanted: impl FnMut(Head<'_>) -> bool,
+        visit: impl FnMut(Files) -> ControlFlow<()>,
+    ) -> Result<(), String> {
+        let Paths { container, data, .. } = self.paths(shard);
+        container.read(&data, wanted, visit)
+    }
+
+    /// The names of a shard.
+    pub fn paths(&self, shard: &Shard) -> Paths {
+        Paths::new(&self.root, shard, self.job.output.container)
     }
 }

@@ -1,28 +1,31 @@
-//! One shard on disk: a tar under a temporary name, whole or not there at all.
+//! One shard on disk: a tar or a folder, whole or not there at all.
 //!
-//! The order of events makes every state after a crash recoverable: the tar is written beside its final place, synced,
+//! The order of events makes every state after a crash recoverable: the shard is written beside its final place, synced,
 //! renamed; then the stats file, likewise. A shard is complete if its stats file is there. The lock file is held by
 //! the operating system (it frees it when a process dies) and says who writes.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, BufWriter, Read, Seek, Write};
+use std::io::{self, Read, Seek, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::OFlags;
-use sha2::{Digest, Sha256};
+use rustix::io::Errno;
 
 use super::encode::Member;
 use super::layout::Shard;
 use super::stats::Stats;
-use crate::plan::hex;
+use super::{container, names};
+use crate::config::output::Container;
 
 /// The names that a shard has on disk.
 #[derive(Clone, Debug)]
 pub struct Paths {
-    /// The tar.
-    pub tar: PathBuf,
-    /// The tar while it is written.
+    /// What the shard is.
+    pub container: Container,
+    /// The tar or folder.
+    pub data: PathBuf,
+    /// The same while it is written.
     pub partial: PathBuf,
     /// The stats file.
     pub stats: PathBuf,
@@ -32,14 +35,15 @@ pub struct Paths {
 
 impl Paths {
     /// The names of `shard` in the dataset at `root`.
-    pub fn new(root: &Path, shard: &Shard) -> Self {
-        let name = shard.name();
+    pub fn new(root: &Path, shard: &Shard, container: Container) -> Self {
+        let (name, file_name) = (shard.name(), container.file_name(shard));
         let data = root.join("data");
         Self {
-            tar: data.join(format!("{name}.tar")),
-            partial: data.join(format!(".{name}.tar.partial")),
+            container,
+            partial: data.join(format!(".{file_name}.partial")),
             stats: root.join("stats").join(format!("{name}.json")),
             lock: data.join(format!(".{name}.lock")),
+            data: data.join(file_name),
         }
     }
 }
@@ -64,6 +68,7 @@ impl Lock {
                     let unnamed = String::from("another process");
                     return Ok(Err(if holder.is_empty() { unnamed } else { holder.to_owned() }));
                 }
+                Err(TryLockError::Error(error)) if knows_no_locks(&error) => {}
                 Err(TryLockError::Error(error)) => return Err(error),
             }
             if let Some(lock) = Self::signed(file, path)? {
@@ -76,7 +81,10 @@ impl Lock {
     pub fn wait(path: &Path) -> io::Result<Self> {
         loop {
             let file = open_lock(path)?;
-            file.lock()?;
+            match file.lock() {
+                Err(error) if !knows_no_locks(&error) => return Err(error),
+                _ => {}
+            }
             if let Some(lock) = Self::signed(file, path)? {
                 return Ok(lock);
             }
@@ -99,6 +107,12 @@ impl Lock {
     }
 }
 
+/// True if it is the file system that has no locks, as some network folders. Nothing is then lost but work: who finishes a
+/// shard looks whether it still is the file that was begun, and both would have written the same bytes.
+fn knows_no_locks(error: &io::Error) -> bool {
+    error.kind() == io::ErrorKind::Unsupported || error.raw_os_error() == Some(Errno::NOLCK.raw_os_error())
+}
+
 /// Opens a lock file, which is about to be written: only a plain file that has no other name, and not through a link.
 fn open_lock(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
@@ -114,7 +128,7 @@ fn open_lock(path: &Path) -> io::Result<File> {
 }
 
 /// Makes a new file in place of what a killed run may have left there. Never opens what is there: it may be a link.
-fn create_anew(path: &Path) -> io::Result<File> {
+pub(super) fn create_anew(path: &Path) -> io::Result<File> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => OpenOptions::new().write(true).create_new(true).open(path),
@@ -129,7 +143,7 @@ impl Drop for Lock {
 }
 
 /// True if `path` itself, links not followed, is the open file.
-fn same_file(file: &File, path: &Path) -> bool {
+pub(super) fn same_file(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(open), Ok(named)) => open.dev() == named.dev() && open.ino() == named.ino(),
         _ => false,
@@ -145,7 +159,7 @@ fn host() -> String {
 /// A shard being written.
 pub struct Writer {
     paths: Paths,
-    tar: tar::Builder<BufWriter<Hashed>>,
+    files: container::Writer,
     /// What is known of the shard so far; whoever appends samples counts them here.
     pub stats: Stats,
     finished: bool,
@@ -155,55 +169,33 @@ pub struct Writer {
 impl Writer {
     /// Starts a shard of which the lock is held.
     pub fn create(paths: Paths, lock: Lock, shard: &Shard, fingerprint: &str) -> io::Result<Self> {
-        let file = create_anew(&paths.partial)?;
-        let hashed = Hashed { file, hash: Sha256::new(), bytes: 0 };
-        let stats = Stats::new(shard, fingerprint);
-        let tar = tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed));
-        Ok(Self { paths, tar, stats, finished: false, _lock: lock })
+        let files = paths.container.create(&paths.partial, &paths.data, shard)?;
+        let stats = Stats::new(shard, paths.container, fingerprint);
+        Ok(Self { paths, files, stats, finished: false, _lock: lock })
     }
 
     /// Appends a sample's files. Samples must come in the order of the shard.
     pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
-        for member in members {
-            let mut header = tar::Header::new_ustar();
-            header.set_path(format!("{key}.{}", member.suffix))?;
-            header.set_size(member.bytes.len() as u64);
-            header.set_mode(0o644);
-            header.set_mtime(0);
-            header.set_uid(0);
-            header.set_gid(0);
-            header.set_cksum();
-            self.tar.append(&header, member.bytes.as_slice())?;
-        }
-        Ok(())
+        self.files.append(key, members)
     }
 
     /// Brings the shard to disk under its final name, then its stats. On failure, the file that could not be written.
     pub fn finish(mut self) -> Result<Stats, (PathBuf, io::Error)> {
-        self.finish_tar().map_err(|error| (self.paths.partial.clone(), error))?;
+        self.finish_files().map_err(|error| (self.paths.partial.clone(), error))?;
         self.write_stats().map_err(|error| (self.paths.stats.clone(), error))?;
         Ok(self.stats.clone())
     }
 
-    fn finish_tar(&mut self) -> io::Result<()> {
-        self.tar.finish()?;
-        let buffer = self.tar.get_mut();
-        buffer.flush()?;
-        let hashed = buffer.get_mut();
-        hashed.file.sync_all()?;
-        if !same_file(&hashed.file, &self.paths.partial) {
-            return Err(io::Error::other("another process has replaced it"));
-        }
-        self.stats.bytes = hashed.bytes;
-        self.stats.sha256 = hex(&hashed.hash.clone().finalize());
-        // A stats file of an earlier, damaged tar must not vouch for the new one while both are exchanged.
+    fn finish_files(&mut self) -> io::Result<()> {
+        (self.stats.bytes, self.stats.sha256) = self.files.finish(&self.paths.partial)?;
+        // A stats file of an earlier, damaged shard must not vouch for the new one while both are exchanged.
         match fs::remove_file(&self.paths.stats) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => {}
         }
-        fs::rename(&self.paths.partial, &self.paths.tar)?;
+        self.paths.container.put_in_place(&self.paths.partial, &self.paths.data)?;
         self.finished = true;
-        sync_folder(&self.paths.tar)
+        sync_folder(&self.paths.data)
     }
 
     fn write_stats(&self) -> io::Result<()> {
@@ -217,7 +209,7 @@ impl Drop for Writer {
     fn drop(&mut self) {
         if !self.finished {
             // After an error or a stop: what is left behind would only be overwritten.
-            let _ = fs::remove_file(&self.paths.partial);
+            let _ = names::remove(&self.paths.partial);
         }
     }
 }
@@ -244,25 +236,5 @@ fn sync_folder(path: &Path) -> io::Result<()> {
         Some(folder) if folder.as_os_str().is_empty() => sync_folder(&Path::new(".").join(path)),
         Some(folder) if cfg!(unix) => File::open(folder)?.sync_all(),
         _ => Ok(()),
-    }
-}
-
-/// A file that knows the SHA-256 of what was written to it.
-struct Hashed {
-    file: File,
-    hash: Sha256,
-    bytes: u64,
-}
-
-impl Write for Hashed {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.file.write(bytes)?;
-        self.hash.update(&bytes[..written]);
-        self.bytes += written as u64;
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
     }
 }

@@ -1,7 +1,7 @@
 //! What is known of a finished shard: its `stats/NAME.json`, written last, which marks the shard as complete.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -9,7 +9,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::layout::Shard;
+use super::shard::Paths;
 use super::versioned::Versioned;
+use crate::config::output::Container;
 use crate::effects::{Effect, PerEffect};
 use crate::label::Label;
 use crate::plan::hex;
@@ -28,7 +30,7 @@ pub struct Stats {
     pub generator: String,
     /// Fingerprint of the job.
     pub fingerprint: String,
-    /// The tar, relative to the dataset's folder.
+    /// The tar or folder, relative to the dataset's folder.
     pub file: String,
     /// Samples in it.
     pub samples: u64,
@@ -38,9 +40,9 @@ pub struct Stats {
     pub unhealthy: u64,
     /// Samples in it whose contact was not solved to the tolerance.
     pub unconverged: u64,
-    /// Bytes of the tar.
+    /// Bytes of the tar, or of the folder's files.
     pub bytes: u64,
-    /// SHA-256 of the tar.
+    /// SHA-256 of the tar; of a folder, see [`super::imagefolder`].
     pub sha256: String,
     /// Samples per class.
     pub classes: BTreeMap<String, u64>,
@@ -80,10 +82,11 @@ pub struct Count {
 }
 
 impl Count {
-    fn add(&mut self, ran: bool, seconds: f64) {
-        self.ran += u64::from(ran);
-        self.skipped += u64::from(!ran);
-        self.seconds += seconds;
+    /// Adds the samples of others.
+    pub fn add(&mut self, other: &Self) {
+        self.ran += other.ran;
+        self.skipped += other.skipped;
+        self.seconds += other.seconds;
     }
 }
 
@@ -97,12 +100,12 @@ impl Versioned for Stats {
 
 impl Stats {
     /// Those of a shard without samples yet.
-    pub fn new(shard: &Shard, fingerprint: &str) -> Self {
+    pub fn new(shard: &Shard, container: Container, fingerprint: &str) -> Self {
         Self {
             stats_version: STATS_VERSION,
             generator: env!("CARGO_PKG_VERSION").to_owned(),
             fingerprint: fingerprint.to_owned(),
-            file: format!("data/{}.tar", shard.name()),
+            file: container.file(shard),
             samples: 0,
             rejected: 0,
             unhealthy: 0,
@@ -124,7 +127,9 @@ impl Stats {
         self.unconverged += u64::from(!label.numerics.converged);
         *self.classes.entry(label.object.class.clone()).or_default() += 1;
         for effect in Effect::ALL {
-            self.effects[effect].add(label.effects[effect].ran, effects[effect]);
+            let ran = label.effects[effect].ran;
+            let one = Count { ran: u64::from(ran), skipped: u64::from(!ran), seconds: effects[effect] };
+            self.effects[effect].add(&one);
         }
         self.seconds.add(seconds);
         self.rejections.extend(rejected.into_iter().map(|label| Rejection {
@@ -136,18 +141,18 @@ impl Stats {
         }));
     }
 
-    /// True if the tar at `path` is there and as long as the one that was written.
-    pub fn measures(&self, path: &Path) -> io::Result<bool> {
-        match fs::metadata(path) {
-            Ok(meta) => Ok(meta.len() == self.bytes),
+    /// True if the shard is there and as large as the one that was written.
+    fn measures(&self, paths: &Paths) -> io::Result<bool> {
+        match paths.container.measure(&paths.data) {
+            Ok(bytes) => Ok(bytes == self.bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(error) => Err(error),
         }
     }
 
-    /// True if the tar at `path` is the one that was written, byte for byte: reads all of it.
-    pub fn vouches_for(&self, path: &Path) -> io::Result<bool> {
-        Ok(self.measures(path)? && sha256_of(path)? == self.sha256)
+    /// True if the shard is the one that was written, byte for byte: reads all of it.
+    pub fn vouches_for(&self, paths: &Paths) -> io::Result<bool> {
+        Ok(self.measures(paths)? && paths.container.checksum(&paths.data)?.1 == self.sha256)
     }
 }
 

@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 use std::fs;
-use std::io::{self, BufReader, Read};
+use std::io::{self, Read};
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -14,22 +14,24 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::archive::{self, Files};
+use super::folder::Refused;
 use super::layout::{Shard, Split};
 use super::manifest::Manifest;
+use super::png16::Steps;
 use super::recorded::Recorded;
 use super::shard::Paths;
-use super::stats::{Stats, sha256_of};
-use super::versioned::{Unreadable, Versioned};
-use super::{exr, png};
-use crate::config::diagnostic::Report;
-use crate::config::output::Layer;
+use super::stats::Stats;
+use super::versioned::Versioned;
+use super::{decode, exr, imagefolder, npy, png, png16};
+use crate::config::output::{Coding, Container, Layer};
 use crate::label::{Label, SCHEMA_VERSION, key};
-use crate::plan::usage;
 
 /// How thoroughly to look.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Depth {
-    /// Checksums only.
+    /// Sizes only.
+    Sizes,
+    /// Checksums.
     Checksums,
     /// Checksums; and every sample's files decoded, every label read.
     Everything,
@@ -45,7 +47,8 @@ pub struct Finding {
 }
 
 impl Finding {
-    fn new(file: impl Into<String>, what: impl Into<String>) -> Self {
+    /// About a file, relative to the dataset's folder.
+    pub fn new(file: impl Into<String>, what: impl Into<String>) -> Self {
         Self { file: file.into(), what: what.into() }
     }
 }
@@ -70,23 +73,25 @@ pub struct Verified {
 }
 
 /// What one shard turned out to be.
-struct Looked {
-    shard: Shard,
-    stats: Option<Stats>,
-    /// Of the tar as it is.
+pub struct Looked {
+    /// Which one.
+    pub shard: Shard,
+    /// Its stats, if they can be read.
+    pub stats: Option<Stats>,
+    /// Everything that is wrong with it.
+    pub findings: Vec<Finding>,
+    /// Of the shard as it is.
     sha256: Option<String>,
-    /// Length of the tar as it is, if it can be read.
+    /// Its bytes as they are, if it can be read.
     bytes: Option<u64>,
-    findings: Vec<Finding>,
 }
 
 /// Looks at every file of the dataset at `root`. Refuses a folder that is no dataset, or a newer gelsim's.
-pub fn verify(root: &Path, depth: Depth) -> Result<Verified, Report> {
-    let recorded = Recorded::open(root)?;
-    let manifest = newer_refused("dataset.json", Manifest::read(&root.join("dataset.json")))?;
-    let shards: Vec<Shard> = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number)).collect();
-    let looked = shards.into_par_iter().map(|shard| look(&recorded, shard, depth));
-    let looked: Vec<Looked> = looked.collect::<Result<_, _>>()?;
+pub fn verify(root: &Path, depth: Depth) -> Result<Verified, Refused> {
+    let recorded = Recorded::open(root).map_err(Refused::Usage)?;
+    let path = root.join("dataset.json");
+    let manifest = Manifest::read_or_refuse(&path)?;
+    let looked = look(&recorded, depth)?;
 
     let mut verified = Verified { shards: looked.len() as u64, ..Verified::default() };
     for one in &looked {
@@ -94,9 +99,9 @@ pub fn verify(root: &Path, depth: Depth) -> Result<Verified, Report> {
             verified.bytes += bytes;
             verified.samples += one.stats.as_ref().map_or(0, |stats| stats.samples);
         }
-        verified.findings.extend(exchanged(one, &looked));
+        verified.findings.extend(exchanged(one, &looked, recorded.job.output.container));
     }
-    verified.findings.extend(strays(root, &looked));
+    verified.findings.extend(strays(&recorded, &looked));
     match &manifest {
         Some(manifest) => verified.findings.extend(described(&recorded, manifest, &looked)),
         None => verified.findings.push(Finding::new("dataset.json", "is missing or not whole")),
@@ -108,63 +113,66 @@ pub fn verify(root: &Path, depth: Depth) -> Result<Verified, Report> {
 }
 
 /// A shard that has another one's place.
-fn exchanged(one: &Looked, all: &[Looked]) -> Option<Finding> {
+fn exchanged(one: &Looked, all: &[Looked], container: Container) -> Option<Finding> {
     let there = one.sha256.as_deref()?;
     if one.stats.as_ref().is_some_and(|stats| stats.sha256 == there) {
         return None;
     }
     let written = |looked: &&Looked| looked.stats.as_ref().is_some_and(|stats| stats.sha256 == there);
     let other = all.iter().find(written).filter(|other| other.shard != one.shard)?;
-    Some(Finding::new(
-        format!("data/{}.tar", one.shard.name()),
-        format!("is the content of data/{}.tar", other.shard.name()),
-    ))
+    Some(Finding::new(container.file(&one.shard), format!("is the content of {}", container.file(&other.shard))))
 }
 
-fn newer_refused<T>(name: &str, read: Result<Option<T>, Unreadable>) -> Result<Option<T>, Report> {
-    match read {
-        Ok(found) => Ok(found),
-        Err(Unreadable::Io(error)) => Err(Report::message(format!("{name}: {error}"))),
-        Err(Unreadable::Newer(version)) => {
-            let message = format!("{name} was written by gelsim {version}, which is newer than this one");
-            Err(usage(message, "verify it with that version"))
-        }
-    }
+/// Checks every shard of a dataset and its stats.
+pub fn look(recorded: &Recorded, depth: Depth) -> Result<Vec<Looked>, Refused> {
+    let shards: Vec<Shard> = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number)).collect();
+    shards.into_par_iter().map(|shard| look_at(recorded, shard, depth)).collect()
 }
 
-/// Checks one shard and its stats.
-fn look(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Report> {
-    let paths = Paths::new(&recorded.root, &shard);
-    let (tar, stats_name) = (format!("data/{}.tar", shard.name()), format!("stats/{}.json", shard.name()));
-    let stats = newer_refused(&stats_name, Stats::read(&paths.stats))?;
+fn look_at(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Refused> {
+    let paths = recorded.paths(&shard);
+    let (file, stats_name) = (paths.container.file(&shard), format!("stats/{}.json", shard.name()));
+    let stats = Stats::read_or_refuse(&paths.stats)?;
     let mut findings = Vec::new();
     let mut wrong = |file: &str, what: String| findings.push(Finding::new(file, what));
     match &stats {
         None if paths.stats.exists() => wrong(&stats_name, String::from("is not whole")),
         None => wrong(&stats_name, String::from("is missing")),
-        Some(stats) if stats.file != tar => wrong(&stats_name, format!("is about {}", stats.file)),
+        Some(stats) if stats.file != file => wrong(&stats_name, format!("is about {}", stats.file)),
         Some(stats) if stats.samples != shard.samples => {
             wrong(&stats_name, format!("counts {} samples, the job {}", stats.samples, shard.samples));
         }
         Some(_) => {}
     }
     let (mut sha256, mut bytes) = (None, None);
-    match fs::metadata(&paths.tar).and_then(|meta| Ok((meta.len(), sha256_of(&paths.tar)?))) {
+    let measured = match depth {
+        Depth::Sizes => paths.container.measure(&paths.data).map(|length| (length, None)),
+        _ => paths.container.checksum(&paths.data).map(|(length, found)| (length, Some(found))),
+    };
+    match measured {
         Ok((length, found)) => {
-            if let Some(stats) = stats.as_ref().filter(|stats| stats.sha256 != found) {
-                let written = format!("{} bytes with SHA-256 {} were written", stats.bytes, stats.sha256);
-                wrong(&tar, format!("is not what was written: it has {length} bytes with SHA-256 {found}, {written}"));
+            let same = |stats: &&Stats| found.as_ref().is_none_or(|found| stats.sha256 == *found);
+            if let Some(stats) = stats.as_ref().filter(|stats| stats.bytes != length || !same(stats)) {
+                let with = |hash: &str| if found.is_some() { format!(" with SHA-256 {hash}") } else { String::new() };
+                let there = format!("it has {length} bytes{}", with(found.as_deref().unwrap_or_default()));
+                let written = format!("{} bytes{} were written", stats.bytes, with(&stats.sha256));
+                wrong(&file, format!("is not what was written: {there}, {written}"));
             }
-            (sha256, bytes) = (Some(found), Some(length));
+            (sha256, bytes) = (found, Some(length));
         }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => wrong(&tar, String::from("is missing")),
-        Err(error) => wrong(&tar, error.to_string()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            // A killed run leaves its name there.
+            let writer = fs::read_to_string(&paths.lock).unwrap_or_default();
+            let writer = match writer.trim() {
+                "" => String::new(),
+                writer => format!("; {writer} writes it, or was stopped"),
+            };
+            wrong(&file, format!("is missing{writer}"));
+        }
+        Err(error) => wrong(&file, error.to_string()),
     }
     if depth == Depth::Everything && bytes.is_some() {
-        let opened = fs::File::open(&paths.tar).map_err(|error| vec![error.to_string()]);
-        let found =
-            opened.map_or_else(|error| error, |file| check(BufReader::with_capacity(1 << 18, file), recorded, shard));
-        found.into_iter().for_each(|what| wrong(&tar, what));
+        check_files(&paths, recorded, shard).into_iter().for_each(|what| wrong(&file, what));
     }
     Ok(Looked { shard, stats, sha256, bytes, findings })
 }
@@ -172,11 +180,43 @@ fn look(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Repor
 /// Mistakes named for one shard; the rest are counted.
 const MOST_NAMED: usize = 10;
 
-/// Checks a shard's tar: the samples that `recorded` says it has, each with its files, each file what it should be.
+/// Checks a shard on disk, in a folder also its metadata.jsonl.
+fn check_files(paths: &Paths, recorded: &Recorded, shard: Shard) -> Vec<String> {
+    let mut rows = match paths.container {
+        Container::Tar => None,
+        Container::Folder => Some(imagefolder::Rows::open(&paths.data, &shard.name())),
+    };
+    let mut found = check_samples(recorded, shard, |visit| {
+        paths.container.read(
+            &paths.data,
+            |_| true,
+            |files| {
+                if let Some(Ok(rows)) = &mut rows {
+                    rows.compare(&files);
+                }
+                visit(files)
+            },
+        )
+    });
+    found.extend(rows.and_then(|rows| rows.map_or_else(Some, imagefolder::Rows::finish)));
+    found
+}
+
+/// Checks a shard that is a tar: the samples that `recorded` says it has, each with its files, each file what it should
+/// be.
 pub fn check(tar: impl Read, recorded: &Recorded, shard: Shard) -> Vec<String> {
+    check_samples(recorded, shard, |visit| archive::read(tar, visit))
+}
+
+/// Checks the samples of a shard, which `read` shows to what it is given.
+fn check_samples(
+    recorded: &Recorded,
+    shard: Shard,
+    read: impl FnOnce(&mut dyn FnMut(Files) -> ControlFlow<()>) -> Result<(), String>,
+) -> Vec<String> {
     let mut found = Vec::new();
     let mut expected = recorded.layout.indices(shard);
-    let read = archive::read(tar, |files| {
+    let read = read(&mut |files: Files| {
         match expected.next() {
             Some(index) => check_sample(&files, recorded, shard.split, index, &mut found),
             None => found.push(format!("sample {} is one too many", files.key)),
@@ -204,26 +244,25 @@ fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, fo
         found.push(format!("sample {} stands where {key} belongs", files.key));
         return;
     }
-    let mut layers = recorded.job.output.layers.clone();
-    layers.sort();
-    layers.dedup();
-    let expected = std::iter::once("tactile.png").chain(layers.iter().map(|layer| layer.suffix())).chain(["json"]);
-    let (expected, there): (BTreeSet<&str>, BTreeSet<&str>) =
-        (expected.collect(), files.members.iter().map(|(suffix, _)| suffix.as_str()).collect());
+    let format = recorded.job.output.depth_format;
+    let layers = recorded.job.output.layers_in_order();
+    let suffixes: Vec<(String, Layer)> = layers.into_iter().map(|layer| (layer.suffix(format), layer)).collect();
+    let of_layers = suffixes.iter().map(|(suffix, _)| suffix.as_str());
+    let (expected, there): (BTreeSet<&str>, BTreeSet<&str>) = (
+        of_layers.chain(["tactile.png", "json"]).collect(),
+        files.members.iter().map(|(suffix, _)| suffix.as_str()).collect(),
+    );
     found.extend(expected.difference(&there).map(|suffix| format!("{key}.{suffix} is missing")));
     found.extend(there.difference(&expected).map(|suffix| format!("{key}.{suffix} does not belong there")));
     let size = recorded.job.sensor.resolution_px.map(|px| px as usize);
     for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix.as_str())) {
-        let layer = layers.iter().copied().find(|layer| layer.suffix() == suffix);
-        let checked = match (suffix.as_str(), layer) {
-            ("json", _) => check_label(bytes, recorded, split, index),
-            (_, None | Some(Layer::Reference)) => check_png(bytes, size, image::ColorType::Rgb8),
-            (_, Some(Layer::Contact)) => check_png(bytes, size, image::ColorType::L8),
-            (_, Some(Layer::Markers)) => check_markers(bytes),
-            (_, Some(Layer::Normal)) => check_exr(bytes, size, &["X", "Y", "Z"], f32::NEG_INFINITY),
-            (_, Some(Layer::Surface)) => check_exr(bytes, size, &["Z"], f32::NEG_INFINITY),
-            (_, Some(Layer::Depth)) => check_exr(bytes, size, &["Z"], 0.0),
-            (_, Some(Layer::Pressure)) => check_exr(bytes, size, &["P"], 0.0),
+        let layer = suffixes.iter().find(|(of, _)| of == suffix).map(|(_, layer)| *layer);
+        let checked = match layer {
+            None if suffix == "json" => check_label(bytes, recorded, split, index),
+            None | Some(Layer::Reference) => check_png(bytes, size, image::ColorType::Rgb8),
+            Some(Layer::Contact) => check_png(bytes, size, image::ColorType::L8),
+            Some(Layer::Markers) => check_markers(bytes),
+            Some(layer) => check_floats(layer, layer.coding(format), bytes, size),
         };
         found.extend(checked.err().map(|what| format!("{key}.{suffix}: {what}")));
     }
@@ -238,19 +277,42 @@ fn check_png(bytes: &[u8], [width, height]: [usize; 2], color: image::ColorType)
     png::decode(bytes).map(|_| ())
 }
 
-fn check_exr(bytes: &[u8], [width, height]: [usize; 2], channels: &[&str], least: f32) -> Result<(), String> {
-    let (size, names) = exr::header(bytes)?;
-    if size != [width, height] || names != channels {
-        let size = format!("{}x{} px", size[0], size[1]);
-        return Err(format!("is {size} of {names:?}, not {width}x{height} of {channels:?}"));
+/// A layer of floats is what belongs there, and finite.
+fn check_floats(layer: Layer, coding: Coding, bytes: &[u8], [width, height]: [usize; 2]) -> Result<(), String> {
+    let channels = decode::channels(layer);
+    match coding {
+        Coding::Exr => {
+            // Before it is unpacked.
+            let (size, names) = exr::header(bytes)?;
+            if size != [width, height] || names != channels {
+                let size = format!("{}x{} px", size[0], size[1]);
+                return Err(format!("is {size} of {names:?}, not {width}x{height} of {channels:?}"));
+            }
+        }
+        Coding::Npy => npy::check_float32(bytes)?,
+        _ => return check_steps(layer, bytes, [width, height]),
     }
-    let planes = exr::planes(bytes)?;
+    let least = if matches!(layer, Layer::Depth | Layer::Pressure) { 0.0 } else { f32::NEG_INFINITY };
+    let planes = decode::planes(layer, coding, bytes, &Steps::default())?;
+    if [planes.width, planes.height] != [width, height] {
+        return Err(format!("is {}x{} px, not {width}x{height}", planes.width, planes.height));
+    }
     for (name, values) in &planes.channels {
         if let Some(at) = values.iter().position(|value| !value.is_finite() || *value < least) {
             return Err(format!("channel {name} is {} in column {}, row {}", values[at], at % width, at / width));
         }
     }
     Ok(())
+}
+
+/// A layer in 16-bit steps is a picture of that kind, and has no value that stands for what is not finite.
+fn check_steps(layer: Layer, bytes: &[u8], size: [usize; 2]) -> Result<(), String> {
+    check_png(bytes, size, image::ColorType::L16)?;
+    let none = png16::values(bytes)?.data.iter().position(|value| layer == Layer::Surface && *value == 0);
+    match none {
+        Some(at) => Err(format!("is not finite in column {}, row {}", at % size[0], at / size[0])),
+        None => Ok(()),
+    }
 }
 
 /// Two lists of as many pairs of numbers.
@@ -287,16 +349,31 @@ fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> R
     if same { Ok(()) } else { Err(String::from("is not about this sample")) }
 }
 
-/// Files in data/ and stats/ that belong to no shard. What begins with a dot is a run's that goes on.
-fn strays(root: &Path, looked: &[Looked]) -> Vec<Finding> {
+/// Files in data/ and stats/, and in shards that are folders, that belong to no shard. What begins with a dot is a run's
+/// that goes on, or a program's that shows folders.
+fn strays(recorded: &Recorded, looked: &[Looked]) -> Vec<Finding> {
     let mut found = Vec::new();
-    for (folder, ending) in [("data", "tar"), ("stats", "json")] {
-        let known: BTreeSet<String> = looked.iter().map(|one| format!("{}.{ending}", one.shard.name())).collect();
-        for entry in fs::read_dir(root.join(folder)).into_iter().flatten().filter_map(Result::ok) {
+    let mut stray = |folder: &str, name: &str| {
+        if !name.starts_with('.') {
+            found.push(Finding::new(format!("{folder}/{name}"), "belongs to no shard"));
+        }
+    };
+    let container = recorded.job.output.container;
+    let data = looked.iter().map(|one| container.file_name(&one.shard)).collect();
+    let stats = looked.iter().map(|one| format!("{}.json", one.shard.name())).collect();
+    for (folder, known) in [("data", data), ("stats", stats)] {
+        let known: BTreeSet<String> = known;
+        for entry in fs::read_dir(recorded.root.join(folder)).into_iter().flatten().filter_map(Result::ok) {
             let name = entry.file_name().to_string_lossy().into_owned();
-            if !name.starts_with('.') && !known.contains(&name) {
-                found.push(Finding::new(format!("{folder}/{name}"), "belongs to no shard"));
+            if !known.contains(&name) {
+                stray(folder, &name);
             }
+        }
+    }
+    if container == Container::Folder {
+        for one in looked {
+            let others = imagefolder::others(&recorded.paths(&one.shard).data).unwrap_or_default();
+            others.iter().for_each(|name| stray(&container.file(&one.shard), name));
         }
     }
     found
@@ -326,9 +403,9 @@ fn described(recorded: &Recorded, manifest: &Manifest, looked: &[Looked]) -> Vec
     let wids =
         fs::read(recorded.root.join("wids.json")).ok().and_then(|text| serde_json::from_slice::<Value>(&text).ok());
     match wids {
+        wids if wids == manifest.wids() => {}
         None => wrong("wids.json", String::from("is missing or not whole")),
-        Some(wids) if wids != manifest.wids() => wrong("wids.json", String::from("is not the index of dataset.json")),
-        Some(_) => {}
+        Some(_) => wrong("wids.json", String::from("is not the index of dataset.json")),
     }
     if !recorded.root.join("README.md").is_file() {
         wrong("README.md", String::from("is missing"));

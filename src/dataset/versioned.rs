@@ -8,6 +8,9 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::folder::Refused;
+use crate::plan::usage;
+
 /// Why a file cannot be had.
 #[derive(Debug)]
 pub enum Unreadable {
@@ -15,6 +18,20 @@ pub enum Unreadable {
     Io(io::Error),
     /// A newer gelsim wrote it: that one's version.
     Newer(String),
+}
+
+impl Unreadable {
+    /// What the user is told of the file at `path`.
+    pub fn refused(self, path: &Path) -> Refused {
+        match self {
+            Self::Io(error) => Refused::Io(path.to_owned(), error),
+            Self::Newer(version) => {
+                let message =
+                    format!("{} was written by gelsim {version}, which is newer than this one", path.display());
+                Refused::Usage(usage(message, "use that version, or another folder"))
+            }
+        }
+    }
 }
 
 /// A kind of file that says of which version it is.
@@ -32,6 +49,11 @@ pub trait Versioned: DeserializeOwned {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(Unreadable::Io(error)),
         }
+    }
+
+    /// The same; what the user is told if it cannot be had.
+    fn read_or_refuse(path: &Path) -> Result<Option<Self>, Refused> {
+        Self::read(path).map_err(|reason| reason.refused(path))
     }
 
     /// Reads JSON. `None` if it is not whole.

@@ -120,7 +120,8 @@ fn sides(facts: &Facts, pad: &Pad) -> String {
     text
 }
 
-fn percent(share: f64) -> String {
+/// A share of one in percent, with one decimal.
+pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
@@ -136,7 +137,7 @@ pub fn counted(count: usize, one: &str, many: &str) -> String {
 }
 
 /// Three significant digits, more before the point where there are more, and no zeros at the end: 0.0313, 20, 1250.
-pub(super) fn figure(value: f64) -> String {
+pub fn figure(value: f64) -> String {
     if value == 0.0 {
         return String::from("0");
     }

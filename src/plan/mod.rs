@@ -2,6 +2,7 @@
 //!
 //! After this nothing that depends on what the user wrote can fail: stages get a [`Plan`] and never see the job.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -34,13 +35,13 @@ mod ranges;
 pub mod standalone;
 
 use check::Check;
-pub use objects::{Draw, Object, stem};
+pub use objects::{Draw, Object, ids, stem};
 
 /// Everything a sample depends on, resolved and checked.
 pub struct Plan {
     /// The job with every default written out; paths are absolute here.
     pub job: Job,
-    /// SHA-256 over all that decides the bytes of the dataset; paths are not part of it, contents are.
+    /// SHA-256 over all that decides the bytes of a sample; paths are not part of it, contents are.
     pub fingerprint: String,
     /// Name of the dataset.
     pub name: String,
@@ -172,7 +173,6 @@ impl Plan {
         let drop_mm = files::drop_mm(&mut check, &mut job);
         let mut notes = Vec::new();
         let found = objects::load(&mut check, &mut job, &mut notes);
-        let layout = Layout::new(job.dataset.samples.unwrap_or(1), job.dataset.samples_per_shard, job.dataset.splits);
         let draw = objects::divide(&mut check, &job, &found);
         let objects: Arc<[Object]> = found.objects.into();
         let (Some(draw), Some((reference, reference_note)), true) = (draw, reference, problems.is_empty()) else {
@@ -184,25 +184,19 @@ impl Plan {
         let camera = view(&job);
         let files = Files { reference: &reference, calibration: calibration.as_ref(), drop_mm: drop_mm.as_ref() };
         let ready = Ready::new(&job, &models, &camera, &files);
-        let mut classes: Vec<String> = objects.iter().map(|object| object.class.clone()).collect();
-        classes.sort();
-        classes.dedup();
-        let mut layers = job.output.layers.clone();
-        layers.sort();
-        layers.dedup();
         Ok(Self {
             fingerprint: fingerprint(&job),
             name: job.dataset.name.clone().unwrap_or_default(),
             seed: job.dataset.seed,
-            layout,
+            layout: Layout::of(&job.dataset),
             camera,
             thickness_mm: job.sensor.gelpad_thickness_mm,
             reference,
             calibration,
-            objects,
             textures: textures.into(),
             drop_mm,
-            classes,
+            classes: classes(objects.iter().map(|object| object.class.as_str())),
+            objects,
             draw,
             pose: job.pose.clone(),
             indentation_mm: job.indentation.depth_mm.clone().unwrap_or_default(),
@@ -215,7 +209,7 @@ impl Plan {
             models,
             optics_named,
             ready,
-            layers,
+            layers: job.output.layers_in_order(),
             exr: job.output.exr,
             on_unhealthy: job.output.on_unhealthy,
             notes,
@@ -325,8 +319,14 @@ fn fill(job: &mut Job) {
     job.sensor.camera = None;
 }
 
+/// Class names in the order of their `class_index`.
+pub fn classes<'a>(of_objects: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let names: BTreeSet<&str> = of_objects.collect();
+    names.into_iter().map(str::to_owned).collect()
+}
+
 /// The rung of a job; the most exact one while it is still to be chosen.
-fn rung(job: &Job) -> Rung {
+pub fn rung(job: &Job) -> Rung {
     job.fidelity.map_or(Rung::default(), |fidelity| fidelity.rung().unwrap_or(Rung::Reference))
 }
 
@@ -338,7 +338,8 @@ fn chosen_models(job: &Job) -> Choices {
     }
 }
 
-fn view(job: &Job) -> Camera {
+/// View and pixel pitch of a job's sensor.
+pub fn view(job: &Job) -> Camera {
     let resolution_px = job.sensor.resolution_px.map(|px| px as usize);
     let mm_per_px = std::array::from_fn(|k| job.sensor.field_of_view_mm[k] / resolution_px[k].max(1) as f64);
     Camera { resolution_px, mm_per_px }
@@ -358,9 +359,11 @@ fn strain_note(job: &Job) -> Option<String> {
 }
 
 /// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
-/// object's in the labels; contents are known by their hashes.
-fn fingerprint(job: &Job) -> String {
+/// object's in the labels; contents are known by their hashes. The number of samples decides no sample's bytes, so that
+/// it may be raised later.
+pub fn fingerprint(job: &Job) -> String {
     let mut job = job.clone();
+    job.dataset.samples = None;
     let meshes = job.object.iter().map(|object| object.path.as_deref().map(stem)).collect::<Vec<_>>();
     job.paths_mut().for_each(String::clear);
     for (object, stem) in job.object.iter_mut().zip(meshes) {

@@ -100,8 +100,6 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         .collect();
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
-    // The names that are taken, and of each stem the number that was given last.
-    let (mut ids, mut numbers) = (HashSet::new(), HashMap::new());
     for ((i, path), read) in files.iter().zip(read) {
         let entry = &job.object[*i];
         let (clusters, loaded) = match read {
@@ -123,11 +121,6 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         }
         let stem = stem(&path.to_string_lossy());
         let class = entry.class.clone().unwrap_or_else(|| stem.clone());
-        let (mut id, number) = (stem.clone(), numbers.entry(stem.clone()).or_insert(1));
-        while !ids.insert(id.clone()) {
-            *number += 1;
-            id = format!("{stem}-{number}");
-        }
         entries.push(Entry {
             path: Some(path.to_string_lossy().into_owned()),
             class: Some(class.clone()),
@@ -136,10 +129,29 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         });
         // A weight that is none is reported above; the object counts all the same.
         let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
-        objects.push(Object { id, class, sha256: loaded.sha256, weight, clusters });
+        objects.push(Object { id: stem, class, sha256: loaded.sha256, weight, clusters });
+    }
+    let stems = objects.iter().map(|object| object.id.clone()).collect();
+    for (object, id) in objects.iter_mut().zip(ids(stems)) {
+        object.id = id;
     }
     job.object = entries;
     Found { objects, unread }
+}
+
+/// Unique names of objects from the stems of their files: with a number where several share one.
+pub fn ids(stems: Vec<String>) -> Vec<String> {
+    // The names that are taken, and of each stem the number that was given last.
+    let (mut taken, mut numbers) = (HashSet::new(), HashMap::new());
+    let named = stems.into_iter().map(|stem| {
+        let (mut id, number) = (stem.clone(), numbers.entry(stem.clone()).or_insert(1));
+        while !taken.insert(id.clone()) {
+            *number += 1;
+            id = format!("{stem}-{number}");
+        }
+        id
+    });
+    named.collect()
 }
 
 /// A mesh's name: that of its file, without folder and ending.

@@ -96,6 +96,13 @@ fn every_mistake_in_table_and_pictures_is_said_at_once_with_its_line() {
         assert!(whole, "{words}, line {line}:\n{paragraph}");
     }
     assert_eq!(said.matches("error: ").count(), 10, "{said}");
+    // With another mistake in place of the size that cannot be compared.
+    let unpaired = refused(&folder, &CALIBRATE.replace("rest.png", "none.png"));
+    assert!(
+        unpaired.contains("cannot read the background none.png") && unpaired.contains("presses.csv:9:1"),
+        "{unpaired}"
+    );
+    assert_eq!(unpaired.matches("error: ").count(), 10, "{unpaired}");
     // What is looked for is not found on an untouched pad.
     rest().save(folder.path("2.png")).expect("an image");
     let said = refused(&folder, &format!("{CALIBRATE} --detect"));

@@ -212,6 +212,7 @@ const INTEGERS: &[&str] = &[
     "health.clipped_px",
     "health.saturated_px",
     "health.over_thickness_px",
+    "png16.surface_zero",
 ];
 
 /// What a blur does not know.

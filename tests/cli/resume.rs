@@ -194,7 +194,7 @@ fn the_folder_of_another_job_is_refused_by_the_key_that_differs() {
     let before = folder.files("out");
     for (flags, words) in [
         ("--seed 8", "dataset.seed is 7 there and 8 here"),
-        ("--samples 9", "dataset.samples is 8 there and 9 here"),
+        ("--samples 7", "dataset.samples is 8 there and 7 here"),
         ("--set pose.face=\"+x\"", "pose.face is \"-z\" there and \"+x\" here"),
         ("--set object.1.weight=3", "object.1.weight is 2.0 there and 3.0 here"),
         ("--set object.0.path=\"cone.obj\"", "object.0.sha256 is "),

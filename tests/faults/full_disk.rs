@@ -3,7 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::rig::{assert_like_whole, assert_swept, assert_whole_or_absent, said, shell, shell_with_mounts, with_whole};
+use crate::rig::{
+    assert_like_whole, assert_swept, assert_whole_or_absent, in_folders, said, shell, shell_with_mounts, with_whole,
+};
 use crate::support::{Folder, JOB, assert_same_files};
 
 /// Fills a disk of `SIZE` with a run, keeps what is on it then, makes room, and runs again.
@@ -24,7 +26,7 @@ fn hit(text: &str) -> String {
     let name = path.rsplit('/').next().unwrap_or_default();
     match (path.contains("/data/"), path.contains("/stats/"), name.ends_with(".lock")) {
         (true, _, true) => String::from("a shard's lock"),
-        (true, ..) if name.starts_with('.') => String::from("a tar"),
+        (true, ..) if name.starts_with('.') => String::from("a shard"),
         (_, true, _) => String::from("a stats file"),
         _ => name.to_owned(),
     }
@@ -51,8 +53,8 @@ fn fill(folder: &Folder, size: &str, files: &str) -> Option<Option<String>> {
 }
 
 /// A folder in which `whole` was made as deep as `disk/out` is: paths in job.toml are relative.
-fn folder() -> Folder {
-    let folder = Folder::with_job(JOB);
+fn folder(job: &str) -> Folder {
+    let folder = Folder::with_job(job);
     std::fs::create_dir(folder.path("plain")).expect("a folder");
     folder.succeed("generate job.toml --quiet --out plain/out");
     std::fs::rename(folder.path("plain/out"), folder.path("whole")).expect("a folder");
@@ -61,7 +63,7 @@ fn folder() -> Folder {
 
 #[test]
 fn a_disk_that_fills_up_at_any_size_is_named_and_loses_nothing() {
-    let folder = folder();
+    let folder = folder(JOB);
     let mut hits: BTreeMap<String, u32> = BTreeMap::new();
     // In pages, of which each file takes whole ones.
     for pages in 1.. {
@@ -72,12 +74,21 @@ fn a_disk_that_fills_up_at_any_size_is_named_and_loses_nothing() {
         }
     }
     println!("{} sizes of a full disk survived; it was full at: {hits:?}", hits.values().sum::<u32>());
-    assert!(["job.toml", "a tar", "a stats file"].iter().all(|file| hits.contains_key(*file)), "{hits:?}");
+    assert!(["job.toml", "a shard", "a stats file"].iter().all(|file| hits.contains_key(*file)), "{hits:?}");
 }
 
 #[test]
 fn a_disk_that_has_no_room_for_one_more_file_is_named_and_loses_nothing() {
-    let folder = folder();
+    files_run_out(JOB);
+}
+
+#[test]
+fn a_disk_that_has_no_room_for_one_more_file_of_a_folder_is_named_and_loses_nothing() {
+    files_run_out(&in_folders(JOB));
+}
+
+fn files_run_out(job: &str) {
+    let folder = folder(job);
     let mut hits: BTreeMap<String, u32> = BTreeMap::new();
     for files in 2.. {
         match fill(&folder, "64m", &files.to_string()) {
@@ -88,7 +99,7 @@ fn a_disk_that_has_no_room_for_one_more_file_is_named_and_loses_nothing() {
     }
     println!("{} counts of files on a full disk survived; it was full at: {hits:?}", hits.values().sum::<u32>());
     assert!(
-        ["job.toml", "a tar", "a stats file", "dataset.json"].iter().all(|file| hits.contains_key(*file)),
+        ["job.toml", "a shard", "a stats file", "dataset.json"].iter().all(|file| hits.contains_key(*file)),
         "{hits:?}"
     );
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use gelsim::dataset::shard::{Lock, write_whole};
 
-use crate::rig::{assert_like_whole, with_whole};
+use crate::rig::{assert_like_whole, in_folders, with_whole};
 use crate::support::{Folder, JOB, assert_same_files};
 
 /// What is put in place of something of ours.
@@ -60,7 +60,7 @@ fn begun() -> (Folder, BTreeMap<String, Vec<u8>>) {
     (folder, outside)
 }
 
-const NAMES: [&str; 13] = [
+const NAMES: [&str; 14] = [
     "data",
     "stats",
     ".gelsim.lock",
@@ -68,6 +68,7 @@ const NAMES: [&str; 13] = [
     "dataset.json",
     "wids.json",
     "README.md",
+    "report.html",
     "data/train-000000.tar",
     "data/val-000000.tar",
     "data/.val-000000.tar.partial",
@@ -104,9 +105,41 @@ fn nothing_is_written_or_removed_through_what_stands_in_place_of_ours() {
 }
 
 #[test]
+fn nothing_is_written_or_removed_through_what_stands_in_place_of_a_folder_of_ours() {
+    let folder = with_whole(&in_folders(JOB));
+    fs::create_dir(folder.path("outside")).expect("a folder");
+    for name in ["precious.txt", "metadata.jsonl", "000000001.json"] {
+        folder.write(&format!("outside/{name}"), "precious\n");
+    }
+    let outside = folder.files("outside");
+    let whole = folder.files("whole/data");
+    let inside = whole.keys().find(|name| name.starts_with("train-000000/")).expect("a file of the shard");
+    let inside = format!("data/{inside}");
+    let names =
+        ["data/train-000000", "data/val-000000", "data/.val-000000.partial", "data/.train-000000.replaced.partial"];
+    for name in names.into_iter().chain(["data/train-000000/metadata.jsonl", &inside]) {
+        let is_folder = !name.ends_with(".jsonl") && name != inside;
+        for plant in PLANTS {
+            if is_folder && matches!(plant, Plant::Folder) {
+                continue;
+            }
+            folder.succeed("generate job.toml --quiet --out out --shards 0..1");
+            plant.put(&folder, &folder.path("out").join(name));
+            for flags in ["", " --overwrite"] {
+                let said = folder.fail(&format!("generate job.toml --out out{flags}"), 2);
+                let words = format!("out/{name} {}, which is not what gelsim made there", plant.what());
+                assert!(said.contains(&words), "{name} {plant:?}{flags}: {said}");
+                assert_same_files(&outside, &folder.files("outside"));
+            }
+            fs::remove_dir_all(folder.path("out")).expect("a folder");
+        }
+    }
+}
+
+#[test]
 fn files_with_a_second_name_keep_what_they_have_under_it() {
     let (folder, outside) = begun();
-    let names = NAMES.into_iter().filter(|name| !["data", "stats", "job.toml"].contains(name));
+    let names = NAMES.into_iter().filter(|name| !["data", "stats", "job.toml", "report.html"].contains(name));
     for name in names {
         folder.succeed("generate job.toml --quiet --out out --shards 0..1");
         let _ = fs::remove_file(folder.path("out").join(name));

@@ -11,15 +11,16 @@ use std::sync::LazyLock;
 
 use gelsim::config::dataset::Dataset;
 use gelsim::config::diagnostic::{Problem, Problems};
-use gelsim::config::output::{Compression, Exr, Pixel};
+use gelsim::config::output::{Coding, Compression, DepthFormat, Exr, Layer, Pixel};
 use gelsim::config::{self, Overrides, Written};
 use gelsim::dataset::archive::{self, Files};
 use gelsim::dataset::layout::Layout;
 use gelsim::dataset::manifest::Manifest;
+use gelsim::dataset::png16::{self, Steps};
 use gelsim::dataset::recorded::Recorded;
 use gelsim::dataset::stats::Stats;
 use gelsim::dataset::versioned::Versioned;
-use gelsim::dataset::{exr as exr_file, heights, npy as npy_file, png as png_file, verify};
+use gelsim::dataset::{decode, exr as exr_file, heights, npy as npy_file, png as png_file, verify};
 use gelsim::depth::{Camera, Depth};
 use gelsim::effects::{Gate, Ledger};
 use gelsim::gelpad::{Contact, none};
@@ -151,6 +152,17 @@ fn written_ply(mesh: &Mesh) -> Vec<u8> {
 /// An array has as many values as its shape says, and is the same after being written and read again.
 pub fn npy(bytes: &[u8]) {
     heights_of(bytes);
+    for layer in [Layer::Depth, Layer::Normal] {
+        let Ok(read) = decode::planes(layer, Coding::Npy, bytes, &Steps::default()) else { continue };
+        assert!(read.channels.iter().all(|(_, values)| values.len() == read.width * read.height));
+        let planes: Vec<&[f32]> = read.channels.iter().map(|(_, values)| values.as_slice()).collect();
+        let again = npy_file::encode(read.width, read.height, &planes);
+        let again =
+            decode::planes(layer, Coding::Npy, &again, &Steps::default()).expect("what was written can be read");
+        for ((_, a), (_, b)) in read.channels.iter().zip(&again.channels) {
+            assert!(a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()));
+        }
+    }
     let Some(read) = image(npy_file::decode(bytes).map(|array| array.values)) else { return };
     let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}\n", read.height, read.width);
     let mut again = b"\x93NUMPY\x01\x00".to_vec();
@@ -190,6 +202,14 @@ pub fn exr(bytes: &[u8]) {
 /// A background is the same after being written and read again.
 pub fn png(bytes: &[u8]) {
     heights_of(bytes);
+    let small = png_file::header(bytes).is_ok_and(|([width, height], _)| width * height <= 1 << 20);
+    if small && let Ok(read) = png16::values(bytes) {
+        let steps = Steps::new(&[Layer::Surface], DepthFormat::Png16, 3.0);
+        let plane_mm = steps.decode(Layer::Surface, bytes).expect("it was just read").data;
+        let again = png16::values(&steps.encode(Layer::Surface, read.width, read.height, &plane_mm)).expect("written");
+        // 0 stands for what is not finite, which does not come back.
+        assert!(read.data.iter().zip(&again.data).all(|(a, b)| a.max(&1) == b));
+    }
     match png_file::decode_background(bytes) {
         Err(reason) => assert!(!reason.is_empty()),
         Ok(picture) => {

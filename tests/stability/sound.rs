@@ -290,7 +290,7 @@ fn close(a: f64, b: f64) -> bool {
 fn decodes(member: &Member, plan: &Plan, sample: &Sample) -> Result<(), String> {
     let [width, height] = plan.camera.resolution_px;
     let text = |error: &dyn fmt::Display| error.to_string();
-    match member.suffix {
+    match member.suffix.as_str() {
         "json" => {
             // A number that is not finite becomes null, and null is none of a label's numbers.
             let read: Label = serde_json::from_slice(&member.bytes).map_err(|error| text(&error))?;

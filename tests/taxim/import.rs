@@ -28,9 +28,9 @@ fn a_folder_becomes_a_sensor() {
     assert_eq!(imported.name, "my gel");
     assert_eq!(imported.resolution_px, [24, 16]);
     assert!((imported.field_of_view_mm[0] - 1.2).abs() < 1e-12 && (imported.field_of_view_mm[1] - 0.8).abs() < 1e-12);
-    assert_eq!(imported.colours, colours());
-    let text = serde_json::to_string(&imported.colours).expect("JSON");
-    assert_eq!(serde_json::from_str::<Taxim>(&text).expect("a table"), imported.colours);
+    assert_eq!(imported.colors, colours());
+    let text = serde_json::to_string(&imported.colors).expect("JSON");
+    assert_eq!(serde_json::from_str::<Taxim>(&text).expect("a table"), imported.colors);
 }
 
 /// Taxim's blur as a plain double sum over a picture that is mirrored at its border.

@@ -57,9 +57,9 @@ struct Agreement {
 }
 
 fn compare(sensor: &Imported, case: &Case) -> [(Part, Agreement); 3] {
-    let [width, height] = sensor.colours.resolution_px;
+    let [width, height] = sensor.colors.resolution_px;
     let mm_per_px = sensor.field_of_view_mm[0] / width as f64;
-    let lookup = Lookup::new(&sensor.colours, [width, height]);
+    let lookup = Lookup::new(&sensor.colors, [width, height]);
     let mut found = [Part::Gentle, Part::Edge, Part::Rest].map(|part| (part, Agreement::default()));
     let mut change = [(); 3].map(|()| vec![0.0; width]);
     let mut scratch = Scratch::default();
@@ -72,7 +72,7 @@ fn compare(sensor: &Imported, case: &Case) -> [(Part, Agreement); 3] {
             || lookup.row(y, 0, slopes, &mut scratch, [red, green, blue]),
         );
         for x in 0..width {
-            let [steepness, direction] = bins(&sensor.colours, [slopes[0][x].into(), slopes[1][x].into()]);
+            let [steepness, direction] = bins(&sensor.colors, [slopes[0][x].into(), slopes[1][x].into()]);
             let is_edge = |at: f64| (at - at.round()).abs() < 2e-3;
             let part = match () {
                 () if steepness < 1.0 => Part::Gentle,

@@ -11,7 +11,9 @@ use image::imageops::{self, FilterType};
 
 use crate::compare::score::{Score, Scores};
 use crate::dataset::png::encode_rgb;
+use crate::page::{self, escaped};
 use crate::presses::Circle;
+use crate::preview::difference;
 
 /// Width of the pictures of a press, px, at most.
 const PANEL_PX: u32 = 320;
@@ -60,32 +62,10 @@ impl Shown {
 impl Page<'_> {
     /// The whole file.
     pub fn html(&self) -> String {
-        let title = format!("Calibration of {}", escaped(self.sensor));
         let mut ranked: Vec<&Shown> = self.presses.iter().collect();
         ranked.sort_by(|a, b| a.error().total_cmp(&b.error()));
-        let sections = [self.summary(), self.warnings(), self.plots(&ranked), self.normals(), presses(&ranked)];
-        format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n\
-             <style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{}</body>\n</html>\n",
-            sections.concat()
-        )
-    }
-
-    fn summary(&self) -> String {
-        let row = |(what, figure): &(String, String)| {
-            format!("<tr><th>{}</th><td>{}</td></tr>\n", escaped(what), escaped(figure))
-        };
-        format!("<table>\n{}</table>\n", self.summary.iter().map(row).collect::<String>())
-    }
-
-    fn warnings(&self) -> String {
-        let item = |text: &String| format!("<li>{}</li>\n", escaped(text));
-        match self.warnings {
-            [] => String::new(),
-            all => {
-                format!("<h2>Warnings</h2>\n<ul class=\"bad\">\n{}</ul>\n", all.iter().map(item).collect::<String>())
-            }
-        }
+        let parts = [page::facts(self.summary), page::warnings(self.warnings), self.plots(&ranked), self.normals()];
+        page::document(&format!("Calibration of {}", self.sensor), &(parts.concat() + &presses(&ranked)))
     }
 
     fn plots(&self, ranked: &[&Shown]) -> String {
@@ -95,7 +75,7 @@ impl Page<'_> {
             contact; each press was simulated by a fit that did not see it. Red: presses that may be unusable.</p>\n",
         );
         for plot in [plots::errors(self.presses), plots::by_radius(self.presses), plots::places(self.presses)] {
-            let _ = writeln!(html, "<figure>\n{plot}\n</figure>");
+            html += &page::figure(&plot, "");
         }
         let _ = write!(
             html,
@@ -104,18 +84,14 @@ impl Page<'_> {
             escaped(&typical.file)
         );
         for plot in plots::profiles(typical) {
-            let _ = writeln!(html, "<figure>\n{plot}\n</figure>");
+            html += &page::figure(&plot, "");
         }
         html
     }
 
     fn normals(&self) -> String {
         let figure = |(what, image): &(String, RgbImage)| {
-            format!(
-                "<figure><img src=\"{}\" alt=\"\"><figcaption>{}</figcaption></figure>\n",
-                uri(image),
-                escaped(what)
-            )
+            page::figure(&format!("<img src=\"{}\" alt=\"\"/>", uri(image)), &escaped(what))
         };
         match self.normals {
             [] => String::new(),
@@ -139,14 +115,14 @@ fn presses(ranked: &[&Shown]) -> String {
         );
     }
     for shown in ranked {
-        let difference = difference(&shown.real, &shown.simulated);
+        let difference = difference(&shown.real, &shown.simulated, GAIN);
         html += "<section>\n";
         for image in [&shown.real, &shown.simulated, &difference] {
             let _ = writeln!(html, "{}", panel(image, shown.circle.as_ref()));
         }
         let _ = write!(html, "<p><b>{}</b> {}", escaped(&shown.file), scores(&shown.scores));
         for suspicion in &shown.suspicions {
-            let _ = write!(html, "<br><span class=\"bad\">{}</span>", escaped(suspicion));
+            let _ = write!(html, "<br/><span class=\"bad\">{}</span>", escaped(suspicion));
         }
         html += "</p>\n</section>\n";
     }
@@ -183,64 +159,13 @@ fn panel(image: &RgbImage, circle: Option<&Circle>) -> String {
     )
 }
 
-/// Difference around grey; images of two sizes give what they share.
-fn difference(real: &RgbImage, simulated: &RgbImage) -> RgbImage {
-    let (width, height) = (real.width().min(simulated.width()), real.height().min(simulated.height()));
-    RgbImage::from_fn(width, height, |x, y| {
-        let (real, simulated) = (real.get_pixel(x, y).0, simulated.get_pixel(x, y).0);
-        let level = |k: usize| 128 + GAIN * (i32::from(simulated[k]) - i32::from(real[k]));
-        image::Rgb([0, 1, 2].map(|k| level(k).clamp(0, 255) as u8))
-    })
-}
-
 /// An image as the address of itself.
 fn uri(image: &RgbImage) -> String {
-    let png = encode_rgb(image.width() as usize, image.height() as usize, image.as_raw());
-    format!("data:image/png;base64,{}", base64(&png))
-}
-
-/// RFC 4648, section 4.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let bits = (0..3).fold(0, |bits, k| bits << 8 | u32::from(three.get(k).copied().unwrap_or(0)));
-        for k in 0..4 {
-            let letter = LETTERS[(bits >> (18 - 6 * k)) as usize & 63];
-            text.push(if k <= three.len() { char::from(letter) } else { '=' });
-        }
-    }
-    text
-}
-
-/// Text that HTML takes for nothing else; control characters become spaces.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '&' => out += "&amp;",
-            '"' => out += "&quot;",
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out
+    page::uri(&encode_rgb(image.width() as usize, image.height() as usize, image.as_raw()))
 }
 
 /// How circles look, at any scale.
 const RING: &str = "fill=\"none\" stroke=\"#fff\" stroke-width=\"1\" vector-effect=\"non-scaling-stroke\"";
-
-const STYLE: &str = "\
-body { margin: 2em auto; max-width: 1040px; padding: 0 1em; font: 15px/1.5 sans-serif; color: #222; background: #fff }
-h1 { font-size: 24px } h2 { font-size: 18px; margin: 2em 0 0.5em }
-table { border-collapse: collapse } th, td { padding: 3px 16px 3px 0; border-bottom: 1px solid #ddd; text-align: left }
-th { font-weight: normal; color: #555 }
-figure { display: inline-block; margin: 0 16px 16px 0; vertical-align: top } figcaption { font-size: 13px; color: #555 }
-section { margin: 0 0 20px } section p { margin: 2px 0; font-size: 13px } section svg { margin-right: 8px }
-.bad { color: #a01e28 }
-";
 
 #[cfg(test)]
 mod tests {
@@ -303,20 +228,10 @@ mod tests {
     }
 
     #[test]
-    fn base64_is_that_of_the_standard() {
-        let pairs =
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")];
-        for (plain, coded) in pairs {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-        assert_eq!(base64(&[0xfb, 0xff, 0xfe]), "+//+");
-    }
-
-    #[test]
     fn large_images_are_shown_smaller_and_differences_around_grey() {
         let image = RgbImage::from_pixel(1000, 500, Rgb([10, 20, 250]));
         assert!(panel(&image, None).starts_with("<svg width=\"320\" height=\"160\" viewBox=\"0 0 1000 500\">"));
         let other = RgbImage::from_pixel(1000, 500, Rgb([11, 10, 0]));
-        assert_eq!(difference(&image, &other).get_pixel(3, 4).0, [132, 88, 0]);
+        assert_eq!(difference(&image, &other, GAIN).get_pixel(3, 4).0, [132, 88, 0]);
     }
 }

@@ -1,0 +1,26 @@
+//! The Python module `gelsim._native`; `python/gelsim` is the package around it.
+
+#![forbid(unsafe_code)]
+
+/// As in the command, for the same reason. Python's own memory is not touched.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+#[pyo3::pymodule(gil_used = false)]
+mod _native {
+    use std::ffi::OsString;
+    use std::panic::catch_unwind;
+
+    use gelsim::cli;
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    #[allow(non_upper_case_globals, reason = "the name that Python gives to it")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    /// Runs a command line; its exit status. What a panic has to say is said by then, so Python shall not repeat it.
+    #[pyfunction]
+    fn main(py: Python<'_>, argv: Vec<OsString>) -> u8 {
+        py.detach(|| catch_unwind(|| cli::main(argv)).unwrap_or(cli::PANICKED))
+    }
+}

@@ -1,0 +1,147 @@
+//! Python that loads a dataset, as its card shows it: each snippet runs by itself in the dataset's folder.
+
+use crate::config::output::{Coding, Container, Layer, Output};
+
+/// The snippets for a dataset that has samples in `split`.
+pub fn snippets(output: &Output, split: &str) -> Vec<String> {
+    let fill = |text: String| text.replace("SPLIT", split);
+    match output.container {
+        Container::Tar => vec![webdataset(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()],
+        Container::Folder => vec![rows(output), FOLDER_BATCHES.to_owned()],
+    }
+    .into_iter()
+    .map(fill)
+    .collect()
+}
+
+/// How depth is written, if it is.
+fn depth_coding(output: &Output) -> Option<Coding> {
+    output.layers.contains(&Layer::Depth).then(|| Layer::Depth.coding(output.depth_format))
+}
+
+const READ_EXR: &str = "\
+def read_exr(data):  # rows and columns; with several channels a third axis, in the order of their names
+    channels = OpenEXR.File(io.BytesIO(data), separate_channels=True).channels()
+    planes = [channels[name].pixels.astype(\"float32\") for name in sorted(channels)]
+    return planes[0] if len(planes) == 1 else numpy.stack(planes, axis=-1)
+
+";
+
+/// Samples by WebDataset, decoded. Only what is in the dataset is imported.
+fn webdataset(output: &Output) -> String {
+    let format = output.depth_format;
+    let has = |coding: Coding| output.layers.iter().any(|layer| layer.coding(format) == coding);
+    let mut imports = vec!["import glob"];
+    let (mut helpers, mut handlers, mut decoders) = (String::new(), String::new(), String::from("\"rgb8\""));
+    if has(Coding::Exr) || has(Coding::Png16) {
+        imports.push("import io");
+    }
+    imports.extend(["import itertools", ""]);
+    if has(Coding::Exr) || has(Coding::Png16) {
+        imports.push("import numpy");
+    }
+    if has(Coding::Exr) {
+        imports.push("import OpenEXR  # 3.5 or later");
+        helpers += READ_EXR;
+        handlers += "exr = wds.handle_extension(\"exr\", read_exr)\n";
+        decoders += ", exr";
+    }
+    imports.push("import webdataset as wds");
+    if has(Coding::Png16) {
+        imports.push("from PIL import Image");
+        helpers += "def read_png16(data):\n    return numpy.array(Image.open(io.BytesIO(data)))\n\n";
+        handlers += "png16 = wds.handle_extension(\"png16\", read_png16)\n";
+        decoders += ", png16";
+    }
+    let depth = match depth_coding(output) {
+        None => String::new(),
+        Some(coding) => format!(
+            "    depth_mm = sample[\"{}\"]{}\n",
+            Layer::Depth.suffix(format),
+            if coding == Coding::Png16 { " * label[\"png16\"][\"depth_mm_per_step\"]" } else { "" }
+        ),
+    };
+    let deepest = if depth.is_empty() { "" } else { ", depth_mm.shape, depth_mm.max()" };
+    format!(
+        "{}\n\n{helpers}\
+         {handlers}shards = sorted(glob.glob(\"data/SPLIT-*.tar\"))\n\
+         samples = wds.WebDataset(shards, shardshuffle=False).decode({decoders})\n\
+         for sample in itertools.islice(samples, 3):\n    \
+         image, label = sample[\"tactile.png\"], sample[\"json\"]\n{depth}    \
+         print(sample[\"__key__\"], label[\"object\"][\"class\"], image.shape{deepest})\n",
+        imports.join("\n")
+    )
+}
+
+const TAR_COLUMNS: &str = "\
+import os
+
+from datasets import load_dataset
+
+samples = load_dataset(os.getcwd(), split=\"SPLIT\")
+for sample in samples.take(3):
+    image, label = sample[\"tactile.png\"], sample[\"json\"]
+    print(sample[\"__key__\"], label[\"object\"][\"class\"], image.size, label[\"contact\"][\"max_depth_mm\"])
+";
+
+const TAR_BATCHES: &str = "\
+import glob
+
+import torch
+import webdataset as wds
+from torch.utils.data import DataLoader
+
+def image_and_depth(sample):
+    image = torch.from_numpy(sample[\"tactile.png\"].copy()).permute(2, 0, 1)
+    return image, torch.tensor(sample[\"json\"][\"contact\"][\"max_depth_mm\"])
+
+shards = sorted(glob.glob(\"data/SPLIT-*.tar\"))
+samples = wds.WebDataset(shards, shardshuffle=len(shards), empty_check=False)  # as many shards as workers, or more
+batches = samples.shuffle(100).decode(\"rgb8\").map(image_and_depth).batched(8)
+for images, deepest_mm in DataLoader(batches, batch_size=None, num_workers=2):
+    print(images.shape, deepest_mm.max())
+";
+
+/// Rows of metadata.jsonl by `datasets`, with the depth map from its own file.
+fn rows(output: &Output) -> String {
+    let (imports, read) = match depth_coding(output) {
+        None => ("", ""),
+        Some(Coding::Npy) => ("import numpy\n", "numpy.load(sample[\"depth_path\"])"),
+        Some(Coding::Png16) => (
+            "import numpy\nfrom PIL import Image\n",
+            "numpy.array(Image.open(sample[\"depth_path\"])) * sample[\"png16\"][\"depth_mm_per_step\"]",
+        ),
+        Some(_) => (
+            "import OpenEXR  # 3.5 or later\n",
+            "OpenEXR.File(sample[\"depth_path\"], separate_channels=True).channels()[\"Z\"].pixels",
+        ),
+    };
+    let (depth, deepest) = match read {
+        "" => (String::new(), ""),
+        read => (format!("    depth_mm = {read}\n"), ", depth_mm.shape, depth_mm.max()"),
+    };
+    format!(
+        "import os\n\n{imports}from datasets import load_dataset\n\n\
+         samples = load_dataset(os.getcwd(), split=\"SPLIT\")\n\
+         for sample in samples.take(3):\n{depth}    \
+         print(sample[\"key\"], sample[\"object\"][\"class\"], sample[\"image\"].size{deepest})\n"
+    )
+}
+
+const FOLDER_BATCHES: &str = "\
+import os
+
+import numpy
+import torch
+from datasets import load_dataset
+from torch.utils.data import DataLoader
+
+def images_and_depths(rows):
+    images = [torch.from_numpy(numpy.array(row[\"image\"])).permute(2, 0, 1) for row in rows]
+    return torch.stack(images), torch.tensor([row[\"contact\"][\"max_depth_mm\"] for row in rows])
+
+samples = load_dataset(os.getcwd(), split=\"SPLIT\")
+batches = DataLoader(samples, batch_size=8, shuffle=True, num_workers=2, collate_fn=images_and_depths)
+for images, deepest_mm in batches:
+    print(images.shape, deepest_mm.max())
+";

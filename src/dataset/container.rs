@@ -1,0 +1,139 @@
+//! What holds a shard's files, a tar ([`archive`]) or a folder ([`imagefolder`]), behind one set of verbs: created,
+//! appended to, finished, put in place; measured, checked, read.
+
+use std::fs;
+use std::io;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use super::archive::{self, Files, Head};
+use super::encode::Member;
+use super::layout::Shard;
+use super::names;
+use super::{imagefolder, stats};
+use crate::config::output::Container;
+use crate::label::key;
+
+/// A container being written.
+pub enum Writer {
+    /// A tar.
+    Tar(archive::Writer),
+    /// A folder.
+    Folder(imagefolder::Writer),
+}
+
+impl Writer {
+    /// Appends a sample's files. Samples must come in the order of the shard.
+    pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
+        match self {
+            Self::Tar(tar) => tar.append(key, members),
+            Self::Folder(folder) => folder.append(key, members),
+        }
+    }
+
+    /// Brings to disk what was begun at `path`, which must still be there. Its bytes and SHA-256.
+    pub fn finish(&mut self, path: &Path) -> io::Result<(u64, String)> {
+        match self {
+            Self::Tar(tar) => tar.finish(path),
+            Self::Folder(folder) => folder.finish(path),
+        }
+    }
+}
+
+impl Container {
+    /// The name of a shard in `data`.
+    pub fn file_name(self, shard: &Shard) -> String {
+        match self {
+            Self::Tar => format!("{}.tar", shard.name()),
+            Self::Folder => shard.name(),
+        }
+    }
+
+    /// The same from the dataset's folder.
+    pub fn file(self, shard: &Shard) -> String {
+        format!("data/{}", self.file_name(shard))
+    }
+
+    /// Starts a shard at `partial`, in place of what a killed run may have left there, that will go to `path`.
+    pub fn create(self, partial: &Path, path: &Path, shard: &Shard) -> io::Result<Writer> {
+        match self {
+            Self::Tar => archive::Writer::create(partial).map(Writer::Tar),
+            Self::Folder => {
+                imagefolder::free_of_others(path)?;
+                names::remove(partial)?;
+                imagefolder::Writer::create(partial, &shard.name()).map(Writer::Folder)
+            }
+        }
+    }
+
+    /// Gives what is at `partial` its final name, in place of what is there. A folder that is there goes aside first: no
+    /// call exchanges two folders on every disk.
+    pub fn put_in_place(self, partial: &Path, path: &Path) -> io::Result<()> {
+        let aside = aside(path);
+        if self == Self::Folder {
+            names::remove(&aside)?;
+            match fs::rename(path, &aside) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+        }
+        fs::rename(partial, path)?;
+        if self == Self::Folder { names::remove(&aside) } else { Ok(()) }
+    }
+
+    /// Bytes of the shard at `path`.
+    pub fn measure(self, path: &Path) -> io::Result<u64> {
+        match self {
+            Self::Tar => fs::metadata(path).map(|meta| meta.len()),
+            Self::Folder => imagefolder::measure(path),
+        }
+    }
+
+    /// Bytes and SHA-256 of the shard at `path`: reads all of it.
+    pub fn checksum(self, path: &Path) -> io::Result<(u64, String)> {
+        match self {
+            Self::Tar => Ok((fs::metadata(path)?.len(), stats::sha256_of(path)?)),
+            Self::Folder => imagefolder::checksum(path),
+        }
+    }
+
+    /// Shows every sample of the shard at `path` to `visit`, in order, until that breaks off, with the files that are
+    /// `wanted`; the others are not read.
+    pub fn read(
+        self,
+        path: &Path,
+        wanted: impl FnMut(Head<'_>) -> bool,
+        visit: impl FnMut(Files) -> ControlFlow<()>,
+    ) -> Result<(), String> {
+        match self {
+            Self::Tar => archive::open(path, wanted, visit),
+            Self::Folder => imagefolder::read(path, wanted, visit),
+        }
+    }
+
+    /// Bytes that a sample's files take.
+    pub fn bytes_of(self, shard: &Shard, index: u64, members: &[Member]) -> u64 {
+        match self {
+            Self::Tar => archive::bytes_of(members),
+            Self::Folder => {
+                let members = members.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice()));
+                let files: usize = members.clone().map(|(_, bytes)| bytes.len()).sum();
+                (files + imagefolder::row(&shard.name(), &key(index), members).len()) as u64
+            }
+        }
+    }
+
+    /// Bytes of a shard without samples.
+    pub fn empty_bytes(self) -> u64 {
+        match self {
+            Self::Tar => archive::EMPTY_BYTES,
+            Self::Folder => 0,
+        }
+    }
+}
+
+/// Where the folder at `path` goes while another takes its place.
+fn aside(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.replaced.partial"))
+}

@@ -1,0 +1,86 @@
+//! The end of a dataset: manifest, index and card, written once all its shards are there.
+//!
+//! Whoever finishes last does it, and doing it again gives the same bytes.
+
+use std::fs;
+use std::io;
+use std::path::PathBuf;
+
+use super::card::card;
+use super::folder::{self, Refused};
+use super::manifest::Manifest;
+use super::recorded::Recorded;
+use super::shard::{Lock, write_whole};
+use super::stats::Stats;
+use super::verify::{Depth, Finding, look};
+use crate::config::diagnostic::Report;
+use crate::plan::{fingerprint, usage};
+
+/// Files that describe a whole dataset. They are there only while it is whole.
+pub const DESCRIPTIONS: [&str; 3] = ["dataset.json", "wids.json", "README.md"];
+
+/// What became of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Finalized {
+    /// The dataset is whole and described.
+    Whole {
+        /// Bytes of its shards.
+        bytes: u64,
+    },
+    /// Something is missing or broken, and nothing was changed.
+    Wanting(Vec<Finding>),
+}
+
+/// Describes the dataset if all its shards are there and, as far as `depth` looks, what was written. Otherwise it says
+/// what is wrong, and changes nothing.
+pub fn finalize(recorded: &Recorded, depth: Depth) -> Result<Finalized, Refused> {
+    let (mut stats, mut findings) = (Vec::new(), Vec::new());
+    let fingerprint = fingerprint(&recorded.job);
+    for looked in look(recorded, depth)? {
+        findings.extend(looked.findings);
+        let of_this_job = |stats: &Stats| stats.fingerprint == fingerprint;
+        match looked.stats {
+            Some(found) if of_this_job(&found) => stats.push(found),
+            Some(_) => {
+                findings.push(Finding::new(format!("stats/{}.json", looked.shard.name()), "is of another job"));
+            }
+            None => {}
+        }
+    }
+    if !findings.is_empty() {
+        return Ok(Finalized::Wanting(findings));
+    }
+    let failed = |path: PathBuf| move |error| Refused::Io(path, error);
+    let lock = folder::lock(&recorded.root);
+    let _alone = Lock::wait(&lock).map_err(failed(lock.clone()))?;
+    // Another process may have raised the number of samples since.
+    let samples = recorded.layout.samples();
+    if folder::recorded_samples(&recorded.root) != Some(samples) {
+        return Ok(Finalized::Wanting(vec![Finding::new("job.toml", format!("no longer says {samples} samples"))]));
+    }
+    folder::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
+    let manifest = Manifest::new(recorded, &stats);
+    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
+    let [dataset, index, readme] = DESCRIPTIONS.map(|name| recorded.root.join(name));
+    let value = serde_json::to_value(&manifest).map_err(|error| failed(dataset.clone())(io::Error::other(error)))?;
+    let index = manifest.wids().map(|value| (index, pretty(&value)));
+    for (path, text) in [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index) {
+        // What is the same stays, so that nobody who reads it is disturbed.
+        if !fs::read(&path).is_ok_and(|there| there == text.as_bytes()) {
+            write_whole(&path, text.as_bytes()).map_err(failed(path.clone()))?;
+        }
+    }
+    Ok(Finalized::Whole { bytes: stats.iter().map(|stats| stats.bytes).sum() })
+}
+
+/// Refuses a dataset that another version of gelsim made: this one would describe it otherwise.
+pub fn same_version(recorded: &Recorded) -> Result<(), Report> {
+    let here = env!("CARGO_PKG_VERSION");
+    match folder::recorded_version(&recorded.root) {
+        Some(there) if there != here => {
+            let message = format!("{} was made by gelsim {there}, this is {here}", recorded.root.display());
+            Err(usage(message, "use that version"))
+        }
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,399 @@
+//! A shard as a folder, in the layout of Hugging Face's imagefolder: a sample's files, and metadata.jsonl with one row
+//! per sample. Written under another name and renamed as a whole, and read back sample by sample.
+//!
+//! Its bytes are the sum of its files'; its checksum is that of what `sha256sum` prints for them in the order of their
+//! names: `(cd data/train-000000 && LC_ALL=C sha256sum *) | sha256sum`. Only files with names of ours count, and nothing
+//! in it is opened through a link.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Write};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use rustix::fs::{AtFlags, CWD, Dir, FileType, Mode, OFlags, openat, statat, unlinkat};
+use sha2::{Digest, Sha256};
+
+use super::archive::{Files, Head};
+use super::encode::Member;
+use super::shard::same_file;
+use crate::plan::hex;
+
+mod rows;
+
+pub use rows::{Rows, row};
+
+/// The file with a row per sample.
+pub const METADATA: &str = "metadata.jsonl";
+
+/// A folder being written.
+pub struct Writer {
+    folder: File,
+    /// Name of the shard, under which its files are found from the dataset's folder.
+    shard: String,
+    metadata: BufWriter<File>,
+    sums: Sums,
+    metadata_hash: Sha256,
+    metadata_bytes: u64,
+}
+
+impl Writer {
+    /// Makes the folder at `path`, where nothing may be, for the shard that is called `shard`.
+    pub fn create(path: &Path, shard: &str) -> io::Result<Self> {
+        std::fs::create_dir(path)?;
+        let folder = open(path)?;
+        let metadata = BufWriter::new(new_file(&folder, METADATA)?);
+        let (metadata_hash, metadata_bytes) = (Sha256::new(), 0);
+        Ok(Self { folder, shard: shard.to_owned(), metadata, sums: Sums::default(), metadata_hash, metadata_bytes })
+    }
+
+    /// Writes a sample's files, and its row. Keys must come in ascending order.
+    pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
+        let mut in_order: Vec<&Member> = members.iter().collect();
+        in_order.sort_by(|a, b| a.suffix.cmp(&b.suffix));
+        for member in &in_order {
+            let name = format!("{key}.{}", member.suffix);
+            new_file(&self.folder, &name)?.write_all(&member.bytes)?;
+            self.sums.add(&name, member.bytes.len() as u64, Sha256::digest(&member.bytes).as_slice());
+        }
+        let row =
+            row(&self.shard, key, in_order.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice())));
+        self.metadata_hash.update(&row);
+        self.metadata_bytes += row.len() as u64;
+        self.metadata.write_all(&row)
+    }
+
+    /// Brings to disk what was begun at `path`, which must still be there. Its bytes and checksum.
+    pub fn finish(&mut self, path: &Path) -> io::Result<(u64, String)> {
+        self.metadata.flush()?;
+        sync(&self.folder)?;
+        if !same_file(&self.folder, path) {
+            return Err(io::Error::other("another process has replaced it"));
+        }
+        let hash = std::mem::take(&mut self.metadata_hash).finalize();
+        self.sums.add(METADATA, self.metadata_bytes, hash.as_slice());
+        Ok(std::mem::take(&mut self.sums).finish())
+    }
+}
+
+/// Brings a folder and all its files to disk: one call, where as many as there are files would take far longer.
+fn sync(folder: &File) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    rustix::fs::syncfs(folder)?;
+    #[cfg(not(target_os = "linux"))]
+    {
+        rustix::fs::sync();
+        folder.sync_all()?;
+    }
+    Ok(())
+}
+
+/// What `sha256sum` would print, and the sum of the lengths.
+#[derive(Default)]
+struct Sums {
+    lines: Sha256,
+    bytes: u64,
+}
+
+impl Sums {
+    fn add(&mut self, name: &str, bytes: u64, hash: &[u8]) {
+        self.lines.update(format!("{}  {name}\n", hex(hash)));
+        self.bytes += bytes;
+    }
+
+    fn finish(self) -> (u64, String) {
+        (self.bytes, hex(&self.lines.finalize()))
+    }
+}
+
+/// Names in a folder: ours, sorted; and others.
+struct Names {
+    ours: Vec<String>,
+    others: Vec<String>,
+}
+
+/// True of a file in a shard's folder that is ours: metadata.jsonl, or a sample's key and a layer.
+fn is_ours(name: &str) -> bool {
+    let key = |(key, layer): (&str, &str)| {
+        key.len() == 9 && key.bytes().all(|byte| byte.is_ascii_digit()) && !layer.is_empty()
+    };
+    name == METADATA || name.split_once('.').is_some_and(key)
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    let flags = OFlags::RDONLY | OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC;
+    Ok(openat(CWD, path, flags, Mode::empty())?.into())
+}
+
+fn new_file(folder: &File, name: &str) -> io::Result<File> {
+    let flags = OFlags::WRONLY | OFlags::CREATE | OFlags::EXCL | OFlags::NOFOLLOW | OFlags::CLOEXEC;
+    Ok(openat(folder, name, flags, Mode::from_raw_mode(0o666))?.into())
+}
+
+fn names(folder: &File) -> io::Result<Names> {
+    let (mut ours, mut others) = (Vec::new(), Vec::new());
+    for entry in Dir::read_from(folder)? {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy();
+        match &*name {
+            "." | ".." => {}
+            name if is_ours(name) => ours.push(name.to_owned()),
+            name => others.push(name.to_owned()),
+        }
+    }
+    ours.sort();
+    others.sort();
+    Ok(Names { ours, others })
+}
+
+/// Opens a file of ours, which must be a plain one.
+fn old_file(folder: &File, name: &str) -> io::Result<File> {
+    // Without waiting for the other end, should it be a pipe.
+    let flags = OFlags::RDONLY | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let strange = || io::Error::other("is no regular file");
+    let file: File = match openat(folder, name, flags, Mode::empty()) {
+        Err(rustix::io::Errno::LOOP) => return Err(strange()),
+        opened => opened?.into(),
+    };
+    if file.metadata()?.is_file() { Ok(file) } else { Err(strange()) }
+}
+
+/// What is in the folder at `path` under names that are not ours.
+pub fn others(path: &Path) -> io::Result<Vec<String>> {
+    Ok(names(&open(path)?)?.others)
+}
+
+/// The first file of ours in the folder at `path` that is not a plain file: its name. What another process takes away
+/// meanwhile is not strange.
+pub fn strange(path: &Path) -> io::Result<Option<String>> {
+    match strange_file(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        found => found,
+    }
+}
+
+fn strange_file(path: &Path) -> io::Result<Option<String>> {
+    let folder = open(path)?;
+    for name in names(&folder)?.ours {
+        if FileType::from_raw_mode(statat(&folder, &name, AtFlags::SYMLINK_NOFOLLOW)?.st_mode) != FileType::RegularFile
+        {
+            return Ok(Some(name));
+        }
+    }
+    Ok(None)
+}
+
+/// Removes the files of ours in the folder at `path`, and the folder if nothing else is in it.
+pub fn remove(path: &Path) -> io::Result<()> {
+    let folder = open(path)?;
+    for name in names(&folder)?.ours {
+        unlinkat(&folder, &name, AtFlags::empty())?;
+    }
+    free_of_others(path)?;
+    std::fs::remove_dir(path)
+}
+
+/// An error if there is a folder at `path` with something in it that is not ours.
+pub fn free_of_others(path: &Path) -> io::Result<()> {
+    let others = match others(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        others => others?,
+    };
+    let Some(first) = others.first() else { return Ok(()) };
+    let what = format!("{} is in it, which gelsim did not make: move it away", path.join(first).display());
+    Err(io::Error::new(io::ErrorKind::DirectoryNotEmpty, what))
+}
+
+/// Bytes of the files in the folder at `path`; links are not followed.
+pub fn measure(path: &Path) -> io::Result<u64> {
+    let folder = open(path)?;
+    let mut bytes = 0;
+    for name in names(&folder)?.ours {
+        bytes += statat(&folder, &name, AtFlags::SYMLINK_NOFOLLOW)?.st_size as u64;
+    }
+    Ok(bytes)
+}
+
+/// Bytes and checksum of the folder at `path`: reads all of it.
+pub fn checksum(path: &Path) -> io::Result<(u64, String)> {
+    let folder = open(path)?;
+    let (mut sums, mut buffer) = (Sums::default(), vec![0; 1 << 16]);
+    for name in names(&folder)?.ours {
+        let named = |error: io::Error| io::Error::new(error.kind(), format!("{name}: {error}"));
+        let mut file = old_file(&folder, &name).map_err(named)?;
+        let (mut hash, mut bytes) = (Sha256::new(), 0);
+        loop {
+            match file.read(&mut buffer).map_err(named)? {
+                0 => break,
+                count => {
+                    hash.update(&buffer[..count]);
+                    bytes += count as u64;
+                }
+            }
+        }
+        sums.add(&name, bytes, hash.finalize().as_slice());
+    }
+    Ok(sums.finish())
+}
+
+/// Shows every sample of the folder at `path` to `visit`, in the order of their keys, until that breaks off, with the files
+/// that are `wanted`; the others are not read.
+pub fn read(
+    path: &Path,
+    mut wanted: impl FnMut(Head<'_>) -> bool,
+    mut visit: impl FnMut(Files) -> ControlFlow<()>,
+) -> Result<(), String> {
+    let said = |error: io::Error| error.to_string();
+    let folder = open(path).map_err(said)?;
+    let names = names(&folder).map_err(said)?.ours;
+    let samples: Vec<&String> = names.iter().filter(|name| *name != METADATA).collect();
+    for names in samples.chunk_by(|a, b| a[..9] == b[..9]) {
+        let mut files = Files { key: names[0][..9].to_owned(), members: Vec::new() };
+        for name in names {
+            let (key, suffix) = name.split_once('.').unwrap_or_default();
+            let mut file = old_file(&folder, name).map_err(|error| format!("{name}: {error}"))?;
+            let bytes = file.metadata().map_err(said)?.len();
+            if wanted(Head { key, suffix, bytes }) {
+                let mut bytes = Vec::new();
+                file.read_to_end(&mut bytes).map_err(|error| format!("{name}: {error}"))?;
+                files.members.push((suffix.to_owned(), bytes));
+            }
+        }
+        if visit(files).is_break() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn member(suffix: &str, bytes: &[u8]) -> Member {
+        Member { suffix: suffix.to_owned(), bytes: bytes.to_vec() }
+    }
+
+    /// A folder with two samples, its bytes and checksum.
+    fn written(path: &Path) -> (u64, String) {
+        let mut writer = Writer::create(path, "val-000007").expect("a new folder");
+        for key in ["000000003", "000000010"] {
+            let members = [member("tactile.png", b"T"), member("depth.exr", b"DD"), member("json", b"{\"a\":1}")];
+            writer.append(key, &members).expect("room");
+        }
+        writer.finish(path).expect("room")
+    }
+
+    #[test]
+    fn what_is_written_is_read_back_and_its_checksum_is_found_again() {
+        let root = tempfile::tempdir().expect("a folder");
+        let path = root.path().join("shard");
+        let written = written(&path);
+        assert_eq!(checksum(&path).expect("readable"), written);
+        assert_eq!(measure(&path).expect("readable"), written.0);
+        let mut found = Vec::new();
+        let mut rows = Rows::open(&path, "val-000007").expect("metadata");
+        let read = read(
+            &path,
+            |_| true,
+            |files| {
+                rows.compare(&files);
+                found.push(files);
+                ControlFlow::Continue(())
+            },
+        );
+        assert_eq!((read, rows.finish()), (Ok(()), None));
+        let keys: Vec<&str> = found.iter().map(|files| files.key.as_str()).collect();
+        assert_eq!(keys, ["000000003", "000000010"]);
+        assert_eq!(found[0].member("depth.exr"), Some(&b"DD"[..]));
+        let (mut labels, mut sizes) = (Vec::new(), Vec::new());
+        let wanted = |head: Head<'_>| {
+            sizes.push(head.bytes);
+            head.suffix == "json"
+        };
+        let visit = |files: Files| {
+            labels.push(files);
+            ControlFlow::Break(())
+        };
+        super::read(&path, wanted, visit).expect("readable");
+        assert_eq!((labels[0].key.as_str(), labels[0].members.len(), labels.len()), ("000000003", 1, 1));
+        assert_eq!(sizes.len(), found[0].members.len(), "what follows is not looked at");
+    }
+
+    /// The command that the module's head names, done by hand.
+    #[test]
+    fn the_checksum_is_that_of_sha256sums_lines() {
+        let root = tempfile::tempdir().expect("a folder");
+        let path = root.path().join("shard");
+        let (_, found) = written(&path);
+        let script = "cd \"$1\" && LC_ALL=C sha256sum * | sha256sum | cut -d ' ' -f 1";
+        let output = std::process::Command::new("sh").args(["-c", script, "sh"]).arg(&path).output();
+        assert_eq!(String::from_utf8_lossy(&output.expect("a shell").stdout).trim(), found);
+    }
+
+    #[test]
+    fn every_change_changes_the_checksum_and_files_of_others_do_not() {
+        let root = tempfile::tempdir().expect("a folder");
+        let path = root.path().join("shard");
+        let (bytes, whole) = written(&path);
+        let at = |name: &str| path.join(name);
+        std::fs::write(at(".DS_Store"), "x").expect("a file");
+        std::fs::write(at("notes.txt"), "x").expect("a file");
+        assert_eq!(checksum(&path).expect("readable"), (bytes, whole.clone()));
+        assert_eq!(others(&path).expect("readable"), [".DS_Store", "notes.txt"]);
+        let differs = |what: &str| assert_ne!(checksum(&path).expect("readable").1, whole, "{what}");
+        std::fs::rename(at("000000003.json"), at("000000004.json")).expect("a file");
+        differs("renamed");
+        std::fs::rename(at("000000004.json"), at("000000003.json")).expect("a file");
+        std::fs::write(at("000000003.depth.exr"), "DE").expect("a file");
+        differs("changed");
+        std::fs::write(at("000000003.depth.exr"), "DD").expect("a file");
+        std::fs::write(at("000000011.json"), "").expect("a file");
+        differs("one more");
+        remove(&path).expect_err("files of others are in it");
+        assert_eq!(std::fs::read_dir(&path).expect("a folder").count(), 2, "which stay");
+    }
+
+    #[test]
+    fn a_row_that_is_not_the_samples_is_named() {
+        let root = tempfile::tempdir().expect("a folder");
+        let path = root.path().join("shard");
+        written(&path);
+        let text = std::fs::read_to_string(path.join(METADATA)).expect("rows");
+        let wrong = |text: &str| {
+            std::fs::write(path.join(METADATA), text).expect("rows");
+            let mut rows = Rows::open(&path, "val-000007").expect("metadata");
+            let compare = |files: Files| {
+                rows.compare(&files);
+                ControlFlow::Continue(())
+            };
+            read(&path, |_| true, compare).expect("readable");
+            rows.finish()
+        };
+        assert_eq!(wrong(&text), None);
+        assert_eq!(wrong(&format!("{text}\n")), Some(format!("{METADATA}: it has more rows than samples")));
+        for damaged in [text.replace("\"a\":1", "\"a\":2"), text[1..].to_owned(), String::new()] {
+            assert_eq!(wrong(&damaged), Some(format!("{METADATA}: its row of sample 000000003 is another")));
+        }
+    }
+
+    #[test]
+    fn nothing_is_read_or_removed_through_a_link() {
+        let root = tempfile::tempdir().expect("a folder");
+        let (path, linked) = (root.path().join("shard"), root.path().join("linked"));
+        written(&path);
+        assert_eq!(strange(&path).expect("readable"), None);
+        std::os::unix::fs::symlink(&path, &linked).expect("a link");
+        assert!(
+            checksum(&linked).is_err()
+                && remove(&linked).is_err()
+                && read(&linked, |_| true, |_| panic!("read")).is_err()
+        );
+        let label = path.join("000000003.json");
+        std::fs::remove_file(&label).expect("a file");
+        std::os::unix::fs::symlink("/etc/passwd", &label).expect("a link");
+        assert_eq!(strange(&path).expect("readable").as_deref(), Some("000000003.json"));
+        let read = read(&path, |_| true, |_| ControlFlow::Continue(()));
+        assert_eq!(read, Err(String::from("000000003.json: is no regular file")));
+        assert!(checksum(&path).expect_err("a link").to_string().contains("000000003.json: is no regular file"));
+    }
+}

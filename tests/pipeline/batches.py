@@ -1,0 +1,54 @@
+"""Loads a dataset with several workers of PyTorch's DataLoader, and by its `wids` index.
+
+    python batches.py DATASET_DIR
+"""
+
+import glob
+import json
+import sys
+from collections import Counter
+
+import webdataset
+from datasets import load_dataset
+from torch.utils.data import DataLoader, get_worker_info
+
+out = sys.argv[1]
+manifest = json.load(open(f"{out}/dataset.json"))
+tars = manifest["shards"][0]["file"].endswith(".tar")
+
+
+def once(keys, count):
+    """Each of `count` samples was seen exactly once."""
+    keys = list(keys)
+    assert len(keys) == len(set(keys)) == count, (len(keys), len(set(keys)), count)
+
+
+def with_worker(sample):
+    return sample["__key__"], sample["__url__"], get_worker_info().id
+
+
+for split, count in manifest["splits"].items():
+    if tars:
+        shards = sorted(glob.glob(f"{out}/data/{split}-*.tar"))
+        samples = webdataset.WebDataset(shards, shardshuffle=False, empty_check=False).decode("rgb8").map(with_worker)
+        seen = list(DataLoader(samples, batch_size=None, num_workers=2))
+        once((key for key, _, _ in seen), count)
+        readers = {(url, worker) for _, url, worker in seen}
+        assert len(readers) == len(shards), "each shard is read by one worker"
+        assert len({worker for _, worker in readers}) == min(2, len(shards)), "every worker has shards"
+    else:
+        rows = load_dataset(out, split=split)
+        batches = DataLoader(rows, batch_size=4, shuffle=True, num_workers=2, collate_fn=list)
+        once((row["key"] for batch in batches for row in batch), count)
+
+if tars:
+    import wids
+
+    samples = wids.ShardListDataset(f"{out}/wids.json")
+    assert len(samples) == manifest["samples"]
+    batches = DataLoader(samples, batch_size=4, shuffle=True, num_workers=2, collate_fn=list)
+    once((sample[".json"]["key"] for batch in batches for sample in batch), manifest["samples"])
+    last = samples[len(samples) - 1]
+    assert last["__key__"] == last[".json"]["key"]
+    splits = Counter(samples[number][".json"]["split"] for number in range(len(samples)))
+    assert splits == manifest["splits"], splits

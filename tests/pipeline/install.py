@@ -1,0 +1,108 @@
+"""Installs gelsim in a fresh venv by `pip install .` and compares the command with cargo's.
+
+    python install.py GELSIM        from the project's root; the command that cargo built
+
+CARGO_TARGET_DIR, if it is set, keeps what is compiled for the next time.
+"""
+
+import filecmp
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from pathlib import Path
+
+native = Path(sys.argv[1]).resolve()
+project = Path.cwd()
+quickstart = project / "configs/quickstart.toml"
+
+
+def run(*command, **more):
+    return subprocess.run([str(part) for part in command], capture_output=True, text=True, timeout=1800, **more)
+
+
+def succeed(*command, **more):
+    result = run(*command, **more)
+    assert result.returncode == 0, f"{command}: {result.returncode}\n{result.stdout}\n{result.stderr}"
+    return result.stdout
+
+
+def same(what, *arguments, status, **more):
+    """Both commands end with `status` and print the same."""
+    theirs, ours = run(native, *arguments, **more), run(wheel, *arguments, **more)
+    assert theirs.returncode == ours.returncode == status, (what, theirs, ours)
+    assert (theirs.stdout, theirs.stderr) == (ours.stdout, ours.stderr), (what, theirs, ours)
+    return ours
+
+
+def same_files(one, other):
+    names = [path.relative_to(one) for path in one.rglob("*") if path.is_file() and path.parent.name != "stats"]
+    assert any(name.suffix == ".tar" for name in names)
+    equal, different, missing = filecmp.cmpfiles(one, other, names, shallow=False)
+    assert len(equal) == len(names), (different, missing)
+
+
+def interrupted(folder, job, signals, until):
+    """Begins a dataset and sends SIGINT as soon as `until` holds; what the command said."""
+    process = subprocess.Popen(
+        [wheel, "generate", *job, "--out", folder, "--threads", "1"], stderr=subprocess.PIPE, text=True
+    )
+    while not until():
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.002)
+    for _ in range(signals):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+    said = process.communicate(timeout=300)[1]
+    assert process.returncode == 130, (process.returncode, said)
+    assert "Traceback" not in said and "KeyboardInterrupt" not in said, said
+
+
+with tempfile.TemporaryDirectory() as root:
+    root = Path(root)
+    venv.create(root / "venv", with_pip=True)
+    python, wheel = root / "venv/bin/python", root / "venv/bin/gelsim"
+    succeed(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", ".")
+
+    version = succeed(native, "--version")
+    assert succeed(wheel, "--version") == version == succeed(python, "-m", "gelsim", "--version")
+    assert succeed(python, "-c", "import gelsim; print('gelsim', gelsim.__version__)", cwd=root) == version
+
+    for command in (native, wheel):
+        succeed(command, "generate", quickstart, "--samples", "20", "--out", root / command.parent.name)
+    same_files(root / native.parent.name, root / wheel.parent.name)
+    same("a whole dataset", "verify", root / wheel.parent.name, status=0)
+
+    same("help", "generate", "--help", status=0)
+    same("nothing to do", status=2)
+    same("a mistyped flag", "generate", quickstart, "--sampels", "20", status=2)
+    same("no such job", "generate", root / "absent.toml", status=2)
+    same("a name that is not text", "plan", os.fsencode(root / "job") + b"\xff.toml", status=2)
+    same("a wrong job", "plan", quickstart, "--set", "indentation.depth_mm=-1", status=2)
+    same("no dataset", "verify", root, status=2)
+    tar = next((root / wheel.parent.name / "data").iterdir())
+    tar.write_bytes(tar.read_bytes()[:-1024])
+    same("a damaged dataset", "verify", root / wheel.parent.name, status=1)
+    # A reader that has had enough.
+    assert succeed("bash", "-c", f'set -o pipefail; "{wheel}" schema job 2>&1 | head -n 1') == "{\n"
+
+    small = ["--set", "sensor.resolution_px=[64, 48]", "--set", "dataset.samples_per_shard=5", "--samples", "3000"]
+    stopped = root / "stopped"
+    interrupted(stopped, [quickstart, *small], 1, lambda: len(list(stopped.glob("stats/*.json"))) > 2)
+    finished = len(list(stopped.glob("stats/*.json")))
+    assert 2 < finished < 600 and not (stopped / "dataset.json").exists()
+    assert not list(stopped.glob("data/.*.partial")), "a run that is stopped cleans up"
+
+    # A second signal does not wait for the sample under way: what was begun is left there.
+    slow = ["--set", "sensor.resolution_px=[1600, 1200]", "--fidelity", "reference", "--samples", "2"]
+    ended = root / "ended"
+    interrupted(ended, [quickstart, *slow], 2, lambda: list(ended.glob("data/.*.partial")))
+    assert list(ended.glob("data/.*.partial")), "the first signal alone has ended it"
+
+    cargo = root / "cargo"
+    succeed("cargo", "install", "--path", ".", "--root", cargo, "--offline", "--locked", "--quiet", "--no-track")
+    assert succeed(cargo / "bin/gelsim", "--version") == version
+print(f"pip install . and cargo install: {version.strip()}, the same bytes, messages and exit statuses")

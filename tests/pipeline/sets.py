@@ -1,0 +1,72 @@
+"""Small datasets for the tests of many machines, and how two of them differ."""
+
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+
+REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
+
+JOB = """\
+[dataset]
+name = "cluster"
+samples = {samples}
+samples_per_shard = 25
+splits = {{ train = 0.8, val = 0.1, test = 0.1 }}
+
+[sensor]
+resolution_px = [{width}, {height}]
+
+[[object]]
+path = "sphere.obj"
+
+[pose]
+x_mm = [-4.0, 4.0]
+y_mm = [-3.0, 3.0]
+
+[indentation]
+depth_mm = [0.2, 1.2]
+"""
+
+
+def environment(gelsim, **more):
+    """This environment with the folder of the program `gelsim` first on its path."""
+    return {**os.environ, "PATH": f"{gelsim.parent}:{os.environ['PATH']}", **more}
+
+
+def prepare(folder, samples=800, width=320, height=240):
+    """A folder as a user has it: a job and its mesh. At this depth, so that relative paths in it are everywhere equal."""
+    folder.mkdir()
+    shutil.copy(REPOSITORY / "objects/sphere.obj", folder)
+    (folder / "job.toml").write_text(JOB.format(samples=samples, width=width, height=height))
+    return folder
+
+
+def single(folder, gelsim, **size):
+    """The dataset of that job by one process, at `folder`/out."""
+    prepare(folder, **size)
+    subprocess.run([gelsim, "generate", "job.toml", "--out", "out", "--quiet"], cwd=folder, check=True)
+    return folder / "out"
+
+
+def contents(root):
+    """Every file by its path: its bytes; of stats, which hold times, what is left without them."""
+    def content(path):
+        if path.parent.name != "stats":
+            return path.read_bytes()
+        stats = json.loads(path.read_text())
+        del stats["seconds"]
+        for effect in stats["effects"].values():
+            del effect["seconds"]
+        return stats
+
+    return {str(path.relative_to(root)): content(path) for path in sorted(root.rglob("*")) if path.is_file()}
+
+
+def assert_same(root, reference):
+    """Fails with the names of the files that are not in both datasets with the same content."""
+    here, there = contents(root), contents(reference)
+    differing = sorted(name for name in here.keys() | there.keys() if here.get(name) != there.get(name))
+    assert not differing, f"{root} differs from the single run in {differing}"
+    assert "dataset.json" in there and len(there) > 60, f"{reference} is not whole"
