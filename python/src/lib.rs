@@ -2,6 +2,11 @@
 
 #![forbid(unsafe_code)]
 
+mod arrays;
+mod errors;
+mod job;
+mod threads;
+
 /// As in the command, for the same reason. Python's own memory is not touched.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -13,6 +18,11 @@ mod _native {
 
     use gelsim::cli;
     use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::errors::{RunError, UsageError};
+    #[pymodule_export]
+    use crate::job::{Job, job_of_text};
 
     #[pymodule_export]
     #[allow(non_upper_case_globals, reason = "the name that Python gives to it")]
