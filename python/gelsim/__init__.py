@@ -1,10 +1,10 @@
 """Synthetic datasets for optical tactile sensors.
 
 The command is `gelsim`, or `python -m gelsim`. `Job` is a job as a map-style dataset whose samples are rendered when they
-are asked for; docs/python.md has examples.
+are asked for; `Sensor` renders tactile images of depth maps. docs/python.md has examples.
 """
 
-from gelsim._native import Job, RunError, UsageError, __version__
-from gelsim.sample import Markers, Sample
+from gelsim._native import Job, RunError, Sensor, UsageError, __version__
+from gelsim.sample import Batch, Markers, Sample
 
-__all__ = ["Job", "Markers", "RunError", "Sample", "UsageError", "__version__"]
+__all__ = ["Batch", "Job", "Markers", "RunError", "Sample", "Sensor", "UsageError", "__version__"]

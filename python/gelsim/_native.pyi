@@ -1,6 +1,9 @@
 from collections.abc import Iterator, Sequence
 from os import PathLike
-from typing import Optional, SupportsIndex, Union, final
+from typing import Any, Optional, SupportsIndex, Union, final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gelsim.sample import Sample
 
@@ -79,3 +82,57 @@ class Job:
     @property
     def layers(self) -> list[str]:
         """The layers of every sample."""
+
+@final
+class Sensor:
+    """A sensor that renders tactile images of depth maps: those of a simulator, or what a network made.
+
+    It can be pickled: another process reads its file again.
+    """
+
+    @staticmethod
+    def preset(name: str, *, set: Sequence[str] = ..., threads: Optional[int] = None) -> Sensor:
+        """One of `gelsim list sensors`, changed by `set` as the command's flag does: `set=['camera.exposure=1.2']`.
+
+        `threads` is for batches: all cores if it is left out, one in a process that multiprocessing started.
+        Raises UsageError with every mistake.
+        """
+
+    @staticmethod
+    def load(path: Union[str, PathLike[str]], *, set: Sequence[str] = ..., threads: Optional[int] = None) -> Sensor:
+        """A sensor file, such as `gelsim calibrate` writes."""
+
+    def render(
+        self,
+        depth_mm: Union[NDArray[np.float32], NDArray[np.float64]],
+        *,
+        fidelity: Optional[str] = None,
+        layers: Sequence[str] = ...,
+        index: int = 0,
+        seed: int = 0,
+    ) -> dict[str, Any]:
+        """Presses what a depth map (H, W) shows into the pad: a `Sample` with `tactile`, `layers` and `label`.
+
+        `depth_mm` is how far the object reaches below the undeformed pad, mm, as the layer `depth`: 0 where it does not.
+        Negative values are heights above the pad, which matter where the pad bulges up to them; -inf is nothing there.
+        Several maps (N, H, W) give a `Batch`, rendered on the sensor's threads. The map's resolution wins; the field of
+        view is the sensor's. `index` and `seed` address what is random in the camera: map k is sample `index` + k.
+        Raises UsageError for values that cannot be right, TypeError for other types.
+        """
+
+    def __reduce__(self) -> tuple[object, ...]: ...
+    @property
+    def name(self) -> str:
+        """Its name in labels."""
+
+    @property
+    def resolution_px(self) -> tuple[int, int]:
+        """Width and height of its own image."""
+
+    @property
+    def field_of_view_mm(self) -> tuple[float, float]:
+        """Width and height of the pad's window that the image shows."""
+
+    @property
+    def gelpad_thickness_mm(self) -> float:
+        """Thickness of the gelpad."""

@@ -38,3 +38,17 @@ class Sample(TypedDict, total=False):
     """(H, W, 3): the image without contact."""
     label: dict[str, Any]
     """The label's JSON; `gelsim schema label` prints its schema."""
+
+
+class Batch(TypedDict, total=False):
+    """Several samples: arrays have them as their first axis, labels and markers are lists."""
+
+    tactile: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    surface: NDArray[np.float32]
+    contact: NDArray[np.uint8]
+    normal: NDArray[np.float32]
+    pressure: NDArray[np.float32]
+    markers: list[Markers]
+    reference: NDArray[np.uint8]
+    label: list[dict[str, Any]]

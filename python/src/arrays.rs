@@ -1,4 +1,4 @@
-//! A sample as numpy's arrays. What was rendered is handed over, not copied.
+//! Samples as numpy's arrays. What was rendered is handed over; only batches are copied together.
 
 use std::borrow::Cow;
 
@@ -7,18 +7,19 @@ use gelsim::dataset::content::{Content, Positions, content};
 use gelsim::dataset::encode::json;
 use gelsim::plan::Plan;
 use gelsim::render::Sample;
-use numpy::ndarray::{Array2, Array3};
+use numpy::ndarray::{ArrayD, IxDyn};
 use numpy::{Element, IntoPyArray};
 use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString};
+use pyo3::types::{PyDict, PyList, PyString};
 
-/// A sample without what nobody asked for, made without Python.
+/// A sample, or several of one plan behind each other, made without Python.
 pub struct Arrays {
-    size: [usize; 2],
+    /// Rows and columns; of several samples their number goes first.
+    shape: Vec<usize>,
     tactile: Vec<u8>,
     layers: Vec<(Layer, Values)>,
-    label: Vec<u8>,
+    labels: Vec<Vec<u8>>,
 }
 
 /// The values of a layer, the last axis fastest.
@@ -31,8 +32,8 @@ enum Values {
     Grey(Vec<u8>),
     /// Rows, columns, red green blue.
     Rgb(Vec<u8>),
-    /// Two lists of pairs.
-    Markers(Positions),
+    /// One for each sample.
+    Markers(Vec<Positions>),
 }
 
 impl Arrays {
@@ -44,36 +45,81 @@ impl Arrays {
                 Content::Vectors(vectors) => Values::Vectors(vectors.into_flattened()),
                 Content::Grey(grey) => Values::Grey(Cow::into_owned(grey)),
                 Content::Rgb(rgb) => Values::Rgb(rgb.to_vec()),
-                Content::Markers(positions) => Values::Markers(positions),
+                Content::Markers(positions) => Values::Markers(vec![positions]),
             };
             (*layer, values)
         };
         Self {
-            size: [sample.image.height, sample.image.width],
+            shape: vec![sample.image.height, sample.image.width],
             layers: plan.layers.iter().map(values).collect(),
-            label: json(&sample.label),
+            labels: vec![json(&sample.label)],
             tactile: sample.image.rgb,
         }
     }
 
-    /// `tactile`, the layers by their names, and `label`.
+    /// This sample as the first of a batch of `count`, with room for the others.
+    pub fn first_of(mut self, count: usize) -> Self {
+        self.shape.insert(0, 1);
+        self.tactile.reserve_exact(self.tactile.len() * (count - 1));
+        for (_, values) in &mut self.layers {
+            values.reserve(count - 1);
+        }
+        self
+    }
+
+    /// Puts another sample behind the last of a batch.
+    pub fn push(&mut self, other: Self) {
+        self.shape[0] += 1;
+        self.tactile.extend(other.tactile);
+        self.labels.extend(other.labels);
+        for ((_, values), (_, more)) in self.layers.iter_mut().zip(other.layers) {
+            values.extend(more);
+        }
+    }
+
+    /// `tactile`, the layers by their names, and `label`; in a batch arrays have the samples as their first axis, and
+    /// labels and markers are lists.
     pub fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
-        let size = self.size;
+        let plane = self.shape;
+        let vectors = [plane.as_slice(), &[3]].concat();
+        let batch = plane.len() > 2;
         let dict = PyDict::new(py);
-        dict.set_item("tactile", colours(py, size, self.tactile)?)?;
+        dict.set_item("tactile", array(py, &vectors, self.tactile)?)?;
         for (layer, values) in self.layers {
             let array = match values {
-                Values::Floats(plane) => plain(py, size, plane)?,
-                Values::Vectors(vectors) => colours(py, size, vectors)?,
-                Values::Grey(grey) => plain(py, size, grey)?,
-                Values::Rgb(rgb) => colours(py, size, rgb)?,
-                Values::Markers(positions) => markers(py, positions)?,
+                Values::Floats(values) => array(py, &plane, values)?,
+                Values::Vectors(values) => array(py, &vectors, values)?,
+                Values::Grey(values) => array(py, &plane, values)?,
+                Values::Rgb(values) => array(py, &vectors, values)?,
+                Values::Markers(each) => one_or_all(py, batch, each.into_iter().map(|of_one| markers(py, of_one)))?,
             };
             dict.set_item(layer.name(), array)?;
         }
-        let label = PyString::from_bytes(py, &self.label)?;
-        dict.set_item("label", py.import("json")?.call_method1("loads", (label,))?)?;
+        let loads = py.import("json")?.getattr("loads")?;
+        let labels = self.labels.iter().map(|label| loads.call1((PyString::from_bytes(py, label)?,)));
+        dict.set_item("label", one_or_all(py, batch, labels)?)?;
         Ok(dict)
+    }
+}
+
+impl Values {
+    fn reserve(&mut self, times: usize) {
+        match self {
+            Self::Floats(values) | Self::Vectors(values) => values.reserve_exact(values.len() * times),
+            Self::Grey(values) | Self::Rgb(values) => values.reserve_exact(values.len() * times),
+            Self::Markers(each) => each.reserve_exact(times),
+        }
+    }
+
+    fn extend(&mut self, more: Self) {
+        match (self, more) {
+            (Self::Floats(values) | Self::Vectors(values), Self::Floats(more) | Self::Vectors(more)) => {
+                values.extend(more);
+            }
+            (Self::Grey(values) | Self::Rgb(values), Self::Grey(more) | Self::Rgb(more)) => values.extend(more),
+            (Self::Markers(each), Self::Markers(more)) => each.extend(more),
+            _ => unreachable!("samples of one plan have the same layers"),
+        }
     }
 }
 
@@ -87,26 +133,26 @@ pub fn need_numpy(py: Python<'_>) -> PyResult<()> {
     py.import("numpy").map(drop).map_err(help)
 }
 
-fn plain<T: Element>(py: Python<'_>, [height, width]: [usize; 2], values: Vec<T>) -> PyResult<Bound<'_, PyAny>> {
-    let array = Array2::from_shape_vec((height, width), values).map_err(misshapen)?;
+fn array<'py, T: Element>(py: Python<'py>, shape: &[usize], values: Vec<T>) -> PyResult<Bound<'py, PyAny>> {
+    // It cannot fail: every layer has as many values as the image has pixels.
+    let array = ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| crate::errors::running(error.to_string()))?;
     Ok(array.into_pyarray(py).into_any())
 }
 
-fn colours<T: Element>(py: Python<'_>, [height, width]: [usize; 2], values: Vec<T>) -> PyResult<Bound<'_, PyAny>> {
-    let array = Array3::from_shape_vec((height, width, 3), values).map_err(misshapen)?;
-    Ok(array.into_pyarray(py).into_any())
+/// The list of a batch; else its only entry.
+fn one_or_all<'py>(
+    py: Python<'py>,
+    batch: bool,
+    each: impl Iterator<Item = PyResult<Bound<'py, PyAny>>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let list = PyList::new(py, each.collect::<PyResult<Vec<_>>>()?)?;
+    if batch { Ok(list.into_any()) } else { list.get_item(0) }
 }
 
 fn markers(py: Python<'_>, Positions { rest_px, moved_px }: Positions) -> PyResult<Bound<'_, PyAny>> {
     let dict = PyDict::new(py);
     for (name, pairs) in [("rest_px", rest_px), ("moved_px", moved_px)] {
-        let array = Array2::from_shape_vec((pairs.len(), 2), pairs.into_flattened()).map_err(misshapen)?;
-        dict.set_item(name, array.into_pyarray(py))?;
+        dict.set_item(name, array(py, &[pairs.len(), 2], pairs.into_flattened())?)?;
     }
     Ok(dict.into_any())
-}
-
-/// A bug: every layer has as many values as the image has pixels.
-fn misshapen(error: numpy::ndarray::ShapeError) -> PyErr {
-    crate::errors::running(error.to_string())
 }

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gelsim::config::Overrides;
-use gelsim::config::diagnostic::{Report, nearest, one_of};
+use gelsim::config::diagnostic::Report;
 use gelsim::dataset::layout::Split;
-use gelsim::fidelity::Rung;
 use gelsim::health::{Accepted, accept};
 use gelsim::label::key;
 use gelsim::plan::Plan;
@@ -18,7 +17,7 @@ use pyo3::types::{PyDict, PyList};
 use rayon::prelude::*;
 
 use crate::arrays::{Arrays, need_numpy};
-use crate::errors::{mistake, panicked, running, usage};
+use crate::errors::{named, panicked, rung, running, usage};
 use crate::threads::{checked, pool};
 
 /// Samples that are rendered before Python may look at signals.
@@ -31,15 +30,6 @@ pub struct Job {
     /// The same as text, for other processes.
     text: String,
     threads: Option<usize>,
-}
-
-/// A rung by its name.
-pub fn rung(name: &str) -> PyResult<Rung> {
-    Rung::ALL.into_iter().find(|rung| rung.name() == name).ok_or_else(|| {
-        let names = Rung::ALL.map(Rung::name);
-        let near = nearest(name, names).map_or(String::new(), |near| format!("did you mean `{near}`? "));
-        mistake(format!("no rung is called `{name}`"), format!("{near}one of {}", one_of(&names)))
-    })
 }
 
 /// Rebuilds a job in another process.
@@ -152,10 +142,7 @@ impl Job {
 
     /// The samples of a split, ascending.
     fn indices(&self, split: &str) -> PyResult<Vec<u64>> {
-        let names = Split::ALL.map(Split::name);
-        let Some(split) = Split::ALL.into_iter().find(|known| known.name() == split) else {
-            return Err(mistake(format!("no split is called `{split}`"), format!("one of {}", one_of(&names))));
-        };
+        let split = named("split", split, Split::ALL.map(|known| (known.name(), known)))?;
         let layout = &self.plan.layout;
         Ok((0..layout.samples_in(split)).map(|position| layout.index_of(split, position)).collect())
     }
