@@ -136,6 +136,12 @@ impl Job {
         self.sample(py, index)
     }
 
+    fn __iter__<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let builtins = slf.py().import("builtins")?;
+        let indices = builtins.call_method1("range", (slf.len()?,))?;
+        builtins.call_method1("map", (slf.getattr("sample")?, indices))
+    }
+
     fn __len__(&self) -> usize {
         self.plan.layout.samples() as usize
     }
