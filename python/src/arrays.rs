@@ -135,7 +135,8 @@ pub fn need_numpy(py: Python<'_>) -> PyResult<()> {
 
 fn array<'py, T: Element>(py: Python<'py>, shape: &[usize], values: Vec<T>) -> PyResult<Bound<'py, PyAny>> {
     // It cannot fail: every layer has as many values as the image has pixels.
-    let array = ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| crate::errors::running(error.to_string()))?;
+    let array =
+        ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| crate::errors::running(error.to_string()))?;
     Ok(array.into_pyarray(py).into_any())
 }
 

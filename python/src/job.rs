@@ -58,7 +58,10 @@ impl Job {
         let counted = i128::from(index) + if index < 0 { i128::from(samples) } else { 0 };
         match u64::try_from(counted) {
             Ok(number) if number < samples => Ok(number),
-            _ => Err(PyIndexError::new_err(format!("there is no sample {index}: they are numbered 0 to {}", samples - 1))),
+            _ => Err(PyIndexError::new_err(format!(
+                "there is no sample {index}: they are numbered 0 to {}",
+                samples - 1
+            ))),
         }
     }
 

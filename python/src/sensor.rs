@@ -55,12 +55,7 @@ struct Choice {
 /// Rebuilds a sensor in another process.
 #[pyfunction]
 #[pyo3(name = "_sensor_of_source")]
-pub fn sensor_of_source(
-    py: Python<'_>,
-    source: String,
-    set: Vec<String>,
-    threads: Option<usize>,
-) -> PyResult<Sensor> {
+pub fn sensor_of_source(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Sensor> {
     Sensor::new(py, source, set, threads)
 }
 
@@ -102,7 +97,8 @@ impl Sensor {
         let plan = py.detach(|| pool.install(|| frames.plan())).map_err(|report| usage(&report))?;
         if plan.camera.resolution_px != choice.resolution_px {
             let ([width, height], [columns, rows]) = (plan.camera.resolution_px, choice.resolution_px);
-            let message = format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
+            let message =
+                format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
             return Err(mistake(message, "leave sensor.resolution_px out: a frame brings its own"));
         }
         let plan = Arc::new(plan);
@@ -148,7 +144,10 @@ impl Sensor {
         let absolute = std::path::absolute(&path).map_err(|error| running(format!("{}: {error}", path.display())))?;
         let source = absolute.into_os_string().into_string();
         let source = source.map_err(|path| {
-            mistake(format!("{} is not UTF-8", path.display()), "rename the file or its folder: labels and jobs are UTF-8")
+            mistake(
+                format!("{} is not UTF-8", path.display()),
+                "rename the file or its folder: labels and jobs are UTF-8",
+            )
         })?;
         Self::new(py, source, set, threads)
     }

@@ -30,9 +30,10 @@ pub fn checked(threads: Option<usize>) -> PyResult<Option<usize>> {
     let help = "or leave it out for all cores";
     match threads {
         Some(0) => Err(mistake("threads=0 cannot work", format!("give 1 or more, {help}"))),
-        Some(count) if count > MOST => {
-            Err(mistake(format!("threads={count} are more than any machine has cores"), format!("give at most {MOST}, {help}")))
-        }
+        Some(count) if count > MOST => Err(mistake(
+            format!("threads={count} are more than any machine has cores"),
+            format!("give at most {MOST}, {help}"),
+        )),
         threads => Ok(threads),
     }
 }

@@ -151,32 +151,32 @@ def other_threads(path):
 
 
 def throughput(path, native):
-    """Samples a second, of the command and of the module on as many threads; the command encodes and writes, too."""
+    """Speed of the command and of the module on as many threads; the command also encodes and writes files."""
     samples, size = 96, ["sensor.resolution_px=[320, 240]"]
     for count in [1, 2]:
         job = gelsim.Job.load(path, samples=samples, set=size, threads=count)
-        with tempfile.TemporaryDirectory() as out:
-            rates = []
-            for repeat in range(2):
-                flags = ["--samples", samples, "--set", *size, "--threads", count, "--log-format", "json", "--overwrite"]
-                done = subprocess.run(
-                    [native, "generate", path, "--out", f"{out}/{repeat}", *map(str, flags)],
-                    check=True, capture_output=True, text=True,
-                )
-                command = json.loads(done.stderr.splitlines()[-1])["samples_per_s"]
-                start = time.perf_counter()
-                if count == 1:
-                    for index in range(samples):
-                        job[index]
-                else:
-                    job.samples(range(samples))
-                rates.append((command, samples / (time.perf_counter() - start)))
-            command, module = map(max, zip(*rates))
-            stats = json.loads(next(Path(out).glob("0/stats/*.json")).read_text())
-            encode = stats["seconds"]["encode"] / sum(stats["seconds"].values())
+        found = []
+        for repeat in range(3):
+            with tempfile.TemporaryDirectory() as out:
+                flags = ["--samples", samples, "--set", *size, "--threads", count, "--log-format", "json", "--out", out]
+                line = [native, "generate", path, *map(str, flags)]
+                done = subprocess.run(line, check=True, capture_output=True, text=True)
+                rate = json.loads(done.stderr.splitlines()[-1])["samples_per_s"]
+                stats = [json.loads(path.read_text())["seconds"] for path in Path(out).glob("stats/*.json")]
+                cpu = sum(sum(stages.values()) - stages["encode"] for stages in stats)
+            start, busy = time.perf_counter(), time.process_time()
+            if count == 1:
+                for index in range(samples):
+                    job[index]
+            else:
+                job.samples(range(samples))
+            busy, wall = time.process_time() - busy, time.perf_counter() - start
+            found.append((rate, samples / wall, -1e3 * cpu / samples, -1e3 * busy / samples))
+        command, module, command_ms, module_ms = map(max, zip(*found))
         print(
-            f"320x240, {count} thread{'s'[: count > 1]}: command {command:.0f} samples/s, of its time {encode:.0%} encoding; "
-            f"module {module:.0f} samples/s, {module / command:.2f} of it"
+            f"320x240, {count} thread{'s'[: count > 1]}: command {command:.0f} samples/s, module {module:.0f}; CPU time a sample: "
+            f"command without encoding {-command_ms:.2f} ms, module {-module_ms:.2f} ms",
+            flush=True,
         )
 
 
