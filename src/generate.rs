@@ -84,8 +84,8 @@ pub enum Stopped {
     Io(PathBuf, io::Error),
     /// Other processes are writing some of the shards: names and holders.
     Held(Vec<String>),
-    /// A sample is unhealthy, and the job wants no such sample: its label.
-    Unhealthy(Box<Label>),
+    /// A sample is unhealthy, and the job wants no such sample.
+    Unhealthy(Unfit),
     /// Rendering a sample panicked, which is a bug: the sample's number and what was said.
     Panicked(u64, String),
     /// The stop flag was raised.
@@ -291,7 +291,7 @@ struct Encoded {
 fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Encoded, Stopped> {
     // Nothing outside is changed by what panics.
     let encoded = catch_unwind(AssertUnwindSafe(|| {
-        let Accepted { sample, rejected } = draw(plan, index).map_err(|Unfit(label)| Stopped::Unhealthy(label))?;
+        let Accepted { sample, rejected } = draw(plan, index).map_err(Stopped::Unhealthy)?;
         let mut clock = Clock::start();
         let members = members(plan, &sample);
         let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
@@ -301,7 +301,7 @@ fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Encoded, Stopped> {
 }
 
 /// The message of a panic.
-fn said(panic: &(dyn Any + Send)) -> String {
+pub fn said(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     text.unwrap_or("no message").to_owned()
 }

@@ -4,6 +4,8 @@
 //! above its front, and a solver that reached its tolerance. What a sensor legitimately does (clipped light, an object
 //! deeper than the pad) is counted in the label and is no illness.
 
+use std::fmt;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -102,6 +104,14 @@ pub struct Accepted {
 /// A sample of which no draw may go into the dataset: the label of the last one.
 #[derive(Debug)]
 pub struct Unfit(pub Box<Label>);
+
+impl fmt::Display for Unfit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Label { key, seed, attempt, health, .. } = &*self.0;
+        let (draws, s) = (attempt + 1, if *attempt == 0 { "" } else { "s" });
+        write!(f, "sample {key} (seed {seed}, drawn {draws} time{s}) is not healthy: {}", health.reason)
+    }
+}
 
 /// Sample `index` as a dataset would have it; its first draw if no draw may go into one.
 pub fn shown(plan: &Plan, index: u64) -> Sample {

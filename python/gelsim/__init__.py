@@ -1,5 +1,10 @@
-"""Synthetic datasets for optical tactile sensors. The command is `gelsim`, or `python -m gelsim`."""
+"""Synthetic datasets for optical tactile sensors.
 
-from gelsim._native import __version__
+The command is `gelsim`, or `python -m gelsim`. `Job` is a job as a map-style dataset whose samples are rendered when they
+are asked for; `Sensor` renders tactile images of depth maps. docs/python.md has examples.
+"""
 
-__all__ = ["__version__"]
+from gelsim._native import Job, RunError, Sensor, UsageError, __version__
+from gelsim.sample import Batch, Markers, Sample
+
+__all__ = ["Batch", "Job", "Markers", "RunError", "Sample", "Sensor", "UsageError", "__version__"]

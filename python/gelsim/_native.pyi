@@ -1,9 +1,138 @@
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from typing import Any, Optional, SupportsIndex, Union, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gelsim.sample import Sample
 
 __version__: str
+
+class UsageError(ValueError):
+    """Something that the user wrote is wrong: all mistakes at once, as the command says them with exit status 2."""
+
+class RunError(RuntimeError):
+    """Something failed while running, as the command says it with exit status 1."""
 
 def main(argv: Sequence[str]) -> int:
     """Runs the command line `argv`, the program's name first. Prints as the command does; gives its exit status.
 
     Once per process, and from its main thread: it takes over SIGINT and SIGTERM.
     """
+
+@final
+class Job:
+    """A job as a map-style dataset: sample `i` is what `gelsim generate` writes, rendered when it is asked for.
+
+    It can be pickled: another process reads the objects again, and refuses them if they changed.
+    """
+
+    @staticmethod
+    def load(
+        path: Union[str, PathLike[str]],
+        *,
+        samples: Optional[int] = None,
+        seed: Optional[int] = None,
+        fidelity: Optional[str] = None,
+        all_effects: bool = False,
+        set: Sequence[str] = ...,
+        threads: Optional[int] = None,
+    ) -> Job:
+        """Reads and resolves a job. The arguments are the command's flags: `set=['indentation.depth_mm=0.5']`.
+
+        `threads` is for `samples`: all cores if it is left out, one in a process that multiprocessing started.
+        Raises UsageError with every mistake in the job.
+        """
+
+    def sample(self, index: SupportsIndex) -> Sample:
+        """Sample `index`, rendered on this thread, without the GIL. Negative ones count from the end."""
+
+    def samples(self, indices: Sequence[SupportsIndex]) -> list[Sample]:
+        """Several samples in this order, rendered on the job's threads."""
+
+    def indices(self, split: str) -> list[int]:
+        """The samples of the split `train`, `val` or `test`, ascending."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, index: SupportsIndex, /) -> Sample: ...
+    def __getitems__(self, indices: Sequence[SupportsIndex]) -> list[Sample]: ...
+    def __iter__(self) -> Iterator[Sample]: ...
+    def __reduce__(self) -> tuple[object, ...]: ...
+    @property
+    def name(self) -> str:
+        """Name of the dataset."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of all randomness."""
+
+    @property
+    def fidelity(self) -> str:
+        """Rung of the accuracy ladder."""
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 over all that decides the bytes of a sample, as in `dataset.json`."""
+
+    @property
+    def classes(self) -> list[str]:
+        """Class names; a label's `class_index` counts here."""
+
+    @property
+    def layers(self) -> list[str]:
+        """The layers of every sample."""
+
+@final
+class Sensor:
+    """A sensor that renders tactile images of depth maps: those of a simulator, or what a network made.
+
+    It can be pickled: another process reads its file again.
+    """
+
+    @staticmethod
+    def preset(name: str, *, set: Sequence[str] = ..., threads: Optional[int] = None) -> Sensor:
+        """One of `gelsim list sensors`, changed by `set` as the command's flag does: `set=['camera.exposure=1.2']`.
+
+        `threads` is for batches: all cores if it is left out, one in a process that multiprocessing started.
+        Raises UsageError with every mistake.
+        """
+
+    @staticmethod
+    def load(path: Union[str, PathLike[str]], *, set: Sequence[str] = ..., threads: Optional[int] = None) -> Sensor:
+        """A sensor file, such as `gelsim calibrate` writes."""
+
+    def render(
+        self,
+        depth_mm: Union[NDArray[np.float32], NDArray[np.float64]],
+        *,
+        fidelity: Optional[str] = None,
+        layers: Sequence[str] = ...,
+        index: int = 0,
+        seed: int = 0,
+    ) -> dict[str, Any]:
+        """Presses what a depth map (H, W) shows into the pad: a `Sample` with `tactile`, `layers` and `label`.
+
+        `depth_mm` is how far the object reaches below the undeformed pad, mm, as the layer `depth`: 0 where it does not.
+        Negative values are heights above the pad, which matter where the pad bulges up to them; -inf is nothing there.
+        Several maps (N, H, W) give a `Batch`, rendered on the sensor's threads. The map's resolution wins; the field of
+        view is the sensor's. `index` and `seed` address what is random in the camera: map k is sample `index` + k.
+        Raises UsageError for values that cannot be right, TypeError for other types.
+        """
+
+    def __reduce__(self) -> tuple[object, ...]: ...
+    @property
+    def name(self) -> str:
+        """Its name in labels."""
+
+    @property
+    def resolution_px(self) -> tuple[int, int]:
+        """Width and height of its own image."""
+
+    @property
+    def field_of_view_mm(self) -> tuple[float, float]:
+        """Width and height of the pad's window that the image shows."""
+
+    @property
+    def gelpad_thickness_mm(self) -> float:
+        """Thickness of the gelpad."""

@@ -2,6 +2,13 @@
 
 #![forbid(unsafe_code)]
 
+mod arrays;
+mod depth;
+mod errors;
+mod job;
+mod sensor;
+mod threads;
+
 /// As in the command, for the same reason. Python's own memory is not touched.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -13,6 +20,13 @@ mod _native {
 
     use gelsim::cli;
     use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use crate::errors::{RunError, UsageError};
+    #[pymodule_export]
+    use crate::job::{Job, job_of_text};
+    #[pymodule_export]
+    use crate::sensor::{Sensor, sensor_of_source};
 
     #[pymodule_export]
     #[allow(non_upper_case_globals, reason = "the name that Python gives to it")]

@@ -180,14 +180,9 @@ fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
             "{}\n  all other shards are done; the same command checks again",
             holders.join("\n  ")
         )),
-        Stopped::Unhealthy(label) => Failure::running(format!(
-            "sample {} (seed {}, drawn {} time{}) is not healthy: {}\n  finished shards stay; output.on_unhealthy = \
-             \"keep\" takes such samples into the dataset, \"reject\" draws them again",
-            label.key,
-            label.seed,
-            label.attempt + 1,
-            if label.attempt == 0 { "" } else { "s" },
-            label.health.reason,
+        Stopped::Unhealthy(unfit) => Failure::running(format!(
+            "{unfit}\n  finished shards stay; output.on_unhealthy = \"keep\" takes such samples into the dataset, \
+             \"reject\" draws them again"
         )),
         Stopped::Panicked(index, message) => Failure::running(format!(
             "sample {} (seed {seed}) brought gelsim down, which is a bug: {message}\n  finished shards stay; please \

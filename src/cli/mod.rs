@@ -10,7 +10,7 @@ use clap::{Args, Parser, Subcommand};
 use crate::config::Overrides;
 use crate::fidelity::Rung;
 use crate::plan::{Plan, usage};
-use crate::tradeoff::choose::{Chosen, choose};
+use crate::tradeoff::choose::choose;
 
 mod calibrate;
 mod compare;
@@ -140,10 +140,9 @@ fn settled(plan: Plan, recorded: Option<Rung>, log: Log) -> Result<Plan, Failure
         log.note(&format!("fidelity {}, with which the dataset was begun", rung.name()));
         return Ok(plan.at(rung));
     }
-    let Chosen { rung, error_um, ms } = choose(&plan, bound)?;
-    let name = rung.name();
-    log.note(&format!("fidelity {name} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample"));
-    Ok(plan.at(rung))
+    let chosen = choose(&plan, bound)?;
+    log.note(&chosen.to_string());
+    Ok(plan.at(chosen.rung))
 }
 
 /// What changes a job from the command line.
@@ -173,15 +172,7 @@ impl JobOverrides {
     }
 
     fn overrides(&self) -> Overrides {
-        let mut set: Vec<(String, String)> =
-            self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
-        for (flag, key, value) in [("--samples", "samples", self.samples), ("--seed", "seed", self.seed)] {
-            set.extend(value.map(|value| (flag.to_owned(), format!("dataset.{key} = {value}"))));
-        }
-        if self.all_effects {
-            set.push((String::from("--all-effects"), String::from("effects = \"all\"")));
-        }
-        Overrides { set, fidelity: self.fidelity }
+        Overrides::of_flags(self.samples, self.seed, self.fidelity, self.all_effects, &self.set)
     }
 }
 

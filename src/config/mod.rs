@@ -91,6 +91,26 @@ pub struct Overrides {
     pub fidelity: Option<Rung>,
 }
 
+impl Overrides {
+    /// What the flags `--samples`, `--seed`, `--fidelity`, `--all-effects` and `--set` change.
+    pub fn of_flags(
+        samples: Option<u64>,
+        seed: Option<u64>,
+        fidelity: Option<Rung>,
+        all_effects: bool,
+        set: &[String],
+    ) -> Self {
+        let mut set: Vec<(String, String)> = set.iter().map(|text| (String::from("--set"), text.clone())).collect();
+        for (flag, key, value) in [("--samples", "samples", samples), ("--seed", "seed", seed)] {
+            set.extend(value.map(|value| (flag.to_owned(), format!("dataset.{key} = {value}"))));
+        }
+        if all_effects {
+            set.push((String::from("--all-effects"), String::from("effects = \"all\"")));
+        }
+        Self { set, fidelity }
+    }
+}
+
 /// A job together with where its keys stand.
 #[derive(Clone, Debug)]
 pub struct Written {

@@ -6,11 +6,9 @@ use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
 use crate::config::output::{Coding, Exr, Layer, Pixel};
+use crate::dataset::content::{Content, content};
 use crate::dataset::decode::channels;
 use crate::dataset::{exr, npy, png};
-use crate::gelpad::SURFACE_BORDER;
-use crate::grid::Grid;
-use crate::optics::normals::normals;
 use crate::plan::Plan;
 use crate::render::Sample;
 
@@ -34,14 +32,15 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
     for layer in &plan.layers {
-        let bytes = match layer {
-            Layer::Depth | Layer::Surface | Layer::Normal | Layer::Pressure => float_layer(plan, sample, *layer),
-            Layer::Contact => match &sample.lens {
-                Some(lens) => png::encode_grey(width, height, &lens.warp_mask(&sample.contact.mask).data),
-                None => png::encode_grey(width, height, &sample.contact.mask.data),
-            },
-            Layer::Reference => png::encode_rgb(width, height, &plan.ready.body.untouched.rgb),
-            Layer::Markers => markers(sample),
+        let bytes = match content(plan, sample, *layer) {
+            Content::Floats(plane) => float_layer(plan, sample, *layer, &[&plane]),
+            Content::Vectors(vectors) => {
+                let planes: [Vec<f32>; 3] = [0, 1, 2].map(|k| vectors.iter().map(|vector| vector[k]).collect());
+                float_layer(plan, sample, *layer, &planes.each_ref().map(Vec::as_slice))
+            }
+            Content::Grey(grey) => png::encode_grey(width, height, &grey),
+            Content::Rgb(rgb) => png::encode_rgb(width, height, rgb),
+            Content::Markers(positions) => json(&positions),
         };
         members.push(Member::new(layer.suffix(plan.job.output.depth_format), bytes));
     }
@@ -50,12 +49,10 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
 }
 
 /// Encodes a layer of floats in the format that the job wants.
-fn float_layer(plan: &Plan, sample: &Sample, layer: Layer) -> Vec<u8> {
+fn float_layer(plan: &Plan, sample: &Sample, layer: Layer, planes: &[&[f32]]) -> Vec<u8> {
     let (width, height) = (sample.image.width, sample.image.height);
-    let planes = planes(plan, sample, layer);
-    let planes: Vec<&[f32]> = planes.iter().map(Vec::as_slice).collect();
     match layer.coding(plan.job.output.depth_format) {
-        Coding::Npy => npy::encode(width, height, &planes),
+        Coding::Npy => npy::encode(width, height, planes),
         Coding::Png16 => sample.label.png16.encode(layer, width, height, planes[0]),
         _ => {
             let storage = match layer {
@@ -63,56 +60,10 @@ fn float_layer(plan: &Plan, sample: &Sample, layer: Layer) -> Vec<u8> {
                 Layer::Pressure => Exr { pixel: Pixel::Float, ..plan.exr },
                 _ => plan.exr,
             };
-            let named: Vec<(&str, &[f32])> = channels(layer).iter().copied().zip(planes).collect();
+            let named: Vec<(&str, &[f32])> = channels(layer).iter().copied().zip(planes.iter().copied()).collect();
             exr::encode(width, height, &named, storage)
         }
     }
-}
-
-/// The planes of a layer of floats, in the image's geometry.
-fn planes(plan: &Plan, sample: &Sample, layer: Layer) -> Vec<Vec<f32>> {
-    let (width, height) = (sample.image.width, sample.image.height);
-    let seen = |plane: Vec<f32>| match &sample.lens {
-        Some(lens) => lens.warp_plane(&Grid { width, height, data: plane }).data,
-        None => plane,
-    };
-    match layer {
-        Layer::Depth => vec![seen(sample.depth.below_pad().data)],
-        Layer::Surface => vec![seen(sample.contact.surface.inner(SURFACE_BORDER).data)],
-        Layer::Normal => {
-            let normals = normals(&sample.contact, &plan.camera);
-            let mut planes = [0, 1, 2].map(|k| seen(normals.iter().map(|normal| normal[k]).collect()));
-            if sample.lens.is_some() {
-                let [x, y, z] = &mut planes;
-                for ((x, y), z) in x.iter_mut().zip(y).zip(z) {
-                    // Interpolated normals are a little short.
-                    let length = (*x * *x + *y * *y + *z * *z).sqrt();
-                    (*x, *y, *z) = (*x / length, *y / length, *z / length);
-                }
-            }
-            planes.into()
-        }
-        Layer::Pressure => {
-            let pressure = sample.contact.pressure.as_ref().map(|pressure| seen(pressure.data.clone()));
-            vec![pressure.unwrap_or_else(|| vec![0.0; width * height])]
-        }
-        Layer::Contact | Layer::Markers | Layer::Reference => Vec::new(),
-    }
-}
-
-/// The markers' positions, px, at rest and moved: two lists of pairs.
-fn markers(sample: &Sample) -> Vec<u8> {
-    #[derive(Default, Serialize)]
-    struct Positions {
-        rest_px: Vec<[f64; 2]>,
-        moved_px: Vec<[f64; 2]>,
-    }
-    let size = [sample.image.width, sample.image.height];
-    let mut positions = Positions::default();
-    if let Some(ink) = &sample.ink {
-        (positions.rest_px, positions.moved_px) = ink.seen(sample.lens.as_ref(), size).unzip();
-    }
-    json(&positions)
 }
 
 /// A value as JSON on one line, its floats with a decimal point; those that are not finite become null.

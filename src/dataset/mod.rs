@@ -8,6 +8,7 @@
 pub mod archive;
 pub mod card;
 pub mod container;
+pub mod content;
 pub mod decode;
 pub mod encode;
 pub mod exr;

@@ -3,6 +3,7 @@
 //! After this nothing that depends on what the user wrote can fail: stages get a [`Plan`] and never see the job.
 
 use std::collections::BTreeSet;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -149,6 +150,24 @@ impl Plan {
         let mut problems = Problems::default();
         let written = config::read(path, overrides, &mut problems)?;
         Self::resolve(written, problems)
+    }
+
+    /// Reads and resolves a job from text; relative paths in it start from `folder`, and messages call it `name`.
+    pub fn read(name: &str, text: String, folder: &Path, overrides: &Overrides) -> Result<Self, Report> {
+        let mut problems = Problems::default();
+        let written = config::read_text(name, text, folder, overrides, &mut problems);
+        Self::resolve(written, problems)
+    }
+
+    /// Its job as text, with every default written out and absolute paths: a plan of that text renders the same, in any
+    /// folder.
+    pub fn to_toml(&self) -> io::Result<String> {
+        let mut job = self.job.clone();
+        for path in job.paths_mut() {
+            let absolute = std::path::absolute(&path)?.into_os_string().into_string();
+            *path = absolute.map_err(|path| io::Error::other(format!("{}: not UTF-8", path.display())))?;
+        }
+        toml::to_string(&job).map_err(io::Error::other)
     }
 
     /// Resolves a job that was read; `problems` holds the mistakes of form found while reading.

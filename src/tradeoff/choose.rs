@@ -1,5 +1,7 @@
 //! Chooses the rung for a job that names a bound instead: by rendering some of its own samples at every rung.
 
+use std::fmt;
+
 use crate::config::diagnostic::Report;
 use crate::fidelity::{Fidelity, Rung};
 use crate::metrics::statistics::median;
@@ -19,6 +21,13 @@ pub struct Chosen {
     pub error_um: f64,
     /// CPU time of a sample, ms: the median.
     pub ms: f64,
+}
+
+impl fmt::Display for Chosen {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rung, error_um, ms } = self;
+        write!(f, "fidelity {} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample", rung.name())
+    }
 }
 
 /// `count` sample numbers spread over `samples`: one in each of `count` parts, by the golden ratio, so that objects

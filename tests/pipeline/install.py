@@ -1,6 +1,7 @@
-"""Installs gelsim in a fresh venv by `pip install .` and compares the command with cargo's.
+"""Installs gelsim in a fresh venv as `pip install .` does and compares the command with cargo's.
 
-    python install.py GELSIM        from the project's root; the command that cargo built
+    python install.py GELSIM [WHEELS]       from the project's root; the command that cargo built, and a folder that keeps
+                                            the wheel
 
 CARGO_TARGET_DIR, if it is set, keeps what is compiled for the next time.
 """
@@ -65,11 +66,19 @@ with tempfile.TemporaryDirectory() as root:
     root = Path(root)
     venv.create(root / "venv", with_pip=True)
     python, wheel = root / "venv/bin/python", root / "venv/bin/gelsim"
-    succeed(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", ".")
+    wheels = Path(sys.argv[2]) if len(sys.argv) > 2 else root / "wheels"
+    pip = python, "-m", "pip", "--quiet", "--disable-pip-version-check"
+    # What `pip install .` does, in two steps.
+    succeed(*pip, "wheel", "--no-deps", "--wheel-dir", wheels, ".")
+    succeed(*pip, "install", *wheels.glob("gelsim-*.whl"))
 
     version = succeed(native, "--version")
     assert succeed(wheel, "--version") == version == succeed(python, "-m", "gelsim", "--version")
     assert succeed(python, "-c", "import gelsim; print('gelsim', gelsim.__version__)", cwd=root) == version
+
+    # The command needs no numpy, and the module says that it does.
+    loaded = run(python, "-c", f"import gelsim; gelsim.Job.load({str(quickstart)!r})", cwd=root)
+    assert loaded.returncode == 1 and "ImportError: gelsim" in loaded.stderr and "pip install numpy" in loaded.stderr, loaded
 
     for command in (native, wheel):
         succeed(command, "generate", quickstart, "--samples", "20", "--out", root / command.parent.name)

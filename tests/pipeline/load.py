@@ -1,6 +1,6 @@
 """Makes datasets of every kind and loads them as their users do, with the snippets of README and card as they stand.
 
-    python load.py GELSIM [PYTHON_WITH_TORCH]       from the project's root
+    python load.py GELSIM [PYTHON_WITH_TORCH]       from the project's root, where the wheel is installed
 """
 
 import json
@@ -96,6 +96,7 @@ with tempfile.TemporaryDirectory() as root:
 
     small = ["--set", "sensor.resolution_px=[160, 120]"]
     generate(root / "out/quickstart", project / "configs/quickstart.toml", *small)
+    (root / "configs").symlink_to(project / "configs")
     run(in_fresh_interpreters(project / "README.md"), root)
     check(root / "out/quickstart", workers=True)
     generate(root / "effects", project / "configs/effects.toml", "--samples", "6", *small)

@@ -1,0 +1,54 @@
+"""What a sample holds, for type checkers: samples are plain dicts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypedDict
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class Markers(TypedDict):
+    """Dots in view, px; the first pixel's centre is at (0.5, 0.5)."""
+
+    rest_px: NDArray[np.float64]
+    """(N, 2): where each was printed."""
+    moved_px: NDArray[np.float64]
+    """(N, 2): where the pad carried it."""
+
+
+class Sample(TypedDict, total=False):
+    """`tactile`, `label` and the layers that were asked for; axes, signs and units are in docs/conventions.md."""
+
+    tactile: NDArray[np.uint8]
+    """(H, W, 3): red, green, blue."""
+    depth: NDArray[np.float32]
+    """(H, W): how far the object reaches below the undeformed pad, mm."""
+    surface: NDArray[np.float32]
+    """(H, W): displacement of the pad's surface, mm, positive towards the camera."""
+    contact: NDArray[np.uint8]
+    """(H, W): 255 where the pad touches."""
+    normal: NDArray[np.float32]
+    """(H, W, 3): unit normals X, Y, Z of the pad's surface, towards the camera."""
+    pressure: NDArray[np.float32]
+    """(H, W): pressure between pad and object, kPa."""
+    markers: Markers
+    reference: NDArray[np.uint8]
+    """(H, W, 3): the image without contact."""
+    label: dict[str, Any]
+    """The label's JSON; `gelsim schema label` prints its schema."""
+
+
+class Batch(TypedDict, total=False):
+    """Several samples: arrays have them as their first axis, labels and markers are lists."""
+
+    tactile: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    surface: NDArray[np.float32]
+    contact: NDArray[np.uint8]
+    normal: NDArray[np.float32]
+    pressure: NDArray[np.float32]
+    markers: list[Markers]
+    reference: NDArray[np.uint8]
+    label: list[dict[str, Any]]

@@ -1,0 +1,61 @@
+//! The command's two kinds of failure as Python's exceptions, in the command's words.
+
+use std::any::Any;
+
+use gelsim::config::diagnostic::{Report, nearest, one_of};
+use gelsim::fidelity::Rung;
+use gelsim::generate;
+use gelsim::plan;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::{PyErr, PyResult, create_exception};
+
+create_exception!(
+    gelsim,
+    UsageError,
+    PyValueError,
+    "Something that the user wrote is wrong: all mistakes at once, as the command says them with exit status 2."
+);
+create_exception!(
+    gelsim,
+    RunError,
+    PyRuntimeError,
+    "Something failed while running, as the command says it with exit status 1."
+);
+
+/// What the command would print of mistakes.
+pub fn usage(report: &Report) -> PyErr {
+    UsageError::new_err(report.render(false))
+}
+
+/// One mistake in what a function was given, and the way out.
+pub fn mistake(message: impl Into<String>, help: impl Into<String>) -> PyErr {
+    usage(&plan::usage(message, help))
+}
+
+/// What a user calls by its name; `what` it is, for the message if there is none.
+pub fn named<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'static str, T)>) -> PyResult<T> {
+    let mut names = Vec::new();
+    for (candidate, value) in known {
+        if candidate == name {
+            return Ok(value);
+        }
+        names.push(candidate);
+    }
+    let near = nearest(name, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+    Err(mistake(format!("no {what} is called `{name}`"), format!("{near}one of {}", one_of(&names))))
+}
+
+/// A rung by its name.
+pub fn rung(name: &str) -> PyResult<Rung> {
+    named("rung", name, Rung::ALL.map(|rung| (rung.name(), rung)))
+}
+
+/// Something failed while running.
+pub fn running(message: impl Into<String>) -> PyErr {
+    RunError::new_err(message.into())
+}
+
+/// A panic while something was rendered: a bug, but no reason to end Python.
+pub fn panicked(what: &str, panic: &(dyn Any + Send)) -> PyErr {
+    running(format!("{what} brought gelsim down, which is a bug: {}", generate::said(panic)))
+}

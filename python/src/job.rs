@@ -1,0 +1,196 @@
+//! `gelsim.Job`: a job as a map-style dataset, whose samples are rendered when they are asked for.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gelsim::config::Overrides;
+use gelsim::config::diagnostic::Report;
+use gelsim::dataset::layout::Split;
+use gelsim::health::{Accepted, accept};
+use gelsim::label::key;
+use gelsim::plan::Plan;
+use gelsim::tradeoff::choose::choose;
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
+use rayon::prelude::*;
+
+use crate::arrays::{Arrays, need_numpy};
+use crate::errors::{named, panicked, rung, running, usage};
+use crate::threads::{checked, pool};
+
+/// Samples that are rendered before Python may look at signals.
+const BLOCK: usize = 64;
+
+/// A job, read and resolved.
+#[pyclass(frozen, module = "gelsim")]
+pub struct Job {
+    plan: Arc<Plan>,
+    /// The same as text, for other processes.
+    text: String,
+    threads: Option<usize>,
+}
+
+/// Rebuilds a job in another process.
+#[pyfunction]
+#[pyo3(name = "_job_of_text")]
+pub fn job_of_text(py: Python<'_>, text: String, threads: Option<usize>) -> PyResult<Job> {
+    Job::new(py, threads, || Plan::read("the pickled job", text, Path::new(""), &Overrides::default()))
+}
+
+impl Job {
+    fn new(
+        py: Python<'_>,
+        threads: Option<usize>,
+        read: impl FnOnce() -> Result<Plan, Report> + Send,
+    ) -> PyResult<Self> {
+        need_numpy(py)?;
+        let pool = pool(py, checked(threads)?)?;
+        let plan = py.detach(|| pool.install(|| settled(read()?))).map_err(|report| usage(&report))?;
+        let text = plan.to_toml().map_err(|error| running(error.to_string()))?;
+        Ok(Self { plan: Arc::new(plan), text, threads })
+    }
+
+    /// The number of a sample that Python asks for; negative ones count from the end.
+    fn index(&self, index: i64) -> PyResult<u64> {
+        let samples = self.plan.layout.samples();
+        let counted = i128::from(index) + if index < 0 { i128::from(samples) } else { 0 };
+        match u64::try_from(counted) {
+            Ok(number) if number < samples => Ok(number),
+            _ => Err(PyIndexError::new_err(format!(
+                "there is no sample {index}: they are numbered 0 to {}",
+                samples - 1
+            ))),
+        }
+    }
+
+    /// Sample `index` as `gelsim generate` writes it.
+    fn render(&self, index: u64) -> PyResult<Arrays> {
+        let plan = &*self.plan;
+        // Nothing outside is changed by what panics.
+        let rendered = catch_unwind(AssertUnwindSafe(|| {
+            accept(plan, index).map(|Accepted { sample, .. }| Arrays::new(plan, sample))
+        }));
+        match rendered {
+            Ok(Ok(arrays)) => Ok(arrays),
+            Ok(Err(unfit)) => Err(running(unfit.to_string())),
+            Err(panic) => Err(panicked(&format!("sample {} (seed {})", key(index), plan.seed), &*panic)),
+        }
+    }
+}
+
+/// The plan at the rung that keeps the bound which the job gives instead of one.
+fn settled(mut plan: Plan) -> Result<Plan, Report> {
+    let Some(bound) = plan.open_choice() else { return Ok(plan) };
+    let chosen = choose(&plan, bound)?;
+    plan.notes.push(chosen.to_string());
+    Ok(plan.at(chosen.rung))
+}
+
+#[pymethods]
+impl Job {
+    #[staticmethod]
+    #[pyo3(signature = (path, *, samples=None, seed=None, fidelity=None, all_effects=false, set=Vec::new(), threads=None))]
+    #[expect(clippy::too_many_arguments, reason = "they are the command's flags")]
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        samples: Option<u64>,
+        seed: Option<u64>,
+        fidelity: Option<&str>,
+        all_effects: bool,
+        set: Vec<String>,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let overrides = Overrides::of_flags(samples, seed, fidelity.map(rung).transpose()?, all_effects, &set);
+        let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
+        let warn = py.import("warnings")?.getattr("warn")?;
+        job.plan.notes.iter().try_for_each(|note| warn.call1((note,)).map(drop))?;
+        Ok(job)
+    }
+
+    /// One sample, on the calling thread.
+    fn sample<'py>(&self, py: Python<'py>, index: i64) -> PyResult<Bound<'py, PyDict>> {
+        let index = self.index(index)?;
+        py.detach(|| self.render(index))?.into_dict(py)
+    }
+
+    /// Several, on the job's threads.
+    fn samples<'py>(&self, py: Python<'py>, indices: Vec<i64>) -> PyResult<Bound<'py, PyList>> {
+        let numbers: Vec<u64> = indices.into_iter().map(|index| self.index(index)).collect::<PyResult<_>>()?;
+        let pool = pool(py, self.threads)?;
+        let list = PyList::empty(py);
+        for block in numbers.chunks(BLOCK) {
+            let render = || block.par_iter().map(|index| self.render(*index)).collect::<PyResult<Vec<_>>>();
+            for arrays in py.detach(|| pool.install(render))? {
+                list.append(arrays.into_dict(py)?)?;
+            }
+            py.check_signals()?;
+        }
+        Ok(list)
+    }
+
+    fn __getitems__<'py>(&self, py: Python<'py>, indices: Vec<i64>) -> PyResult<Bound<'py, PyList>> {
+        self.samples(py, indices)
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, index: i64) -> PyResult<Bound<'py, PyDict>> {
+        self.sample(py, index)
+    }
+
+    fn __iter__<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        let builtins = slf.py().import("builtins")?;
+        let indices = builtins.call_method1("range", (slf.len()?,))?;
+        builtins.call_method1("map", (slf.getattr("sample")?, indices))
+    }
+
+    fn __len__(&self) -> usize {
+        self.plan.layout.samples() as usize
+    }
+
+    /// The samples of a split, ascending.
+    fn indices(&self, split: &str) -> PyResult<Vec<u64>> {
+        let split = named("split", split, Split::ALL.map(|known| (known.name(), known)))?;
+        let layout = &self.plan.layout;
+        Ok((0..layout.samples_in(split)).map(|position| layout.index_of(split, position)).collect())
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.plan.name
+    }
+
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.plan.seed
+    }
+
+    #[getter]
+    fn fidelity(&self) -> &'static str {
+        self.plan.rung.name()
+    }
+
+    #[getter]
+    fn fingerprint(&self) -> &str {
+        &self.plan.fingerprint
+    }
+
+    #[getter]
+    fn classes(&self) -> Vec<String> {
+        self.plan.classes.clone()
+    }
+
+    #[getter]
+    fn layers(&self) -> Vec<&'static str> {
+        self.plan.layers.iter().map(|layer| layer.name()).collect()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<gelsim.Job {:?}: {} samples, fidelity {}>", self.plan.name, self.__len__(), self.plan.rung.name())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&str, Option<usize>))> {
+        Ok((py.import("gelsim._native")?.getattr("_job_of_text")?, (&self.text, self.threads)))
+    }
+}

@@ -1,0 +1,228 @@
+//! `gelsim.Sensor`: tactile images of depth maps that come as arrays.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use gelsim::config::Overrides;
+use gelsim::config::output::Layer;
+use gelsim::config::sensor::PRESETS;
+use gelsim::dataset::layout::Split;
+use gelsim::fidelity::Rung;
+use gelsim::plan::Plan;
+use gelsim::plan::frames::Frames;
+use gelsim::plan::standalone::{Standalone, sensor};
+use gelsim::render::press;
+use gelsim::scene::frame::Frame;
+use gelsim::scene::pose::Pose;
+use gelsim::scene::{Press, Pressed, Scene};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+
+use crate::arrays::{Arrays, need_numpy};
+use crate::depth::Depth;
+use crate::errors::{mistake, named, panicked, rung, running, usage};
+use crate::threads::{checked, pool};
+
+/// Frames that are rendered before Python may look at signals.
+const BLOCK: usize = 64;
+
+/// Plans that are kept: who changes resolution, layers or fidelity with every call waits every time.
+const MOST_PLANS: usize = 8;
+
+/// A sensor, read and checked.
+#[pyclass(frozen, module = "gelsim")]
+pub struct Sensor {
+    /// A preset's name, or an absolute path.
+    source: String,
+    set: Vec<String>,
+    threads: Option<usize>,
+    itself: Standalone,
+    /// The plans that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.
+    plans: Mutex<Vec<(Choice, Arc<Plan>)>>,
+}
+
+/// What a plan depends on beside the sensor.
+#[derive(Clone, PartialEq)]
+struct Choice {
+    resolution_px: [usize; 2],
+    layers: Vec<Layer>,
+    fidelity: Option<Rung>,
+    seed: u64,
+}
+
+/// Rebuilds a sensor in another process.
+#[pyfunction]
+#[pyo3(name = "_sensor_of_source")]
+pub fn sensor_of_source(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Sensor> {
+    Sensor::new(py, source, set, threads)
+}
+
+impl Sensor {
+    fn new(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+        need_numpy(py)?;
+        checked(threads)?;
+        let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?;
+        let sensor = Self { source, set, threads, itself, plans: Mutex::default() };
+        let resolution_px = sensor.itself.camera.resolution_px;
+        let plan = sensor.plan(py, Choice { resolution_px, layers: Vec::new(), fidelity: None, seed: 0 })?;
+        let warn = py.import("warnings")?.getattr("warn")?;
+        plan.notes.iter().try_for_each(|note| warn.call1((note,)).map(drop))?;
+        Ok(sensor)
+    }
+
+    /// The plan of a choice, made where it is not one of those that were used last.
+    fn plan(&self, py: Python<'_>, choice: Choice) -> PyResult<Arc<Plan>> {
+        let plans = || self.plans.lock().unwrap_or_else(PoisonError::into_inner);
+        {
+            let mut plans = plans();
+            if let Some(place) = plans.iter().position(|(known, _)| *known == choice) {
+                let used = plans.remove(place);
+                let plan = Arc::clone(&used.1);
+                plans.push(used);
+                return Ok(plan);
+            }
+        }
+        let overrides = Overrides::of_flags(None, Some(choice.seed), choice.fidelity, false, &self.set);
+        let frames = Frames {
+            sensor: &self.source,
+            resolution_px: choice.resolution_px,
+            layers: &choice.layers,
+            classes: &[],
+            moved: false,
+            overrides: &overrides,
+        };
+        let pool = pool(py, self.threads)?;
+        let plan = py.detach(|| pool.install(|| frames.plan())).map_err(|report| usage(&report))?;
+        if plan.camera.resolution_px != choice.resolution_px {
+            let ([width, height], [columns, rows]) = (plan.camera.resolution_px, choice.resolution_px);
+            let message =
+                format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
+            return Err(mistake(message, "leave sensor.resolution_px out: a frame brings its own"));
+        }
+        let plan = Arc::new(plan);
+        let mut plans = plans();
+        if plans.len() == MOST_PLANS {
+            plans.remove(0);
+        }
+        plans.push((choice, Arc::clone(&plan)));
+        Ok(plan)
+    }
+}
+
+/// Frame `number` of an input pressed into the pad, as sample `index`.
+fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult<Arrays> {
+    // Nothing outside is changed by what panics.
+    let rendered = catch_unwind(AssertUnwindSafe(|| {
+        let frame = Frame {
+            id: String::from("depth_mm"),
+            class: String::new(),
+            above_mm: depth.above_mm(number),
+            unseen_px: 0,
+        };
+        let indentation_depth_mm = frame.indentation_depth_mm();
+        let (split, pressed, pose) = (Split::Train, Pressed::Frame(Arc::new(frame)), Pose::IDENTITY);
+        let scene = Scene::given(plan, index, 0, Press { split, pressed, pose, indentation_depth_mm });
+        Arrays::new(plan, press(plan, &scene))
+    }));
+    rendered.map_err(|panic| panicked(&format!("frame {number}"), &*panic))
+}
+
+#[pymethods]
+impl Sensor {
+    #[staticmethod]
+    #[pyo3(signature = (name, *, set=Vec::new(), threads=None))]
+    fn preset(py: Python<'_>, name: &str, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+        named("sensor preset", name, PRESETS)?;
+        Self::new(py, name.to_owned(), set, threads)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (path, *, set=Vec::new(), threads=None))]
+    fn load(py: Python<'_>, path: PathBuf, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+        let absolute = std::path::absolute(&path).map_err(|error| running(format!("{}: {error}", path.display())))?;
+        let source = absolute.into_os_string().into_string();
+        let source = source.map_err(|path| {
+            mistake(
+                format!("{} is not UTF-8", path.display()),
+                "rename the file or its folder: labels and jobs are UTF-8",
+            )
+        })?;
+        Self::new(py, source, set, threads)
+    }
+
+    /// Presses what depth maps show into the pad.
+    #[pyo3(signature = (depth_mm, *, fidelity=None, layers=Vec::new(), index=0, seed=0))]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        depth_mm: &Bound<'py, PyAny>,
+        fidelity: Option<&str>,
+        layers: Vec<String>,
+        index: u64,
+        seed: u64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let input = Depth::array(depth_mm)?;
+        let depth = Depth::new(&input);
+        let wanted = |name: &String| named("layer", name, Layer::ALL.map(|layer| (layer.name(), layer)));
+        let layers = layers.iter().map(wanted).collect::<PyResult<_>>()?;
+        let fidelity = fidelity.map(rung).transpose()?;
+        let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), layers, fidelity, seed })?;
+        let one = |number: usize| render(&plan, &depth, number, index.wrapping_add(number as u64));
+        let Some(frames) = depth.batch() else {
+            let rendered = py.detach(|| depth.check(plan.thickness_mm).map(|()| one(0)));
+            return rendered.map_err(|report| usage(&report))??.into_dict(py);
+        };
+        let pool = pool(py, self.threads)?;
+        py.detach(|| pool.install(|| depth.check(plan.thickness_mm))).map_err(|report| usage(&report))?;
+        let mut batch: Option<Arrays> = None;
+        for start in (0..frames).step_by(BLOCK) {
+            let block = start..frames.min(start + BLOCK);
+            let rendered = || block.into_par_iter().map(one).collect::<PyResult<Vec<_>>>();
+            py.detach(|| {
+                for arrays in pool.install(rendered)? {
+                    match &mut batch {
+                        Some(batch) => batch.push(arrays),
+                        None => batch = Some(arrays.first_of(frames)),
+                    }
+                }
+                PyResult::Ok(())
+            })?;
+            py.check_signals()?;
+        }
+        batch.ok_or_else(|| running("depth_mm is empty"))?.into_dict(py)
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.itself.sensor.name
+    }
+
+    /// Width and height.
+    #[getter]
+    fn resolution_px(&self) -> (usize, usize) {
+        self.itself.camera.resolution_px.into()
+    }
+
+    /// Width and height.
+    #[getter]
+    fn field_of_view_mm(&self) -> (f64, f64) {
+        self.itself.sensor.field_of_view_mm.into()
+    }
+
+    #[getter]
+    fn gelpad_thickness_mm(&self) -> f64 {
+        self.itself.sensor.gelpad_thickness_mm
+    }
+
+    fn __repr__(&self) -> String {
+        let [width, height] = self.itself.camera.resolution_px;
+        format!("<gelsim.Sensor {:?}: {width}x{height} px>", self.itself.sensor.name)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&str, Vec<String>, Option<usize>))> {
+        let rebuild = py.import("gelsim._native")?.getattr("_sensor_of_source")?;
+        Ok((rebuild, (&self.source, self.set.clone(), self.threads)))
+    }
+}

@@ -1,0 +1,61 @@
+//! The threads that read meshes and render.
+//!
+//! A process that was forked from another has its memory, but not its threads: who waits for those waits for ever. So a pool
+//! belongs to a process, and nothing here uses rayon's global one. Whoever takes the lock holds the GIL, as does whoever
+//! forks: no child finds it taken.
+
+use std::mem::forget;
+use std::process;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::errors::{mistake, running};
+
+struct Pool {
+    process: u32,
+    threads: usize,
+    pool: Arc<ThreadPool>,
+}
+
+/// The pool that was used last.
+static LAST: Mutex<Option<Pool>> = Mutex::new(None);
+
+/// Beyond this, threads only take memory from each other.
+const MOST: usize = 1024;
+
+/// A number of threads that a user gave.
+pub fn checked(threads: Option<usize>) -> PyResult<Option<usize>> {
+    let help = "or leave it out for all cores";
+    match threads {
+        Some(0) => Err(mistake("threads=0 cannot work", format!("give 1 or more, {help}"))),
+        Some(count) if count > MOST => Err(mistake(
+            format!("threads={count} are more than any machine has cores"),
+            format!("give at most {MOST}, {help}"),
+        )),
+        threads => Ok(threads),
+    }
+}
+
+/// A pool of so many threads. If nobody says how many: all cores, and one in a process that multiprocessing started, as a
+/// worker of a loader is.
+pub fn pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>> {
+    let threads = match threads {
+        Some(threads) => threads,
+        None if py.import("multiprocessing")?.call_method0("parent_process")?.is_none() => 0,
+        None => 1,
+    };
+    let process = process::id();
+    let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*last {
+        Some(pool) if (pool.process, pool.threads) == (process, threads) => return Ok(Arc::clone(&pool.pool)),
+        _ => {}
+    }
+    let built = ThreadPoolBuilder::new().num_threads(threads).build();
+    let pool = Arc::new(built.map_err(|error| running(format!("cannot start threads: {error}")))?);
+    let before = last.replace(Pool { process, threads, pool: Arc::clone(&pool) });
+    // Threads that are not there cannot be told to end.
+    before.filter(|before| before.process != process).map(forget);
+    Ok(pool)
+}

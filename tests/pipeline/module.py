@@ -1,0 +1,312 @@
+"""The Python module against the command: the same arrays, labels and words.
+
+    python module.py GELSIM         from the project's root, where the wheel, numpy and mypy are installed
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import gelsim
+import numpy as np
+import samples
+
+RUNGS = ["paper", "draft", "standard", "high", "reference"]
+LAYERS = ["depth", "surface", "contact", "normal", "pressure", "markers", "reference"]
+EVERY_LAYER = f"output.layers={json.dumps(LAYERS)}"
+HASTY = 'gelpad={ elastic = { resolution = "full", max_iterations = 4, tolerance_um = 0.5 } }'
+
+# As mixed as samples get: contact and none, relief, markers that move, a lens, noise.
+MIXED = """
+[dataset]
+name = "module"
+samples = 13
+seed = 5
+samples_per_shard = 4
+splits = { train = 0.7, val = 0.15, test = 0.15 }
+[sensor]
+resolution_px = [96, 72]
+[[object]]
+path = "OBJECTS/sphere.obj"
+[[object]]
+path = "OBJECTS/gear.obj"
+[texture]
+amplitude_mm = { choice = [0.0, 0.05] }
+[markers]
+pitch_mm = 1.5
+[shear]
+x_mm = [-0.3, 0.3]
+[camera]
+distortion_k1 = { choice = [0.0, -0.1] }
+exposure = [0.9, 1.1]
+read_noise_levels = 1.0
+[pose]
+yaw_deg = [0.0, 360.0]
+[indentation]
+depth_mm = [0.3, 1.0]
+no_contact = 0.3
+[output]
+depth_format = "npy"
+"""
+
+# A flat punch: where it does not reach, nothing is above the pad either.
+PUNCH = """
+dataset = { name = "punch", samples = 2, seed = 3 }
+sensor = { preset = "digit", resolution_px = [120, 160] }
+object = [{ path = "OBJECTS/cylinder.obj" }]
+pose.x_mm = [-1.0, 1.0]
+indentation.depth_mm = [0.2, 0.8]
+camera = { read_noise_levels = 1.0, exposure = [0.9, 1.1], distortion_k1 = -0.05 }
+output = { depth_format = "npy", layers = ["depth"] }
+"""
+
+
+def run(*arguments, status=0):
+    """What the command says on standard error."""
+    done = subprocess.run([native, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == status, (arguments, done)
+    return done.stderr.removesuffix("\n")
+
+
+def generated(*arguments):
+    """The samples that `gelsim generate` writes, by index, and their manifest."""
+    out = Path(tempfile.mkdtemp(dir=root)) / "out"
+    run("generate", *arguments, "--out", out, "--quiet")
+    manifest = json.load(open(out / "dataset.json"))
+    return {int(key): sample for key, sample in samples.read(out, manifest)}, manifest
+
+
+def same_sample(ours, theirs, layers):
+    """The label and every bit of the arrays, which are as torch.from_numpy wants them."""
+    assert list(ours) == ["tactile", *layers, "label"], list(ours)
+    assert ours["label"] == theirs["json"]
+    for name in ["tactile", *layers]:
+        written = samples.layer(theirs, name)
+        if name == "markers":
+            assert {key: value.tolist() for key, value in ours[name].items()} == written
+            assert all(value.shape[1:] == (2,) for value in ours[name].values())
+            continue
+        if name == "contact":
+            written = written[..., 0]  # grey, read as RGB
+        assert ours[name].dtype == written.dtype and np.array_equal(ours[name], written), name
+        assert ours[name].flags.c_contiguous and ours[name].flags.writeable, name
+
+
+def same(one, other):
+    """Two samples of the module."""
+    assert list(one) == list(other)
+    for name, value in one.items():
+        assert type(value) is type(other[name]), name
+        assert np.array_equal(value, other[name]) if isinstance(value, np.ndarray) else value == other[name], name
+
+
+def raises(kind, call):
+    """What the exception says, which is of this kind exactly."""
+    try:
+        call()
+    except Exception as error:
+        assert type(error) is kind, (type(error), error)
+        return str(error)
+    raise AssertionError(f"no {kind.__name__}")
+
+
+def jobs(mixed):
+    """A job's samples are those that the command writes: with every layer, at every rung, with every flag."""
+    written, manifest = generated(mixed, "--set", EVERY_LAYER)
+    job = gelsim.Job.load(mixed, set=[EVERY_LAYER])
+    assert len(job) == len(written) == 13 and job.layers == LAYERS and job.name == "module"
+    assert (job.fingerprint, job.classes) == (manifest["fingerprint"], ["gear", "sphere"])
+    for index in range(len(job)):
+        same_sample(job.sample(index), written[index], LAYERS)
+    labels = [sample["json"] for sample in written.values()]
+    assert {label["contact"]["in_contact"] for label in labels} == {True, False}
+    assert {label["camera"]["distortion"][0] for label in labels} == {0.0, -0.1}
+    for split in ["train", "val", "test"]:
+        assert job.indices(split) == [label["index"] for label in labels if label["split"] == split] != []
+
+    for rung in RUNGS:
+        flags = {"samples": 2, "seed": 8, "fidelity": rung, "all_effects": True}
+        written, _ = generated(mixed, "--samples", 2, "--seed", 8, "--fidelity", rung, "--all-effects")
+        job = gelsim.Job.load(str(mixed), **flags)
+        assert (len(job), job.seed, job.fidelity, job.layers) == (2, 8, rung, ["depth"])
+        for index in range(2):
+            same_sample(job[index], written[index], ["depth"])
+
+    # Files hold half floats; these are what was rounded.
+    written, _ = generated(mixed, "--samples", 2, "--set", 'output.depth_format="exr"')
+    depth = gelsim.Job.load(mixed, samples=2)[1]["depth"]
+    assert np.array_equal(depth.astype(np.float16).astype(np.float32), written[1]["depth.exr"])
+    assert not np.array_equal(depth, written[1]["depth.exr"])
+
+    # A rung that a bound chooses; the command says which.
+    bound = "fidelity={ max_error_um = 40.0 }"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        job = gelsim.Job.load(mixed, samples=2, set=[bound])
+    assert any(f"fidelity {job.fidelity} chosen" in str(warning.message) for warning in caught)
+    written, _ = generated(mixed, "--samples", 2, "--set", bound)
+    same_sample(job[1], written[1], ["depth"])
+
+    # Samples that are drawn again until their contact is solved, and a job that wants none other.
+    flags = [HASTY, 'output.on_unhealthy="reject"', "camera.distortion_k1=0.0"]
+    written, _ = generated(mixed, *(word for text in flags for word in ["--set", text]))
+    job = gelsim.Job.load(mixed, set=flags)
+    again = [index for index, sample in written.items() if sample["json"]["attempt"] > 0]
+    assert again
+    same_sample(job[again[0]], written[again[0]], ["depth"])
+    flags[1] = 'output.on_unhealthy="fail"'
+    said = raises(gelsim.RunError, lambda: gelsim.Job.load(mixed, set=flags).sample(again[0]))
+    assert said.startswith(f"sample {again[0]:09} (seed 5, drawn 1 time) is not healthy: the contact"), said
+
+
+def sequences(mixed):
+    """A job is a map-style dataset: as long as it says, IndexError past the end, and several at a time."""
+    job = gelsim.Job.load(mixed)
+    each = [job.sample(index) for index in range(len(job))]
+    for one, other in zip(job, each, strict=True):
+        same(one, other)
+    same(job[-1], each[-1])
+    same(job[np.int64(3)], each[3])
+    order = [5, 0, 12, 5]
+    for several in [job.samples(order), job.__getitems__(order), gelsim.Job.load(mixed, threads=1).samples(order)]:
+        for index, sample in zip(order, several, strict=True):
+            same(sample, each[index])
+    assert job.samples([]) == []
+    for wrong in [13, -14, 2**40]:
+        assert "0 to 12" in raises(IndexError, lambda: job[wrong])
+    assert "13" in raises(IndexError, lambda: job.samples([0, 13]))
+    raises(TypeError, lambda: job["0"])
+    raises(TypeError, lambda: job[0.0])
+    assert repr(job) == '<gelsim.Job "module": 13 samples, fidelity standard>'
+
+
+def sensors(punch):
+    """A sensor makes of a job's depth maps what the job made, at every rung, and of an analytic ball nearly that."""
+    camera = ["camera.read_noise_levels=1.0", "camera.exposure=[0.9, 1.1]"]
+    sensor = gelsim.Sensor.preset("digit", set=camera)
+    assert (sensor.name, sensor.resolution_px, sensor.gelpad_thickness_mm) == ("digit", (240, 320), 2.0)
+    layers = ["depth", "surface", "contact", "normal"]
+    for rung in RUNGS:
+        flags = ["camera.distortion_k1=0.0", f"output.layers={json.dumps(layers)}"]
+        job = gelsim.Job.load(punch, fidelity=rung, set=flags)
+        for index in range(len(job)):
+            theirs = job[index]
+            ours = sensor.render(theirs["depth"], fidelity=rung, layers=layers, index=index, seed=3)
+            for name in ["tactile", *layers]:
+                assert np.array_equal(ours[name], theirs[name]), (rung, index, name)
+            for key in ["contact", "sensor", "camera", "fidelity"]:
+                assert ours["label"][key] == theirs["label"][key], (rung, key)
+
+    # A ball of which all is known: also what is above the pad, which bulges up to it.
+    ball = gelsim.Job.load(punch, samples=1, set=[f'object=[{{ path = "{objects}/sphere.obj" }}]', *BARE])
+    label = ball[0]["label"]
+    x, y = np.meshgrid((np.arange(120) + 0.5 - 60) * 0.095, (np.arange(160) + 0.5 - 80) * 0.095)
+    x0, y0, _ = label["pose"]["translation_mm"]
+    across2 = (x - x0) ** 2 + (y - y0) ** 2
+    with np.errstate(invalid="ignore"):
+        above = BALL_MM - np.sqrt(BALL_MM**2 - across2) - label["indentation_depth_mm"]
+    depth = np.where(across2 < BALL_MM**2, -above, -np.inf)
+    bare = gelsim.Sensor.preset("digit")
+    ours, theirs = bare.render(depth, layers=["surface"]), ball[0]
+    worst = np.abs(ours["tactile"].astype(int) - theirs["tactile"]).max()
+    print(f"an analytic ball: {worst} grey levels, {1e3 * np.abs(ours['surface'] - theirs['surface']).max():.2f} um")
+    assert worst <= 2
+    same(bare.render(depth.astype(np.float32)), bare.render(np.asfortranarray(depth.astype(np.float32))))
+    flat = bare.render(np.zeros((160, 120), np.float32))
+    assert not flat["label"]["contact"]["in_contact"] and list(flat) == ["tactile", "label"]
+
+    # A batch is its maps one by one, whatever the threads.
+    maps = np.stack([depth - lift for lift in [0.0, 0.1, 5.0, 0.05, 0.15]])
+    every = [layer for layer in LAYERS if layer != "markers"]
+    batch = sensor.render(maps, layers=every, index=7)
+    one = gelsim.Sensor.preset("digit", set=camera, threads=1).render(maps, layers=every, index=7)
+    for number in range(len(maps)):
+        single = sensor.render(maps[number], layers=every, index=7 + number)
+        for several in [batch, one]:
+            same({name: value[number] for name, value in several.items()}, single)
+    dotted = gelsim.Sensor.preset("digit", set=["markers.pitch_mm=2.0"]).render(maps, layers=["markers"])
+    assert [len(dots["moved_px"]) for dots in dotted["markers"]] == [x["markers"]["count"] for x in dotted["label"]]
+
+    path = Path(root) / "mine.toml"
+    path.write_text('preset = "digit"\ngelpad_thickness_mm = 1.5\n')
+    assert gelsim.Sensor.load(path).gelpad_thickness_mm == 1.5
+
+
+BALL_MM = 4.0
+BARE = ["camera={}", 'output.layers=["surface"]', "sensor.resolution_px=[120, 160]"]
+
+
+def mistakes(mixed):
+    """Every mistake at once, in the command's words; of arrays in words of their own."""
+    broken = Path(root) / "broken.toml"
+    text = mixed.read_text().replace("samples = 13", "sampels = 13").replace("gear.obj", "gaer.obj")
+    broken.write_text(text.replace("[0.3, 1.0]", "[0.3, 99.0]"))
+    said = run("generate", broken, "--out", f"{root}/none", status=2)
+    assert raises(gelsim.UsageError, lambda: gelsim.Job.load(broken)) == said
+    assert all(part in said for part in ["sampels", "gaer.obj", "99", "broken.toml:"]), said
+    assert issubclass(gelsim.UsageError, ValueError) and issubclass(gelsim.RunError, RuntimeError)
+    for flags in [["indentation.depth_mm=-1"], ["a.b.c"], ['sensor.preset="digti"'], ['output.layers=["presure"]']]:
+        said = run("plan", mixed, *(word for text in flags for word in ["--set", text]), status=2)
+        assert raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, set=flags)) == said
+    absent = Path(root) / "absent.toml"
+    assert raises(gelsim.UsageError, lambda: gelsim.Job.load(absent)) == run("plan", absent, status=2)
+    assert "did you mean `standard`?" in raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, fidelity="standart"))
+    assert "threads=0" in raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, threads=0))
+    assert "train" in raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed).indices("tarin"))
+
+    assert "did you mean `digit`?" in raises(gelsim.UsageError, lambda: gelsim.Sensor.preset("digti"))
+    assert "absent.toml" in raises(gelsim.UsageError, lambda: gelsim.Sensor.load(absent))
+    sensor = gelsim.Sensor.preset("digit")
+    good = np.zeros((2, 160, 120), np.float32)
+    good[:, 80, 60] = 0.5
+
+    def refused(change, kind=gelsim.UsageError, **more):
+        bad = good.copy()
+        return raises(kind, lambda: sensor.render(change(bad), **more))
+
+    def put(*values):
+        def change(bad):
+            for place, value in values:
+                bad[place] = value
+            return bad
+        return change
+
+    said = refused(put(((1, 3, 4), np.nan), ((1, 3, 5), np.nan), ((0, 9, 0), np.inf)))
+    assert "2 values that are not a number, the first in map 1, row 3, column 4" in said, said
+    assert "infinite at 1 places, the first in map 0, row 9, column 0" in said and "-inf" in said, said
+    assert "all of map 1 of depth_mm goes through the pad, which is 2 mm thick" in refused(put((1, 25.0)))
+    assert "4 axes" in refused(lambda bad: bad[None])
+    assert "empty" in refused(lambda bad: bad[:0])
+    assert "resolution_px" in refused(lambda bad: np.zeros((1, 9000), np.float32))
+    assert "float32" in refused(lambda bad: bad.astype(np.uint16), TypeError)
+    assert "float32" in refused(lambda bad: bad.astype(">f4"), TypeError)
+    assert "np.asarray" in refused(lambda bad: bad.tolist(), TypeError)
+    assert "did you mean `depth`?" in refused(lambda bad: bad, layers=["detph"])
+    assert "pressure" in refused(lambda bad: bad, layers=["pressure"], fidelity="paper")
+    assert "markers" in refused(lambda bad: bad, layers=["markers"])
+
+
+def types():
+    """The stubs are the module's."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy.stubtest", "gelsim", "--ignore-missing-stub"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+if __name__ == "__main__":
+    native, objects = Path(sys.argv[1]).resolve(), Path("objects").resolve()
+    with tempfile.TemporaryDirectory() as root:
+        mixed, punch = Path(root) / "mixed.toml", Path(root) / "punch.toml"
+        for path, text in [(mixed, MIXED), (punch, PUNCH)]:
+            path.write_text(text.replace("OBJECTS", str(objects)))
+        jobs(mixed)
+        sequences(mixed)
+        sensors(punch)
+        mistakes(mixed)
+    types()
+    print(f"gelsim {gelsim.__version__} in Python {sys.version.split()[0]}: the arrays and words of {os.fspath(native)}")

@@ -1,0 +1,35 @@
+"""A job of the Python module in PyTorch's DataLoader.
+
+    python torch_loader.py JOB.toml         where the wheel and torch are installed
+"""
+
+import sys
+
+import gelsim
+import numpy as np
+import torch
+from torch.utils.data import DataLoader, Subset
+
+
+def main(path):
+    job = gelsim.Job.load(path)
+    truth = [sample["tactile"] for sample in job.samples(range(len(job)))]
+    for method, workers in [("fork", 2), ("spawn", 2), (None, 0)]:
+        loader = DataLoader(job, batch_size=5, shuffle=True, num_workers=workers, multiprocessing_context=method)
+        seen = {}
+        for batch in loader:
+            # The label is collated, too: its numbers are tensors, its texts lists.
+            indices = batch["label"]["index"]
+            assert batch["tactile"].dtype == torch.uint8 and batch["depth"].dtype == torch.float32
+            assert batch["tactile"].shape == (len(indices), *truth[0].shape)
+            assert len(batch["label"]["object"]["class"]) == len(indices)
+            seen |= {int(index): image.numpy() for index, image in zip(indices, batch["tactile"])}
+        assert sorted(seen) == list(range(len(job))), (method, sorted(seen))
+        assert all(np.array_equal(seen[index], image) for index, image in enumerate(truth)), method
+        part = DataLoader(Subset(job, job.indices("train")), batch_size=None, num_workers=workers)
+        assert sum(1 for _ in part) == len(job.indices("train"))
+
+
+# Workers that are spawned import this file.
+if __name__ == "__main__":
+    main(sys.argv[1])
