@@ -40,6 +40,7 @@ pub mod health;
 
 pub mod dataset;
 pub mod forecast;
+pub mod frames;
 pub mod generate;
 pub mod inspect;
 pub mod preview;
@@ -55,4 +56,5 @@ pub mod cli;
 pub mod grid;
 pub mod input;
 pub mod page;
+pub mod rows;
 pub mod simd;
