@@ -40,6 +40,7 @@ pub mod health;
 
 pub mod dataset;
 pub mod forecast;
+pub mod frames;
 pub mod generate;
 pub mod inspect;
 pub mod preview;

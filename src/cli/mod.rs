@@ -25,6 +25,7 @@ mod log;
 mod plan;
 mod preview;
 mod progress;
+mod render;
 mod report;
 mod reproduce;
 mod schema;
@@ -65,6 +66,8 @@ enum Command {
     Report(report::Report),
     /// Fit the light of a real sensor to presses of a ball.
     Calibrate(calibrate::Calibrate),
+    /// Turn depth frames of a simulator into tactile images.
+    Render(render::Render),
     /// Say what meshes are like and what a sensor would see of them.
     Inspect(inspect::Inspect),
     /// Write a commented job to start from.
@@ -110,6 +113,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Preview(command) => command.run(),
         Command::Report(command) => command.run(),
         Command::Calibrate(command) => command.run(),
+        Command::Render(command) => command.run(),
         Command::Inspect(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),

@@ -48,20 +48,17 @@ pub fn decode_numbers(bytes: &[u8]) -> Result<Numbers, String> {
     Ok(Numbers { shape: header.shape, values })
 }
 
+/// Shape and bytes of the data that a file's beginning, up to the end of its header, announces.
+pub fn announced(beginning: &[u8]) -> Result<(Vec<usize>, usize), String> {
+    let (header, _) = split(beginning)?;
+    let bytes = header.bytes().ok_or("its array is too large")?;
+    Ok((header.shape, bytes))
+}
+
 /// Writes rows and columns of float32, version 1.0, little endian, in C order; several planes are a third axis.
 pub fn encode(width: usize, height: usize, planes: &[&[f32]]) -> Vec<u8> {
-    /// NumPy begins the data at a multiple of this.
-    const ALIGNED: usize = 64;
-    const LENGTH_AT: usize = 8;
     let channels = if planes.len() == 1 { String::new() } else { format!(", {}", planes.len()) };
-    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}{channels}), }}");
-    let start = (LENGTH_AT + 2 + text.len() + 1).next_multiple_of(ALIGNED);
-    let mut bytes = Vec::with_capacity(start + 4 * width * height * planes.len());
-    bytes.extend(b"\x93NUMPY\x01\x00");
-    bytes.extend(((start - LENGTH_AT - 2) as u16).to_le_bytes());
-    bytes.extend(text.as_bytes());
-    bytes.resize(start - 1, b' ');
-    bytes.push(b'\n');
+    let mut bytes = beginning("<f4", &format!("{height}, {width}{channels}"), 4 * width * height * planes.len());
     match planes {
         [plane] => plane.iter().for_each(|value| bytes.extend(value.to_le_bytes())),
         planes => {
@@ -70,6 +67,30 @@ pub fn encode(width: usize, height: usize, planes: &[&[f32]]) -> Vec<u8> {
             }
         }
     }
+    bytes
+}
+
+/// Writes rows and columns of 8-bit RGB as an array of uint8 of shape (H, W, 3). Up to 8192 px on a side it begins at byte
+/// 128.
+pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
+    let mut bytes = beginning("|u1", &format!("{height}, {width}, 3"), rgb.len());
+    bytes.extend(rgb);
+    bytes
+}
+
+/// All that stands before the data, version 1.0, in C order, with room for so many bytes of data after it.
+fn beginning(name: &str, shape: &str, room: usize) -> Vec<u8> {
+    /// NumPy begins the data at a multiple of this.
+    const ALIGNED: usize = 64;
+    const LENGTH_AT: usize = 8;
+    let text = format!("{{'descr': '{name}', 'fortran_order': False, 'shape': ({shape}), }}");
+    let start = (LENGTH_AT + 2 + text.len() + 1).next_multiple_of(ALIGNED);
+    let mut bytes = Vec::with_capacity(start + room);
+    bytes.extend(b"\x93NUMPY\x01\x00");
+    bytes.extend(((start - LENGTH_AT - 2) as u16).to_le_bytes());
+    bytes.extend(text.as_bytes());
+    bytes.resize(start - 1, b' ');
+    bytes.push(b'\n');
     bytes
 }
 
@@ -199,16 +220,25 @@ impl<'a> Header<'a> {
         }
     }
 
+    /// Length of the data; `None` if no memory is that large.
+    fn bytes(&self) -> Option<usize> {
+        self.shape.iter().try_fold(self.number.size, |length, size| length.checked_mul(*size))
+    }
+
     /// The values in C order.
     fn values<T: Copy>(&self, data: &[u8], cast: impl Fn(f64) -> T) -> Result<Vec<T>, String> {
         let Self { number, shape, .. } = self;
-        let length = shape.iter().try_fold(number.size, |length, size| length.checked_mul(*size));
-        if length != Some(data.len()) {
+        if self.bytes() != Some(data.len()) {
             let sizes: Vec<String> = shape.iter().map(usize::to_string).collect();
             let (sizes, size, found) = (sizes.join(" x "), number.size, data.len());
             return Err(format!("it says {sizes} values of {size} bytes, but {found} bytes follow"));
         }
-        let values: Vec<T> = data.chunks_exact(number.size).map(|bytes| cast(number.read(bytes))).collect();
+        let values: Vec<T> = match self.name {
+            // What nearly all files hold, without a look at its kind for every value.
+            "<f4" => data.as_chunks().0.iter().map(|bytes| cast(f32::from_le_bytes(*bytes).into())).collect(),
+            "<f8" => data.as_chunks().0.iter().map(|bytes| cast(f64::from_le_bytes(*bytes))).collect(),
+            _ => data.chunks_exact(number.size).map(|bytes| cast(number.read(bytes))).collect(),
+        };
         if !self.is_fortran {
             return Ok(values);
         }

@@ -216,17 +216,27 @@ impl Drop for Writer {
 
 /// Writes a file so that it is there whole or not at all.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    replace(path, bytes, File::sync_all)?;
+    sync_folder(path)
+}
+
+/// The same without bringing it to disk, for one of many files; see [`super::imagefolder::sync`].
+pub fn write_one_of_many(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    replace(path, bytes, |_| Ok(()))
+}
+
+fn replace(path: &Path, bytes: &[u8], sync: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
     let name = path.file_name().map_or(String::from("file"), |name| name.to_string_lossy().into_owned());
     let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
     let written = create_anew(&partial).and_then(|mut file| {
         file.write_all(bytes)?;
-        file.sync_all()
+        sync(&file)
     });
     if let Err(error) = written.and_then(|()| fs::rename(&partial, path)) {
         let _ = fs::remove_file(&partial);
         return Err(error);
     }
-    sync_folder(path)
+    Ok(())
 }
 
 /// Makes a rename in the folder of `path` survive a power cut.

@@ -6,7 +6,7 @@ use super::check::Check;
 use super::{files, ranges};
 use crate::config::diagnostic::{Problems, Report};
 use crate::config::sensor::{PRESETS, Sensor};
-use crate::config::{self, Overrides};
+use crate::config::{self, Overrides, Written};
 use crate::depth::Camera;
 use crate::optics::background::Reference;
 use crate::optics::calibrated::Table;
@@ -26,12 +26,8 @@ pub struct Standalone {
 
 /// Reads the preset or the sensor file of this name. On failure, every mistake in it.
 pub fn sensor(name: &str) -> Result<Standalone, Report> {
-    let preset = PRESETS.iter().any(|(known, _)| *known == name);
-    let key = if preset { "preset" } else { "file" };
-    let text = format!("[sensor]\n{key} = {}\n", toml::Value::from(name));
     let mut problems = Problems::default();
-    let written = config::read_text("--sensor", text, Path::new(""), &Overrides::default(), &mut problems);
-    let (mut job, document) = (written.job, written.document);
+    let Written { mut job, document, .. } = written(name, &mut problems);
     let mut check = Check { document: &document, problems: &mut problems };
     ranges::sensor(&mut check, &job);
     let reference = files::background(&mut check, &mut job);
@@ -43,4 +39,21 @@ pub fn sensor(name: &str) -> Result<Standalone, Report> {
         }
         _ => Err(Report::new(&problems, &document.sources)),
     }
+}
+
+/// Width and height of its view, px, without a look at its files and ranges.
+pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
+    let mut problems = Problems::default();
+    let Written { job, document, .. } = written(name, &mut problems);
+    match problems.is_empty() {
+        true => Ok(super::view(&job).resolution_px),
+        false => Err(Report::new(&problems, &document.sources)),
+    }
+}
+
+fn written(name: &str, problems: &mut Problems) -> Written {
+    let preset = PRESETS.iter().any(|(known, _)| *known == name);
+    let key = if preset { "preset" } else { "file" };
+    let text = format!("[sensor]\n{key} = {}\n", toml::Value::from(name));
+    config::read_text("--sensor", text, Path::new(""), &Overrides::default(), problems)
 }

@@ -1,0 +1,314 @@
+//! `gelsim render`
+
+use std::io::{self, BufWriter};
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::{Failure, Log, MOST_THREADS, no_threads, say};
+use crate::config::Overrides;
+use crate::config::diagnostic::{Problem, Problems, Report};
+use crate::config::output::Layer;
+use crate::fidelity::Rung;
+use crate::frames::camera::{DepthCamera, Projection, Unit};
+use crate::frames::check::Reach;
+use crate::frames::poses::{self, Known};
+use crate::frames::read;
+use crate::frames::run::{Request, Stopped, check, run};
+use crate::frames::source::{Source, find};
+use crate::frames::stream::{Broken, stream};
+use crate::plan::frames::Frames;
+use crate::plan::{Plan, standalone, usage};
+
+/// Turn depth frames of a simulator (MuJoCo, PyBullet, Gazebo, Isaac) into tactile images: the object's distance from a
+/// camera that looks out of the sensor takes the place of a mesh, and all else is as in generate.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim render --depth frames --depth-unit m --plane-mm 10 --sensor gelsight-mini --out tactile
+  gelsim render --depth 'run/*.npy' --depth-unit m --plane-mm 10 --sensor digit --poses poses.csv --out tactile
+  gelsim render --stream --depth-unit m --plane-mm 10 --sensor digit <frames.npy >images.npy
+
+A frame is an npy array of rows and columns, an EXR picture or a grey 16-bit PNG. Its resolution is the image's, and shows
+the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/simulators.md.")]
+pub struct Render {
+    /// Frames: files, folders or patterns of names
+    #[arg(long, value_name = "FILE|DIR|GLOB", num_args = 1.., required_unless_present = "stream")]
+    depth: Vec<PathBuf>,
+    /// Unit of the values
+    #[arg(long, value_name = "UNIT", value_enum)]
+    depth_unit: UnitName,
+    /// Distance of the undeformed pad's surface from the camera, mm
+    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    plane_mm: f64,
+    /// Preset or sensor file
+    #[arg(long, value_name = "PRESET|FILE.toml")]
+    sensor: String,
+    /// Folder for NAME.tactile.png, NAME.LAYER.* and NAME.json of each frame
+    #[arg(long, value_name = "DIR", required_unless_present = "stream")]
+    out: Option<PathBuf>,
+    /// What is farther from the camera than this is nothing, mm
+    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    max_depth_mm: Option<f64>,
+    /// The value that stands for nothing, in the frame's own unit; nan and inf are values, too
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    background_value: Option<f64>,
+    /// The frame's columns go from right to left
+    #[arg(long)]
+    flip_x: bool,
+    /// The frame's rows go from bottom to top
+    #[arg(long)]
+    flip_y: bool,
+    /// What belongs to a pixel is found so far to the right and down of it in the frame (after flips), px
+    #[arg(long, value_name = "DX,DY", value_delimiter = ',', allow_hyphen_values = true)]
+    pixel_offset: Vec<f64>,
+    /// How the camera's rays go; perspective frames are resampled to the sensor's own resolution
+    #[arg(long, value_name = "KIND", value_enum, default_value_t)]
+    projection: ProjectionName,
+    /// Angle between the upper and the lower edge of a perspective frame, degrees
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    fov_y_deg: Option<f64>,
+    /// Table of what is known of each frame: file, id, class, quaternion_x to quaternion_w, x_mm, y_mm, z_mm, shear_x_mm,
+    /// shear_y_mm, twist_deg
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "stream")]
+    poses: Option<PathBuf>,
+    /// Render also if no frame reaches the pad
+    #[arg(long)]
+    no_contact_ok: bool,
+    /// Layers beside the tactile image: depth, surface, contact, normal, pressure, markers, reference
+    #[arg(long, value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = layer)]
+    layers: Vec<Layer>,
+    /// Rung of the accuracy ladder
+    #[arg(long, value_name = "RUNG")]
+    fidelity: Option<Rung>,
+    /// Any key of a job, such as of its sensor, camera or markers: dotted.path=TOML-VALUE
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "T", conflicts_with = "stream")]
+    threads: Option<usize>,
+    /// Read npy frames one after another from standard input and write the tactile image of each to standard output, as
+    /// an npy array of shape (H, W, 3), before the next is read
+    #[arg(long, conflicts_with_all = ["depth", "out"])]
+    stream: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum UnitName {
+    /// Metres
+    M,
+    /// Millimetres
+    Mm,
+    /// Micrometres
+    Um,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum ProjectionName {
+    /// Parallel rays
+    #[default]
+    Orthographic,
+    /// Rays through one point
+    Perspective,
+}
+
+fn layer(name: &str) -> Result<Layer, String> {
+    let known = Layer::ALL.into_iter().find(|layer| layer.name() == name);
+    known.ok_or_else(|| format!("layers are {}", Layer::ALL.map(Layer::name).join(", ")))
+}
+
+impl Render {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let mut problems = Problems::default();
+        let camera = self.camera(&mut problems);
+        if self.stream { self.stream(camera, &problems) } else { self.files(camera, problems) }
+    }
+
+    /// What the options say of the depth camera. Mistakes go to `problems`.
+    fn camera(&self, problems: &mut Problems) -> DepthCamera {
+        let mut wrong = |message: String, help: &str| problems.push(Problem::new(message).help(help));
+        let is_perspective = self.projection == ProjectionName::Perspective;
+        if !(self.plane_mm.is_finite() && self.plane_mm >= 0.0 && (self.plane_mm > 0.0 || !is_perspective)) {
+            let help = "it is a distance: above 0, or 0 where values are heights over the pad and rays are parallel";
+            wrong(format!("--plane-mm {} is out of range", self.plane_mm), help);
+        }
+        if let Some(mm) = self.max_depth_mm.filter(|mm| !(*mm > self.plane_mm)) {
+            wrong(
+                format!("--max-depth-mm {mm} is not beyond --plane-mm {}", self.plane_mm),
+                "the pad is seen as far as that",
+            );
+        }
+        let offset_px = match *self.pixel_offset.as_slice() {
+            [] => [0.0; 2],
+            [x, y] if x.abs() <= 64.0 && y.abs() <= 64.0 => [x, y],
+            _ => {
+                wrong(
+                    String::from("--pixel-offset is two numbers of -64 to 64"),
+                    "for example --pixel-offset=0.5,-0.5",
+                );
+                [0.0; 2]
+            }
+        };
+        let projection = match (is_perspective, self.fov_y_deg) {
+            (false, None) => Projection::Orthographic,
+            (true, Some(fov_y_deg)) if fov_y_deg > 0.0 && fov_y_deg <= 170.0 => Projection::Perspective { fov_y_deg },
+            (true, Some(fov)) => {
+                wrong(format!("--fov-y-deg {fov} is out of range"), "allowed: above 0, up to 170 degrees");
+                Projection::Orthographic
+            }
+            (true, None) => {
+                let help = "give the angle between the frame's upper and lower edge: --fov-y-deg F";
+                wrong(String::from("--projection perspective needs its angle"), help);
+                Projection::Orthographic
+            }
+            (false, Some(_)) => {
+                wrong(
+                    String::from("--fov-y-deg belongs to --projection perspective"),
+                    "add that, or leave the angle out",
+                );
+                Projection::Orthographic
+            }
+        };
+        DepthCamera {
+            unit: match self.depth_unit {
+                UnitName::M => Unit::Metre,
+                UnitName::Mm => Unit::Millimetre,
+                UnitName::Um => Unit::Micrometre,
+            },
+            plane_mm: self.plane_mm,
+            max_depth_mm: self.max_depth_mm,
+            background: self.background_value,
+            flip: [self.flip_x, self.flip_y],
+            offset_px,
+            projection,
+        }
+    }
+
+    /// The plan for frames of this size, or for the sensor's own.
+    fn plan(&self, size: Option<[usize; 2]>, known: Option<&[Known]>) -> Result<Plan, Report> {
+        let set = self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
+        let overrides = Overrides { set, fidelity: self.fidelity };
+        let resolution_px = match size {
+            Some(size) if self.projection == ProjectionName::Orthographic => size,
+            _ => standalone::resolution_px(&self.sensor)?,
+        };
+        let known = known.unwrap_or_default();
+        let classes: Vec<String> = known.iter().map(|known| known.class.clone()).collect();
+        let moved = known.iter().any(Known::is_moved);
+        let layers = &self.layers;
+        let frames =
+            Frames { sensor: &self.sensor, resolution_px, layers, classes: &classes, moved, overrides: &overrides };
+        let plan = frames.plan()?;
+        if plan.open_choice().is_some() {
+            let help = "name a rung with --fidelity; gelsim tradeoff shows what each costs";
+            return Err(usage("no rung can be chosen by frames: a bound is tried on a job's samples", help));
+        }
+        let is_view = self.projection == ProjectionName::Orthographic;
+        if let Some([width, height]) = size.filter(|size| is_view && *size != plan.camera.resolution_px) {
+            let message = format!("the frames have {width}x{height} px, and --set gives the sensor other ones");
+            return Err(usage(message, "leave sensor.resolution_px out: frames of parallel rays are the view"));
+        }
+        Ok(plan)
+    }
+
+    fn files(self, camera: DepthCamera, mut problems: Problems) -> Result<(), Failure> {
+        let log = Log::text(self.quiet);
+        let out = self.out.clone().unwrap_or_default();
+        if out.exists() && !out.is_dir() {
+            problems
+                .push(Problem::new(format!("{} is not a folder", out.display())).help("choose a folder with --out"));
+        }
+        if self.threads.is_some_and(|threads| !(1..=MOST_THREADS).contains(&threads)) {
+            let help = format!("give 1 to {MOST_THREADS}, or leave it out for all cores");
+            problems.push(Problem::new("--threads is out of range").help(help));
+        }
+        let sources = find(&self.depth, &mut problems);
+        let known = self.poses.as_ref().map(|path| poses::read(path, &sources)).transpose();
+        // That of the first that can be read: what is wrong with the others is found against it.
+        let size =
+            sources.iter().find_map(|source| read::file(&source.path).ok()).map(|frame| [frame.width, frame.height]);
+        let plan = self.plan(size, known.as_ref().ok().and_then(|known| known.as_deref()));
+        let report = Report::new(&problems, &[]);
+        let (known, plan) = match (known, plan) {
+            (Ok(known), Ok(plan)) => (known, plan),
+            (known, plan) => {
+                let reports = [known.err(), plan.err()].into_iter().flatten();
+                return Err(reports.fold(report, Report::and).into());
+            }
+        };
+        let request = Request { sources: &sources, camera, known, out: &out, no_contact_ok: self.no_contact_ok };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build();
+        let pool = pool.map_err(|error| no_threads(&error))?;
+        let reaches = match (pool.install(|| check(&plan, &request)), report.is_empty()) {
+            (Ok(reaches), true) => reaches,
+            (Ok(_), false) => return Err(report.into()),
+            (Err(found), _) => return Err(report.and(found).into()),
+        };
+        log.notes(&plan.notes);
+        log.notes(&notes(&reaches, &sources, plan.thickness_mm));
+        pool.install(|| run(&plan, &request)).map_err(|stopped| match stopped {
+            Stopped::Io(path, error) => Failure::at(&path, &error),
+            Stopped::Changed(path, reason) => {
+                Failure::running(format!("{} has changed since it was checked: {reason}", path.display()))
+            }
+            Stopped::Unhealthy(path, reason) => Failure::running(format!("{}: {reason}", path.display())),
+        })?;
+        let touching = reaches.iter().filter(|reach| reach.touches()).count();
+        if !self.quiet {
+            say(&format!("{}, {touching} in contact -> {}", frames(sources.len()), out.display()));
+        }
+        Ok(())
+    }
+
+    fn stream(self, camera: DepthCamera, problems: &Problems) -> Result<(), Failure> {
+        if !problems.is_empty() {
+            return Err(Report::new(problems, &[]).into());
+        }
+        // Mistakes in the sensor are told before anything is read; and most frames are of its own size.
+        let plan = self.plan(None, None)?;
+        let for_size = |size: [usize; 2]| match plan.camera.resolution_px == size || self.is_perspective() {
+            true => Ok(plan),
+            false => self.plan(Some(size), None),
+        };
+        let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));
+        match stream(input, output, &camera, for_size) {
+            Ok(count) => {
+                if !self.quiet {
+                    say(&frames(count as usize));
+                }
+                Ok(())
+            }
+            Err(Broken::Unread) => Ok(()),
+            Err(Broken::Plan(report)) => Err(report.into()),
+            Err(Broken::Io(error)) => Err(Failure::running(format!("standard output: {error}"))),
+            Err(Broken::Frame(number, problem)) => {
+                let help = problem.help.map_or(String::new(), |help| format!("; {help}"));
+                Err(Failure::running(format!("frame {number}: {}{help}", problem.message)))
+            }
+        }
+    }
+
+    fn is_perspective(&self) -> bool {
+        self.projection == ProjectionName::Perspective
+    }
+}
+
+fn frames(count: usize) -> String {
+    if count == 1 { String::from("1 frame") } else { format!("{count} frames") }
+}
+
+/// What the user should know of frames that are no mistakes.
+fn notes(reaches: &[Reach], sources: &[Source], thickness_mm: f64) -> Vec<String> {
+    let worst = |count: fn(&Reach) -> u64, what: String| {
+        let with = reaches.iter().filter(|reach| count(reach) > 0).count();
+        let (most, source) = reaches.iter().map(count).zip(sources).max_by_key(|(most, _)| *most)?;
+        let source = source.path.display();
+        (with > 0).then(|| format!("{} of {}: {what}, most in {source} ({most} px)", with, frames(reaches.len())))
+    };
+    let through = format!("something goes through the pad and is cut off at its {thickness_mm} mm");
+    let unseen = String::from("parts of the view were hidden from the camera and are taken to be empty");
+    [worst(|reach| reach.through_px, through), worst(|reach| reach.unseen_px, unseen)].into_iter().flatten().collect()
+}
