@@ -13,6 +13,7 @@ use crate::gelpad::Contact;
 use crate::label::Label;
 use crate::plan::Plan;
 use crate::render::{Sample, attempt};
+use crate::scene::{Pressed, Scene};
 
 /// What a check of the sample found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -29,6 +30,8 @@ pub struct Health {
     pub saturated_px: u64,
     /// Pixels where the object was limited to the pad's thickness.
     pub over_thickness_px: u64,
+    /// Pixels of a depth frame that its camera could not see; 0 for a mesh.
+    pub unseen_px: u64,
 }
 
 /// What becomes of an unhealthy sample.
@@ -57,7 +60,7 @@ pub fn bound_mm(thickness_mm: f64) -> f64 {
 
 impl Health {
     /// Checks a sample of a pad `thickness_mm` thick.
-    pub fn check(image: &Image, depth: &Depth, contact: &Contact, thickness_mm: f64) -> Self {
+    pub fn check(scene: &Scene, image: &Image, depth: &Depth, contact: &Contact, thickness_mm: f64) -> Self {
         let finite = image.finite && contact.finite;
         let [lowest, highest] = contact.range_mm();
         let thickness = thickness_mm as f32;
@@ -80,6 +83,10 @@ impl Health {
             clipped_px: image.clipped_px,
             saturated_px: image.saturated_px,
             over_thickness_px: depth.over_thickness_px,
+            unseen_px: match &scene.pressed {
+                Pressed::Object(_) => 0,
+                Pressed::Frame(frame) => frame.unseen_px,
+            },
         }
     }
 }

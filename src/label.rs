@@ -18,7 +18,7 @@ use crate::gelpad::{Contact, Drag};
 use crate::grid::{Grid, Rect, bounding_box};
 use crate::health::Health;
 use crate::plan::Plan;
-use crate::scene::Scene;
+use crate::scene::{Pressed, Scene};
 use crate::simd::wide;
 
 /// Program and version.
@@ -87,7 +87,7 @@ pub struct ObjectLabel {
     pub class: String,
     /// Number of the class among the dataset's classes, sorted by name.
     pub class_index: u32,
-    /// SHA-256 of the mesh file's bytes.
+    /// SHA-256 of the mesh file's bytes; empty where a depth frame stands for the object.
     pub mesh_sha256: String,
 }
 
@@ -221,7 +221,6 @@ impl Label {
         image: &Image,
         effects: &Ledger,
     ) -> Self {
-        let object = &plan.objects[scene.object];
         let sensor = &plan.job.sensor;
         let [mm_x, mm_y] = plan.camera.mm_per_px;
         let (width, height) = (image.width, image.height);
@@ -238,12 +237,7 @@ impl Label {
             seed: plan.seed,
             attempt: scene.attempt,
             split: scene.split,
-            object: ObjectLabel {
-                id: object.id.clone(),
-                class: object.class.clone(),
-                class_index: plan.class_index(object) as u32,
-                mesh_sha256: object.sha256.clone(),
-            },
+            object: object(plan, scene),
             pose: PoseLabel {
                 quaternion_xyzw: scene.pose.quaternion_xyzw(),
                 translation_mm: scene.pose.translation_mm.to_array(),
@@ -292,7 +286,7 @@ impl Label {
                 beyond_theory: scene.indentation_depth_mm > LARGEST_STRAIN * plan.thickness_mm,
                 model_error_um: contact.numerics.model_error_um,
             },
-            health: Health::check(image, depth, contact, plan.thickness_mm),
+            health: Health::check(scene, image, depth, contact, plan.thickness_mm),
             png16: Steps::new(&plan.layers, plan.job.output.depth_format, plan.thickness_mm),
         }
     }
@@ -302,6 +296,18 @@ struct Extent {
     pixels: u64,
     centroid_mm: [f64; 2],
     bbox: Rect,
+}
+
+fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
+    let (id, class, mesh_sha256) = match &scene.pressed {
+        Pressed::Object(number) => {
+            let object = &plan.objects[*number];
+            (&object.id, &object.class, object.sha256.clone())
+        }
+        Pressed::Frame(frame) => (&frame.id, &frame.class, String::new()),
+    };
+    let class_index = plan.class_index(class) as u32;
+    ObjectLabel { id: id.clone(), class: class.clone(), class_index, mesh_sha256 }
 }
 
 fn shear(plan: &Plan, scene: &Scene, drag: Option<&Drag>) -> ShearLabel {

@@ -101,18 +101,25 @@ pub fn render(plan: &Plan, index: u64) -> Sample {
 /// Renders sample `index` of `plan` as it is drawn after `attempt` draws were rejected; see [`crate::health`].
 pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
     let mut clock = Clock::start();
+    // Object, pose, indentation: all randomness of the sample.
+    let scene = Scene::draw(plan, index, attempt);
+    let seconds = clock.lap();
+    let mut sample = press(plan, &scene);
+    sample.seconds.scene = seconds;
+    sample
+}
+
+/// Renders one press of `plan`.
+pub fn press(plan: &Plan, scene: &Scene) -> Sample {
+    let mut clock = Clock::start();
     let mut seconds = Seconds::default();
     let mut effects = Ledger::new(plan.gate);
     let Ready { pad, shader, body, .. } = &plan.ready;
 
-    // Object, pose, indentation: all randomness of the sample.
-    let scene = Scene::draw(plan, index, attempt);
-    seconds.scene = clock.lap();
-
     let mut window = pad.window(scene.indentation_depth_mm);
     let (depth, mut contact) = loop {
         // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
-        let depth = depth::overlap(plan, &scene, window, &mut effects);
+        let depth = depth::overlap(plan, scene, window, &mut effects);
         seconds.depth += clock.lap();
 
         // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
@@ -124,7 +131,7 @@ pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
         }
     };
     // The motion of the elastomer in its own plane, where markers show it.
-    contact.drag = gelpad::drag(plan, &scene, &contact, &mut effects);
+    contact.drag = gelpad::drag(plan, scene, &contact, &mut effects);
     seconds.gelpad += clock.lap();
 
     // The light that the surface sends to the camera.
@@ -132,11 +139,11 @@ pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
     seconds.optics = clock.lap();
 
     // 8-bit RGB.
-    let ink = print::ink(plan, &scene, contact.drag.as_ref(), &mut effects);
+    let ink = print::ink(plan, scene, contact.drag.as_ref(), &mut effects);
     let image = body.expose(light, ink.as_ref(), &scene.shot, &mut effects);
     seconds.camera = clock.lap();
 
-    let label = Label::describe(plan, &scene, &depth, &contact, ink.as_ref(), &image, &effects);
+    let label = Label::describe(plan, scene, &depth, &contact, ink.as_ref(), &image, &effects);
     seconds.label = clock.lap();
 
     let lens = scene.shot.lens(&plan.camera);

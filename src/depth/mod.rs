@@ -9,8 +9,9 @@ use crate::gelpad::rest;
 use crate::grid::{Grid, Rect, bounding_box};
 use crate::object::clusters::Clusters;
 use crate::plan::Plan;
-use crate::scene::Scene;
+use crate::scene::frame::Frame;
 use crate::scene::pose::Pose;
+use crate::scene::{Pressed, Scene};
 use crate::simd::wide;
 
 pub mod patterns;
@@ -18,7 +19,7 @@ pub mod raster;
 pub mod relief;
 pub mod texture;
 
-use raster::{Frame, View};
+use raster::{Canvas, View};
 
 /// The depth map of a press.
 #[derive(Clone, Debug)]
@@ -112,14 +113,12 @@ pub struct Placement {
     pub translation_mm: [f64; 3],
 }
 
-/// The overlap of a sample's object with the undeformed pad: captured, its texture cut in, the pad's curvature taken off.
+/// The overlap of what is pressed with the undeformed pad: captured or given, its texture cut in, the pad's curvature
+/// taken off.
 pub fn overlap(plan: &Plan, scene: &Scene, window: Window, effects: &mut Ledger) -> Depth {
     // Its lowest point is known: an object above the pad need not be looked at.
     let mut depth = match scene.indentation_depth_mm > 0.0 || effects.everywhere() {
-        true => {
-            let object = &plan.objects[scene.object].clusters;
-            capture(object, &scene.pose.placement(), &plan.camera, window, plan.thickness_mm)
-        }
+        true => pressed(plan, scene, &plan.camera, window),
         false => Depth::clear(&plan.camera),
     };
 
@@ -153,33 +152,69 @@ pub fn overlap(plan: &Plan, scene: &Scene, window: Window, effects: &mut Ledger)
     depth
 }
 
+/// What is pressed, seen by `camera`; a depth frame has a camera of its own.
+pub fn pressed(plan: &Plan, scene: &Scene, camera: &Camera, window: Window) -> Depth {
+    match &scene.pressed {
+        Pressed::Object(number) => {
+            let object = &plan.objects[*number].clusters;
+            capture(object, &scene.pose.placement(), camera, window, plan.thickness_mm)
+        }
+        Pressed::Frame(frame) => framed(frame, window, plan.thickness_mm),
+    }
+}
+
 /// Captures `object` at `placement` in `window`, limited to a pad of `thickness_mm`.
 pub fn capture(object: &Clusters, placement: &Placement, camera: &Camera, window: Window, thickness_mm: f64) -> Depth {
     let [width, height] = camera.resolution_px;
     let margin_px = window.margin_px;
-    let frame = Frame {
+    let canvas = Canvas {
         width: width + 2 * margin_px,
         height: height + 2 * margin_px,
         margin: margin_px,
         ceiling: window.above_mm as f32,
     };
     let view = View::new(placement, camera, object.centre_mm());
-    let mut overlap = Grid { width: frame.width, height: frame.height, data: Vec::new() };
-    overlap.data.resize(frame.width * frame.height, frame.ceiling);
+    let mut overlap = Grid { width: canvas.width, height: canvas.height, data: Vec::new() };
+    overlap.data.resize(canvas.width * canvas.height, canvas.ceiling);
     wide(
         #[inline(always)]
-        || raster::raster(object, &view, frame, &mut overlap),
+        || raster::raster(object, &view, canvas, &mut overlap),
     );
+    limited(overlap, margin_px, thickness_mm)
+}
 
-    let (deepest_mm, over_thickness_px) = limit(&mut overlap, camera, margin_px, thickness_mm as f32);
+/// A depth frame in `window`, limited to a pad of `thickness_mm`. Around the view, where nothing is known, its border
+/// goes on: what the border cuts would else end there in a wall.
+fn framed(frame: &Frame, window: Window, thickness_mm: f64) -> Depth {
+    let Grid { width, height, .. } = frame.above_mm;
+    let margin_px = window.margin_px;
+    let ceiling = window.above_mm as f32;
+    let mut overlap: Grid<f32> = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
+    for y in 0..overlap.height {
+        let from = frame.above_mm.row(y.saturating_sub(margin_px).min(height - 1));
+        let row = overlap.row_mut(y);
+        for (to, above) in row[margin_px..].iter_mut().zip(from) {
+            *to = above.min(ceiling);
+        }
+        let (first, last) = (row[margin_px], row[margin_px + width - 1]);
+        row[..margin_px].fill(first);
+        row[margin_px + width..].fill(last);
+    }
+    limited(overlap, margin_px, thickness_mm)
+}
+
+/// A depth map from heights over the pad, limited to a pad of `thickness_mm`.
+fn limited(heights: Grid<f32>, margin_px: usize, thickness_mm: f64) -> Depth {
+    let mut overlap = heights;
+    let (deepest_mm, over_thickness_px) = limit(&mut overlap, margin_px, thickness_mm as f32);
     let touching = bounding_box(&overlap, |mm| mm > 0.0);
     Depth { overlap, margin_px, touching, deepest_mm, over_thickness_px }
 }
 
 /// Turns heights over the pad into depths below it, cut at the pad's thickness. The largest depth in view, and how many
 /// pixels in view were cut.
-fn limit(heights: &mut Grid<f32>, camera: &Camera, margin_px: usize, thickness: f32) -> (f32, u64) {
-    let [width, height] = camera.resolution_px;
+fn limit(heights: &mut Grid<f32>, margin_px: usize, thickness: f32) -> (f32, u64) {
+    let [width, height] = [heights.width, heights.height].map(|px| px - 2 * margin_px);
     // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
     let (mut deepest_bits, mut cut) = (0, 0);
     wide(

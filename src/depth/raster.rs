@@ -11,18 +11,18 @@ use crate::object::clusters::{Clusters, MAX_VERTICES, Part};
 
 /// The image to fill.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct Canvas {
     /// Columns.
     pub width: usize,
     /// Rows.
     pub height: usize,
     /// Height over the pad from which on nothing is kept, mm.
     pub ceiling: f32,
-    /// Columns left of the view, and rows above it, that are part of the frame.
+    /// Columns left of the view, and rows above it, that are part of the canvas.
     pub margin: usize,
 }
 
-impl Frame {
+impl Canvas {
     /// Coordinate of the centre of the image's column or row number `at`. Coordinates count from the view's corner, so
     /// that no bit of the view depends on the margin.
     #[inline(always)]
@@ -61,9 +61,9 @@ impl View {
         a * x + b * y + c * z + self.offset[k]
     }
 
-    /// False if a box cannot put a point below the ceiling inside the frame.
+    /// False if a box cannot put a point below the ceiling inside the canvas.
     #[inline(always)]
-    fn may_touch(&self, frame: Frame, min: [f32; 3], max: [f32; 3]) -> bool {
+    fn may_touch(&self, canvas: Canvas, min: [f32; 3], max: [f32; 3]) -> bool {
         let low = |k: usize| {
             let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).min(self.linear[k][j] * max[j])).sum();
             reach + self.offset[k]
@@ -74,28 +74,28 @@ impl View {
         };
         // Rounding of the box's corners and of the vertices differs: a hair more than either can be off.
         let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5;
-        high(0) + slack(0) >= frame.centre(0)
-            && low(0) - slack(0) <= frame.centre(frame.width)
-            && high(1) + slack(1) >= frame.centre(0)
-            && low(1) - slack(1) <= frame.centre(frame.height)
-            && low(2) - slack(2) < frame.ceiling
+        high(0) + slack(0) >= canvas.centre(0)
+            && low(0) - slack(0) <= canvas.centre(canvas.width)
+            && high(1) + slack(1) >= canvas.centre(0)
+            && low(1) - slack(1) <= canvas.centre(canvas.height)
+            && low(2) - slack(2) < canvas.ceiling
     }
 }
 
 /// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below.
 #[inline(always)]
-pub fn raster(object: &Clusters, view: &View, frame: Frame, heights: &mut Grid<f32>) {
+pub fn raster(object: &Clusters, view: &View, canvas: Canvas, heights: &mut Grid<f32>) {
     let mut seen = Seen::default();
     object.query(
         #[inline(always)]
-        |min, max| view.may_touch(frame, min, max),
+        |min, max| view.may_touch(canvas, min, max),
         #[inline(always)]
         |part: Part<'_>| {
-            seen.look(&part, view, frame);
+            seen.look(&part, view, canvas);
             for corners in part.corners {
                 let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
-                if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < frame.ceiling {
-                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], frame, heights);
+                if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
+                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
                 }
             }
         },
@@ -123,7 +123,7 @@ impl Default for Seen {
 
 impl Seen {
     #[inline(always)]
-    fn look(&mut self, part: &Part<'_>, view: &View, frame: Frame) {
+    fn look(&mut self, part: &Part<'_>, view: &View, canvas: Canvas) {
         let count = part.x.len().min(MAX_VERTICES);
         let (px, py, pz) = (&part.x[..count], &part.y[..count], &part.z[..count]);
         let (x, y) = (&mut self.x[..count], &mut self.y[..count]);
@@ -132,7 +132,7 @@ impl Seen {
             x[i] = view.map(0, px[i], py[i], pz[i]);
             y[i] = view.map(1, px[i], py[i], pz[i]);
             z[i] = view.map(2, px[i], py[i], pz[i]);
-            key[i] = place(x[i], frame.width, frame.margin) << 16 | place(y[i], frame.height, frame.margin);
+            key[i] = place(x[i], canvas.width, canvas.margin) << 16 | place(y[i], canvas.height, canvas.margin);
         }
     }
 
@@ -175,23 +175,23 @@ fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
 
 /// Rasterises one triangle: corners in px, px, mm.
 #[inline(always)]
-fn triangle([a, b, c]: [[f32; 3]; 3], frame: Frame, heights: &mut Grid<f32>) {
-    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), frame.width, frame.margin);
-    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), frame.height, frame.margin);
+fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
+    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
+    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
     if x0 >= x1 || y0 >= y1 {
         return;
     }
     for y in y0..y1 {
-        let py = frame.centre(y);
+        let py = canvas.centre(y);
         let (x0, x1) = match x1 - x0 {
             // Eight pixels at once take less time than a few one by one; those outside change nothing.
-            3..=8 if x0 + 8 <= frame.width => (x0, x0 + 8),
+            3..=8 if x0 + 8 <= canvas.width => (x0, x0 + 8),
             0..=8 => (x0, x1),
-            _ => span([a, b, c], py, (x0, x1), frame.margin),
+            _ => span([a, b, c], py, (x0, x1), canvas.margin),
         };
         let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
-        let row = &mut heights.data[y * frame.width..][..frame.width][x0..x1];
-        let mut x = frame.centre(x0);
+        let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
+        let mut x = canvas.centre(x0);
         let mut eights = row.chunks_exact_mut(8);
         for eight in &mut eights {
             for (k, value) in eight.iter_mut().enumerate() {

@@ -30,6 +30,7 @@ use crate::{gelpad, optics};
 
 pub mod check;
 mod files;
+pub mod frames;
 mod objects;
 pub mod ranges;
 pub mod standalone;
@@ -151,7 +152,20 @@ impl Plan {
     }
 
     /// Resolves a job that was read; `problems` holds the mistakes of form found while reading.
-    pub fn resolve(written: Written, mut problems: Problems) -> Result<Self, Report> {
+    pub fn resolve(written: Written, problems: Problems) -> Result<Self, Report> {
+        Self::resolve_with(written, problems, |check, job, notes| {
+            let found = objects::load(check, job, notes);
+            let draw = objects::divide(check, job, &found)?;
+            Some((found.objects, draw))
+        })
+    }
+
+    /// The same with objects, and how they are drawn, from elsewhere than the job.
+    fn resolve_with(
+        written: Written,
+        mut problems: Problems,
+        objects: impl FnOnce(&mut Check<'_>, &mut Job, &mut Vec<String>) -> Option<(Vec<Object>, [Draw; 3])>,
+    ) -> Result<Self, Report> {
         let Written { mut job, document, broken, sensor_known } = written;
         if broken {
             return Err(Report::new(&problems, &document.sources));
@@ -172,12 +186,12 @@ impl Plan {
         let textures = files::textures(&mut check, &mut job);
         let drop_mm = files::drop_mm(&mut check, &mut job);
         let mut notes = Vec::new();
-        let found = objects::load(&mut check, &mut job, &mut notes);
-        let draw = objects::divide(&mut check, &job, &found);
-        let objects: Arc<[Object]> = found.objects.into();
-        let (Some(draw), Some((reference, reference_note)), true) = (draw, reference, problems.is_empty()) else {
+        let found = objects(&mut check, &mut job, &mut notes);
+        let (Some((objects, draw)), Some((reference, reference_note)), true) = (found, reference, problems.is_empty())
+        else {
             return Err(Report::new(&problems, &document.sources));
         };
+        let objects: Arc<[Object]> = objects.into();
         notes.extend(reference_note);
         notes.extend(strain_note(&job));
         let models = chosen_models(&job);
@@ -290,9 +304,9 @@ impl Plan {
         }
     }
 
-    /// Number of an object's class in [`Plan::classes`].
-    pub fn class_index(&self, object: &Object) -> usize {
-        self.classes.binary_search(&object.class).unwrap_or_default()
+    /// Number of a class in [`Plan::classes`].
+    pub fn class_index(&self, class: &str) -> usize {
+        self.classes.binary_search_by(|known| known.as_str().cmp(class)).unwrap_or_default()
     }
 
     /// Where the dataset goes unless the command line says otherwise.

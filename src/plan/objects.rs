@@ -38,6 +38,9 @@ pub enum Draw {
 }
 
 impl Draw {
+    /// Where there is nothing to draw from.
+    pub const NOTHING: [Self; 3] = [const { Self::InTurn(Vec::new()) }; 3];
+
     /// The object of the sample at `position` of the split; `unit` gives a random number in [0, 1).
     pub fn pick(&self, position: u64, unit: impl FnOnce() -> f64) -> usize {
         match self {

@@ -1,5 +1,8 @@
 //! One press, drawn at random from the plan: object, pose, indentation, texture, shear, markers, camera. All randomness
-//! of a sample is here.
+//! of a sample is here. What is known of a press instead, such as a simulator's depth frame, takes the place of what
+//! would be drawn.
+
+use std::sync::Arc;
 
 use crate::camera::Shot;
 use crate::camera::print::Pattern;
@@ -10,12 +13,36 @@ use crate::gelpad::elastic::shear::Motion;
 use crate::plan::Plan;
 use crate::rng::{self, Stage};
 
+pub mod frame;
 pub mod pose;
 
+use frame::Frame;
 use pose::{Angles, Pose};
 
 /// Distance between the pad and an object that does not touch it, mm.
 pub const NO_CONTACT_GAP_MM: f64 = 0.1;
+
+/// What is pressed into the pad.
+#[derive(Clone, Debug)]
+pub enum Pressed {
+    /// The object of this number in [`Plan::objects`].
+    Object(usize),
+    /// Something of which a depth frame is known.
+    Frame(Arc<Frame>),
+}
+
+/// A press of which the object and its place are known.
+#[derive(Clone, Debug)]
+pub struct Press {
+    /// The sample's split.
+    pub split: Split,
+    /// What is pressed.
+    pub pressed: Pressed,
+    /// Where it is.
+    pub pose: Pose,
+    /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
+    pub indentation_depth_mm: f64,
+}
 
 /// What happens in one sample.
 #[derive(Clone, Debug)]
@@ -26,9 +53,9 @@ pub struct Scene {
     pub attempt: u32,
     /// Its split.
     pub split: Split,
-    /// Number of the object in [`Plan::objects`].
-    pub object: usize,
-    /// Where the object is.
+    /// What is pressed into the pad.
+    pub pressed: Pressed,
+    /// Where it is.
     pub pose: Pose,
     /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
     pub indentation_depth_mm: f64,
@@ -64,7 +91,19 @@ impl Scene {
         let depth_mm = draw(Stage::Indentation, &plan.indentation_mm);
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
         let pose = Pose::new(face, angles, position_mm, law.anchor, lowest_mm, &plan.objects[object].clusters);
+        let indentation_depth_mm = if touches { depth_mm } else { 0.0 };
+        let press = Press { split, pressed: Pressed::Object(object), pose, indentation_depth_mm };
+        let mut scene = Self::given(plan, index, attempt, press);
+        scene.motion.about_mm = position_mm;
+        scene
+    }
 
+    /// A press that is known; all else is drawn as for sample `index` after `attempt` rejected draws. Shear turns about
+    /// the pose's origin.
+    pub fn given(plan: &Plan, index: u64, attempt: u32, press: Press) -> Self {
+        let stream = |stage: Stage| rng::stream(plan.seed, stage, rng::redrawn(index, attempt));
+        let draw = |stage: Stage, quantity: &Quantity| stream(stage).draw(quantity);
+        let Press { split, pressed, pose, indentation_depth_mm } = press;
         let cut = (!plan.textures.is_empty()).then(|| {
             let texture = &plan.texture;
             let mut offset = stream(Stage::TextureOffset);
@@ -80,16 +119,16 @@ impl Scene {
         let motion = Motion {
             shift_mm: [draw(Stage::ShearX, &shear.x_mm), draw(Stage::ShearY, &shear.y_mm)],
             twist_rad: draw(Stage::Twist, &shear.twist_deg).to_radians(),
-            about_mm: position_mm,
+            about_mm: [pose.translation_mm.x, pose.translation_mm.y],
         };
         let noise_key = stream(Stage::Noise).bits();
         Self {
             index,
             attempt,
             split,
-            object,
+            pressed,
             pose,
-            indentation_depth_mm: if touches { depth_mm } else { 0.0 },
+            indentation_depth_mm,
             cut,
             motion,
             markers: plan.markers.as_ref().and_then(|markers| markers.draw(draw)),

@@ -31,6 +31,29 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// The object's axes are the sensor's.
+    pub const IDENTITY: Self = Self {
+        rotation: DMat3::IDENTITY,
+        translation_mm: DVec3::ZERO,
+        angles: Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 },
+    };
+
+    /// A place that is known: a rotation as a quaternion x, y, z, w of any length but 0, and a translation, mm. The angles
+    /// are those of an object whose face is -z, the tilt from 0 to 180 degrees.
+    pub fn placed(quaternion_xyzw: [f64; 4], translation_mm: [f64; 3]) -> Self {
+        let rotation = DQuat::from_array(quaternion_xyzw).normalize();
+        let turn = |about_z: f64, rest: f64| 2.0 * libm::atan2(about_z, rest).to_degrees();
+        // R = tilt * yaw, the yaw about z and the tilt about an axis across it. At half a turn of tilt any yaw would do.
+        let upside_down = rotation.z == 0.0 && rotation.w == 0.0;
+        let yaw_deg = if upside_down { 0.0 } else { turn(rotation.z, rotation.w) };
+        let tilt = rotation * DQuat::from_rotation_z(-yaw_deg.to_radians());
+        let tilt = if tilt.w < 0.0 { -tilt } else { tilt };
+        let across = libm::hypot(tilt.x, tilt.y);
+        let tilt_azimuth_deg = if across > 0.0 { libm::atan2(tilt.y, tilt.x).to_degrees() } else { 0.0 };
+        let angles = Angles { yaw_deg, tilt_deg: turn(across, tilt.w), tilt_azimuth_deg };
+        Self { rotation: DMat3::from_quat(rotation), translation_mm: DVec3::from_array(translation_mm), angles }
+    }
+
     /// Turns an object and places its anchor at `position_mm` and its lowest point at z = `lowest_mm` (negative: in
     /// the pad).
     pub fn new(
@@ -205,5 +228,25 @@ mod tests {
         assert_eq!(sin_cos_deg(3690.0), (1.0, 0.0));
         let (sin, cos) = sin_cos_deg(30.0);
         assert!((sin - 0.5).abs() < 1e-15 && (cos - 0.75_f64.sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_placed_pose_has_the_angles_that_make_it() {
+        let cases =
+            [(0.0, 0.0, 0.0), (30.0, 20.0, 70.0), (-140.0, 90.0, -160.0), (179.0, 1e-6, 10.0), (0.0, 180.0, 45.0)];
+        for (yaw_deg, tilt_deg, tilt_azimuth_deg) in cases {
+            let angles = Angles { yaw_deg, tilt_deg, tilt_azimuth_deg };
+            let made = Pose { rotation: rotation(Face::MinusZ, angles), ..Pose::IDENTITY };
+            let placed = Pose::placed(made.quaternion_xyzw(), [1.0, 2.0, 3.0]);
+            assert_eq!(placed.translation_mm, DVec3::new(1.0, 2.0, 3.0));
+            assert!(placed.rotation.abs_diff_eq(made.rotation, 1e-12));
+            assert!(rotation(Face::MinusZ, placed.angles).abs_diff_eq(made.rotation, 1e-12), "{:?}", placed.angles);
+            if tilt_deg > 0.0 && tilt_deg < 180.0 {
+                let found = [placed.angles.yaw_deg, placed.angles.tilt_deg, placed.angles.tilt_azimuth_deg];
+                for (found, made) in found.into_iter().zip([yaw_deg, tilt_deg, tilt_azimuth_deg]) {
+                    assert!((found - made).abs() < 1e-6, "{:?}", placed.angles);
+                }
+            }
+        }
     }
 }

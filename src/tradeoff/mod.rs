@@ -122,8 +122,8 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     }
     let everything: Vec<usize> = (0..samples.len()).collect();
     let rungs = rows(&ladder, &everything);
-    let objects = plan.objects.iter().enumerate().filter_map(|(number, object)| {
-        let of_object = |k: &usize| reference.objects[*k] == number;
+    let objects = plan.objects.iter().filter_map(|object| {
+        let of_object = |k: &usize| reference.samples[*k].label.object.id == object.id;
         let own: Vec<usize> = everything.iter().copied().filter(of_object).collect();
         (!own.is_empty()).then(|| ObjectRows { object: object.id.clone(), rungs: rows(&ladder, &own) })
     });
@@ -170,7 +170,6 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
 /// What a plan makes of some samples.
 struct Measured {
     samples: Vec<Sample>,
-    objects: Vec<usize>,
     seconds: Vec<Seconds>,
 }
 
@@ -187,8 +186,7 @@ impl Measured {
             seconds.push(if again.simulation() < first.simulation() { again } else { first });
             samples.push(sample);
         }
-        let objects = indices.iter().map(|index| Scene::draw(plan, *index, 0).object).collect();
-        Self { samples, objects, seconds }
+        Self { samples, seconds }
     }
 
     fn compared(&self, name: &str, reference: &Self, plan: &Plan) -> Compared {
@@ -240,9 +238,8 @@ fn rows(all: &[Compared], chosen: &[usize]) -> Vec<Row> {
 /// Presses sample `index` into a pad seen by another camera.
 fn press(plan: &Plan, index: u64, camera: &Camera, pad: &Pad) -> Contact {
     let scene = Scene::draw(plan, index, 0);
-    let object = &plan.objects[scene.object].clusters;
     let window = Window { above_mm: plan.thickness_mm, ..pad.window(scene.indentation_depth_mm) };
-    pad.press(&depth::capture(object, &scene.pose.placement(), camera, window, plan.thickness_mm))
+    pad.press(&depth::pressed(plan, &scene, camera, window))
 }
 
 /// The reference rung on a grid half as fine as the camera's and on the camera's own, against one twice as fine. Every

@@ -212,6 +212,7 @@ const INTEGERS: &[&str] = &[
     "health.clipped_px",
     "health.saturated_px",
     "health.over_thickness_px",
+    "health.unseen_px",
     "png16.surface_zero",
 ];
 
@@ -268,6 +269,7 @@ const LEAST_KEYS: &[&str] = &[
     "health.clipped_px",
     "health.saturated_px",
     "health.over_thickness_px",
+    "health.unseen_px",
 ];
 
 #[test]

@@ -1,7 +1,8 @@
 //! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow twins in f64.
 //!
 //! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
-//! and light against closed forms; `scene` labels against what they describe; `twin` whole samples against a plain f64
+//! and light against closed forms; `scene` labels against what they describe; `frames` depth frames against
+//! the objects that they show; `twin` whole samples against a plain f64
 //! pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
 //! border and the pixels' size cost; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
@@ -12,6 +13,7 @@ mod contact;
 mod convolution;
 #[path = "../oracle/dense_contact.rs"]
 mod dense_contact;
+mod frames;
 mod gaussian;
 mod gelpad;
 mod greens;

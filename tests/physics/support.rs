@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use gelsim::camera::Image;
 use gelsim::config::sensor::{Led, Sensor};
 use gelsim::dataset::encode;
-use gelsim::depth::raster::{Frame, View};
+use gelsim::depth::raster::{Canvas, View};
 use gelsim::depth::{self, Camera, Depth, Placement, Window};
 use gelsim::effects::{Gate, Ledger};
 use gelsim::gelpad::mean_blur::{self, MeanBlur};
@@ -168,7 +168,7 @@ pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera:
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut heights = Grid::new(width, height);
     let view = View::new(placement, camera, object.centre_mm());
-    depth::raster::raster(object, &view, Frame { width, height, ceiling: 0.0, margin }, &mut heights);
+    depth::raster::raster(object, &view, Canvas { width, height, ceiling: 0.0, margin }, &mut heights);
     heights
 }
 

@@ -49,7 +49,7 @@ fn lowered(plan: &Plan, lower_mm: f64) -> Shown {
     placement.translation_mm[2] -= lower_mm;
     let mut effects = Ledger::new(Gate::CalledFor);
     let window = plan.ready.pad.window((scene.indentation_depth_mm + lower_mm).max(0.0));
-    let object = &plan.objects[scene.object].clusters;
+    let object = &plan.objects[0].clusters;
     let depth = depth::capture(object, &placement, &plan.camera, window, plan.thickness_mm);
     let contact = gelpad::deform(&plan.ready.pad, &depth, &mut effects);
     let light = plan.ready.shader.shade(&contact, &plan.reference, &mut effects);
