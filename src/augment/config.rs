@@ -65,7 +65,8 @@ pub struct Input {
     pub labels: Option<String>,
     /// The column with the image's file. Of tars: the end of the image's name, such as `tactile.png`.
     pub image: Option<String>,
-    /// A picture of the untouched pad, taken as the images were.
+    /// A picture of the untouched pad, taken as the images were; or `"rendered"`, if the images are gelsim's own, for the
+    /// one that the sensor renders.
     pub background: Option<String>,
     /// Which of its labels mean what.
     pub columns: Columns,

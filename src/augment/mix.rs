@@ -14,7 +14,7 @@ use crate::config::Overrides;
 use crate::config::diagnostic::{Report, nearest, one_of};
 use crate::plan::Plan;
 use crate::plan::check::Check;
-use crate::scene::Scene;
+use crate::scene::{Pressed, Scene};
 use crate::tradeoff::choose;
 
 /// Scenes that are drawn to see which cells a job reaches.
@@ -199,6 +199,11 @@ fn press_of(facts: &super::input::columns::Facts) -> Press<'_> {
     Press { class: facts.kind(), depth_mm: facts.depth_mm, place_mm: facts.place_mm, tilt_deg: facts.tilt_deg }
 }
 
+/// The object of a drawn scene, which always has one.
+fn object_of(scene: &Scene) -> usize {
+    if let Pressed::Object(object) = scene.pressed { object } else { 0 }
+}
+
 /// A job's scenes, told apart as the real set's are.
 struct Draws<'a> {
     plan: &'a Plan,
@@ -220,7 +225,7 @@ impl<'a> Draws<'a> {
     }
 
     fn press(&self, scene: &Scene) -> Press<'a> {
-        let object = &self.plan.objects[scene.object];
+        let object = &self.plan.objects[object_of(scene)];
         let translation = scene.pose.translation_mm;
         let place = if self.origin { [translation.x, translation.y] } else { scene.motion.about_mm };
         Press {
@@ -235,7 +240,7 @@ impl<'a> Draws<'a> {
     fn batch(&self, indices: std::ops::Range<u64>, cells: &Cells) -> Vec<(usize, Option<usize>)> {
         let draw = |index| {
             let scene = self.scene(index);
-            (scene.object, cells.of(&self.press(&scene)))
+            (object_of(&scene), cells.of(&self.press(&scene)))
         };
         indices.into_par_iter().map(draw).collect()
     }

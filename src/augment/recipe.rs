@@ -8,6 +8,7 @@ use image::RgbImage;
 use super::config::{Augment, SplitBy};
 use super::input::columns::{Meaning, is_own};
 use super::input::{self, Set};
+use super::make;
 use super::mix::{self, Mix};
 use super::paired::{Known, Pairing};
 use super::photometric::noise::Level;
@@ -25,11 +26,13 @@ use crate::dataset::png;
 use crate::input as files;
 use crate::optics::background::Reference;
 use crate::plan::check::Check;
-use crate::plan::{Plan, ranges, standalone};
+use crate::plan::{Plan, ranges, standalone, usage, view};
 use crate::scene::pose::Angles;
 
 /// Largest seed.
 const MOST_SEED: f64 = 9_007_199_254_740_991.0;
+/// What names the untouched pad as the sensor renders it.
+const RENDERED: &str = "rendered";
 /// Images between which a sensor's noise is measured.
 const NOISE_IMAGES: usize = 16;
 
@@ -111,7 +114,7 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
     let mut notes = Vec::new();
 
     let mut job = job(&mut check, &written, size);
-    let background = background(&mut check, &written, size);
+    let background = background(&mut check, &written, &job, size);
     let own = set.as_ref().is_some_and(|set| is_own(&set.example));
     if own && document.get("pose.anchor").is_none() {
         job.pose.anchor = Anchor::Origin;
@@ -187,7 +190,13 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
             return Err(Report::new(&problems, &document.sources));
         }
     }
-    Ok(recipe)
+    match make::collision(&recipe) {
+        None => Ok(recipe),
+        Some(name) => Err(usage(
+            format!("{name} is a real sample's, and a sample that is made would be called so"),
+            "rename it: images made of KEY are called KEY-photometric-0-0 and KEY-twin, new ones synthetic-NUMBER",
+        )),
+    }
 }
 
 /// A report that also says what is wrong with the job, although more cannot be done with it.
@@ -284,8 +293,12 @@ fn job(check: &mut Check<'_>, written: &Augment, size: Option<[usize; 2]>) -> Jo
 }
 
 /// The picture of the untouched pad, of the images' size.
-fn background(check: &mut Check<'_>, written: &Augment, size: Option<[usize; 2]>) -> Option<Reference> {
+fn background(check: &mut Check<'_>, written: &Augment, job: &Job, size: Option<[usize; 2]>) -> Option<Reference> {
     let name = written.input.background.as_ref()?;
+    if name == RENDERED {
+        // Of a sensor that is unsound nothing can be rendered, and it is said elsewhere.
+        return check.problems.is_empty().then(|| Reference::rendered(&job.sensor, &view(job)));
+    }
     let beside = check.document.folder("input.background").join(name);
     let inside = written.input.path.as_ref().map(|path| check.document.folder("input.path").join(path).join(name));
     let path = inside.filter(|inside| !beside.is_file() && inside.is_file()).unwrap_or(beside);

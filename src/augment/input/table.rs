@@ -12,7 +12,7 @@ use crate::config::diagnostic::{Problem, nearest, one_of};
 use crate::config::document::{Place, Source};
 use crate::input;
 use crate::plan::check::Check;
-use crate::records;
+use crate::rows;
 
 /// Largest table, bytes.
 const MOST_BYTES: u64 = 1 << 30;
@@ -21,7 +21,7 @@ const IMAGES: [&str; 6] = ["file_name", "file", "image", "filename", "image_path
 
 /// Where the line that begins at `start` of a table's text stands.
 pub fn place(source: usize, text: &str, start: usize) -> Place {
-    Place { source, ..records::row_place(text, start) }
+    Place { source, ..rows::row_place(text, start) }
 }
 
 /// One row of a table.
@@ -132,7 +132,7 @@ fn columns(check: &mut Check<'_>, draft: &mut Draft<'_>, label: &Label<'_>) -> C
 }
 
 fn csv(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &str) -> Option<Vec<Row>> {
-    let mut records = records::rows(text);
+    let mut records = rows::rows(text);
     let Some(header) = records.next() else {
         draft.found.push(Problem::new(format!("{}: the table is empty", draft.units[unit].file.display())));
         return None;
