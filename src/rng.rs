@@ -85,6 +85,24 @@ pub enum Stage {
     ReadNoise,
     /// The noise itself.
     Noise,
+    /// Which background an augmented image gets.
+    AugmentBackground,
+    /// Factors on the LEDs of an augmented image.
+    AugmentLeds,
+    /// Factors on its red and blue.
+    AugmentBalance,
+    /// Its exposure.
+    AugmentExposure,
+    /// Its blur.
+    AugmentBlur,
+    /// How much light it loses towards the corners.
+    AugmentVignette,
+    /// How strong its noise is.
+    AugmentNoiseLevel,
+    /// Its noise itself.
+    AugmentNoise,
+    /// The dots printed on it.
+    AugmentMarkers,
 }
 
 impl Stage {
@@ -126,6 +144,15 @@ impl Stage {
             Self::ShotNoise => b"shot noise",
             Self::ReadNoise => b"read noise",
             Self::Noise => b"noise",
+            Self::AugmentBackground => b"augment background",
+            Self::AugmentLeds => b"augment leds",
+            Self::AugmentBalance => b"augment balance",
+            Self::AugmentExposure => b"augment exposure",
+            Self::AugmentBlur => b"augment blur",
+            Self::AugmentVignette => b"augment vignette",
+            Self::AugmentNoiseLevel => b"augment noise level",
+            Self::AugmentNoise => b"augment noise",
+            Self::AugmentMarkers => b"augment markers",
         }
     }
 }
