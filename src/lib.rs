@@ -46,6 +46,7 @@ pub mod inspect;
 pub mod preview;
 pub mod report;
 
+pub mod augment;
 pub mod calibrate;
 pub mod compare;
 pub mod metrics;

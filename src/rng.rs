@@ -15,6 +15,8 @@ use crate::config::quantity::{Distribution, Quantity};
 pub enum Stage {
     /// Which objects go to which split.
     Splits,
+    /// Which groups of real samples go to which split.
+    Regroup,
     /// The grain of a rendered background.
     Grain,
     /// The random parts of a texture's pattern, the same in every job.
@@ -83,12 +85,31 @@ pub enum Stage {
     ReadNoise,
     /// The noise itself.
     Noise,
+    /// Which background an augmented image gets.
+    AugmentBackground,
+    /// Factors on the LEDs of an augmented image.
+    AugmentLeds,
+    /// Factors on its red and blue.
+    AugmentBalance,
+    /// Its exposure.
+    AugmentExposure,
+    /// Its blur.
+    AugmentBlur,
+    /// How much light it loses towards the corners.
+    AugmentVignette,
+    /// How strong its noise is.
+    AugmentNoiseLevel,
+    /// Its noise itself.
+    AugmentNoise,
+    /// The dots printed on it.
+    AugmentMarkers,
 }
 
 impl Stage {
     fn name(self) -> &'static [u8] {
         match self {
             Self::Splits => b"splits",
+            Self::Regroup => b"regroup",
             Self::Grain => b"grain",
             Self::Relief => b"relief",
             Self::Coating => b"coating",
@@ -123,6 +144,15 @@ impl Stage {
             Self::ShotNoise => b"shot noise",
             Self::ReadNoise => b"read noise",
             Self::Noise => b"noise",
+            Self::AugmentBackground => b"augment background",
+            Self::AugmentLeds => b"augment leds",
+            Self::AugmentBalance => b"augment balance",
+            Self::AugmentExposure => b"augment exposure",
+            Self::AugmentBlur => b"augment blur",
+            Self::AugmentVignette => b"augment vignette",
+            Self::AugmentNoiseLevel => b"augment noise level",
+            Self::AugmentNoise => b"augment noise",
+            Self::AugmentMarkers => b"augment markers",
         }
     }
 }

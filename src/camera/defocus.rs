@@ -28,6 +28,12 @@ pub fn blur_whole(planes: &[Vec<f32>; 3], width: usize, height: usize, sigma_px:
     spread(planes, whole, whole, sigma_px, Beyond::Edge)
 }
 
+/// Share of the variance of white noise that a blur leaves: the sum of its squared weights, which for the discrete
+/// Gaussian is the middle weight of the one with twice the variance.
+pub fn noise_kept(sigma_px: [f64; 2]) -> f64 {
+    sigma_px.iter().map(|sigma| f64::from(weights(usable(*sigma) * std::f64::consts::SQRT_2)[0])).product()
+}
+
 /// What lies beyond the part that is given.
 #[derive(Clone, Copy)]
 enum Beyond {
@@ -278,6 +284,17 @@ mod tests {
                     assert_eq!(bits(&found), bits(&narrow(|| spread(&planes, there, here, sigma, beyond))));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_a_blur_leaves_of_white_noise_is_the_sum_of_its_squared_weights() {
+        for sigma in [0.0, 0.2, 0.7, 1.5, 6.0] {
+            let line = weights(sigma);
+            let squares: f64 = line.iter().map(|weight| f64::from(weight * weight)).sum();
+            let kept = 2.0 * squares - f64::from(line[0] * line[0]);
+            assert!((noise_kept([sigma, 0.0]) - kept).abs() < 1e-4 * kept, "{sigma}");
+            assert!((noise_kept([sigma; 2]) - kept * kept).abs() < 2e-4 * kept * kept, "{sigma}");
         }
     }
 

@@ -12,6 +12,7 @@ use crate::fidelity::Rung;
 use crate::plan::{Plan, usage};
 use crate::tradeoff::choose::choose;
 
+mod augment;
 mod calibrate;
 mod compare;
 mod completions;
@@ -68,6 +69,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     /// Turn depth frames of a simulator into tactile images.
     Render(render::Render),
+    /// Enlarge a real dataset.
+    Augment(augment::Augment),
     /// Say what meshes are like and what a sensor would see of them.
     Inspect(inspect::Inspect),
     /// Write a commented job to start from.
@@ -114,6 +117,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Report(command) => command.run(),
         Command::Calibrate(command) => command.run(),
         Command::Render(command) => command.run(),
+        Command::Augment(command) => command.run(),
         Command::Inspect(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),
@@ -202,14 +206,7 @@ const MOST_THREADS: usize = 1024;
 
 impl Extent {
     fn threads(&self) -> Result<Option<usize>, Failure> {
-        match self.threads {
-            Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
-            Some(threads) if threads > MOST_THREADS => {
-                let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
-                Err(usage(format!("--threads {threads} are more than any machine has cores"), help).into())
-            }
-            threads => Ok(threads),
-        }
+        checked_threads(self.threads)
     }
 
     fn root(&self, plan: &Plan) -> PathBuf {
@@ -229,6 +226,18 @@ impl Extent {
             cut(i)..cut(i + 1)
         };
         Ok(self.shards.clone().or(self.partition.map(part)))
+    }
+}
+
+/// A number of threads that a machine may have.
+fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, Failure> {
+    match threads {
+        Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
+        Some(threads) if threads > MOST_THREADS => {
+            let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
+            Err(usage(format!("--threads {threads} are more than any machine has cores"), help).into())
+        }
+        threads => Ok(threads),
     }
 }
 

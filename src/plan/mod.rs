@@ -29,11 +29,11 @@ use crate::optics::background::Reference;
 use crate::optics::calibrated::Table;
 use crate::{gelpad, optics};
 
-mod check;
+pub mod check;
 mod files;
 pub mod frames;
 mod objects;
-mod ranges;
+pub mod ranges;
 pub mod standalone;
 
 use check::Check;

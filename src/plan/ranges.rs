@@ -230,7 +230,7 @@ pub fn object_effects(check: &mut Check<'_>, job: &Job) {
 }
 
 /// Dots on and around the view, and how many of them may lie over each other: more of either take seconds a sample.
-fn dots(check: &mut Check<'_>, markers: &Markers, field_of_view_mm: [f64; 2]) {
+fn dots(check: &mut Check<'_>, at: &str, markers: &Markers, field_of_view_mm: [f64; 2]) {
     const MOST: f64 = 200_000.0;
     const WIDEST: f64 = 20.0;
     let (pitch, diameter) = (markers.pitch_mm.support().0, markers.diameter_mm.support().1);
@@ -238,34 +238,34 @@ fn dots(check: &mut Check<'_>, markers: &Markers, field_of_view_mm: [f64; 2]) {
     let dots: f64 = field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product();
     if diameter > 0.0 && dots > MOST {
         let message = format!("a pitch of {pitch} mm may need {dots:.0} dots on the view and around it");
-        check.wrong(
-            "markers.pitch_mm",
-            message,
-            format!("allowed: up to {MOST} dots; raise pitch_mm, or lower jitter_mm"),
-        );
+        let help = format!("allowed: up to {MOST} dots; raise pitch_mm, or lower jitter_mm");
+        check.wrong(&format!("{at}.pitch_mm"), message, help);
     } else if diameter + markers.edge_mm > WIDEST * pitch {
         let message = format!("dots of {diameter} mm with edges of {} mm lie over each other", markers.edge_mm);
-        check.wrong(
-            "markers.pitch_mm",
-            message,
-            format!("allowed: up to {WIDEST} times as wide as pitch_mm, {pitch} mm"),
-        );
+        let help = format!("allowed: up to {WIDEST} times as wide as pitch_mm, {pitch} mm");
+        check.wrong(&format!("{at}.pitch_mm"), message, help);
+    }
+}
+
+/// The `[markers]` table at `at`; of a sensor whose view is unsound, without a view.
+pub fn markers(check: &mut Check<'_>, at: &str, markers: &Markers, field_of_view_mm: Option<[f64; 2]>) {
+    check.quantity(&format!("{at}.pitch_mm"), &markers.pitch_mm, 0.05..=1e3, "mm");
+    check.quantity(&format!("{at}.diameter_mm"), &markers.diameter_mm, 0.0..=100.0, "mm");
+    check.quantity(&format!("{at}.jitter_mm"), &markers.jitter_mm, 0.0..=100.0, "mm");
+    check.number(&format!("{at}.edge_mm"), markers.edge_mm, 0.0..=10.0, "mm");
+    for k in 0..3 {
+        check.number(&format!("{at}.color.{k}"), markers.color[k], 0.0..=1.0, "");
+    }
+    if let Some(field_of_view_mm) = field_of_view_mm.filter(|_| check.sound(at)) {
+        dots(check, at, markers, field_of_view_mm);
     }
 }
 
 /// `[markers]` and `[camera]`.
 pub fn camera(check: &mut Check<'_>, job: &Job) {
-    if let Some(markers) = &job.markers {
-        check.quantity("markers.pitch_mm", &markers.pitch_mm, 0.05..=1e3, "mm");
-        check.quantity("markers.diameter_mm", &markers.diameter_mm, 0.0..=100.0, "mm");
-        check.quantity("markers.jitter_mm", &markers.jitter_mm, 0.0..=100.0, "mm");
-        check.number("markers.edge_mm", markers.edge_mm, 0.0..=10.0, "mm");
-        for k in 0..3 {
-            check.number(&format!("markers.color.{k}"), markers.color[k], 0.0..=1.0, "");
-        }
-    }
-    if let Some(markers) = job.markers.as_ref().filter(|_| check.sound("markers") && check.sound("sensor")) {
-        dots(check, markers, job.sensor.field_of_view_mm);
+    if let Some(print) = &job.markers {
+        let view = check.sound("sensor").then_some(job.sensor.field_of_view_mm);
+        markers(check, "markers", print, view);
     }
     let camera = &job.camera;
     check.quantity("camera.distortion_k1", &camera.distortion_k1, -1.0..=1.0, "");

@@ -6,7 +6,7 @@ use super::check::Check;
 use super::{files, ranges};
 use crate::config::diagnostic::{Problems, Report};
 use crate::config::sensor::{PRESETS, Sensor};
-use crate::config::{self, Overrides, Written};
+use crate::config::{self, Job, Overrides, Written};
 use crate::depth::Camera;
 use crate::optics::background::Reference;
 use crate::optics::calibrated::Table;
@@ -28,16 +28,9 @@ pub struct Standalone {
 pub fn sensor(name: &str) -> Result<Standalone, Report> {
     let mut problems = Problems::default();
     let Written { mut job, document, .. } = written(name, &mut problems);
-    let mut check = Check { document: &document, problems: &mut problems };
-    ranges::sensor(&mut check, &job);
-    let reference = files::background(&mut check, &mut job);
-    let calibration = files::calibration(&mut check, &mut job);
-    match reference {
-        Some((reference, _)) if problems.is_empty() => {
-            let camera = super::view(&job);
-            Ok(Standalone { sensor: job.sensor, camera, reference, calibration })
-        }
-        _ => Err(Report::new(&problems, &document.sources)),
+    match of(&mut Check { document: &document, problems: &mut problems }, &mut job) {
+        Some(standalone) => Ok(standalone),
+        None => Err(Report::new(&problems, &document.sources)),
     }
 }
 
@@ -49,6 +42,15 @@ pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
         true => Ok(super::view(&job).resolution_px),
         false => Err(Report::new(&problems, &document.sources)),
     }
+}
+
+/// The sensor of a job that was read, its files found. `None` after a mistake.
+pub fn of(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
+    ranges::sensor(check, job);
+    let reference = files::background(check, job);
+    let calibration = files::calibration(check, job);
+    let (reference, _) = reference.filter(|_| check.problems.is_empty())?;
+    Some(Standalone { sensor: job.sensor.clone(), camera: super::view(job), reference, calibration })
 }
 
 fn written(name: &str, problems: &mut Problems) -> Written {
