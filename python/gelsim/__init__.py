@@ -5,6 +5,5 @@ are asked for; `Sensor` renders tactile images of depth maps. docs/python.md has
 """
 
 from gelsim._native import Job, RunError, Sensor, UsageError, __version__
-from gelsim.sample import Batch, Markers, Sample
 
-__all__ = ["Batch", "Job", "Markers", "RunError", "Sample", "Sensor", "UsageError", "__version__"]
+__all__ = ["Job", "RunError", "Sensor", "UsageError", "__version__"]

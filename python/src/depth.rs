@@ -48,6 +48,9 @@ impl<'a> Depth<'a> {
         if shape.contains(&0) {
             return Err(mistake(format!("depth_mm is empty: its shape is {shape:?}"), help));
         }
+        if !given.getattr("flags")?.getattr("aligned")?.is_truthy()? {
+            return Err(mistake("depth_mm is not aligned in memory", "give a copy: depth_mm.copy()"));
+        }
         if let Ok(array) = array.cast() {
             return Ok(Input::Single(array.try_readonly().map_err(|error| borrowed(&error))?));
         }

@@ -6,8 +6,9 @@ use gelsim::config::diagnostic::{Report, nearest, one_of};
 use gelsim::fidelity::Rung;
 use gelsim::generate;
 use gelsim::plan;
+use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
-use pyo3::{PyErr, PyResult, create_exception};
+use pyo3::prelude::*;
 
 create_exception!(
     gelsim,
@@ -53,6 +54,12 @@ pub fn rung(name: &str) -> PyResult<Rung> {
 /// Something failed while running.
 pub fn running(message: impl Into<String>) -> PyErr {
     RunError::new_err(message.into())
+}
+
+/// What is no mistake, but should be known.
+pub fn warn(py: Python<'_>, notes: &[String]) -> PyResult<()> {
+    let warn = py.import("warnings")?.getattr("warn")?;
+    notes.iter().try_for_each(|note| warn.call1((note,)).map(drop))
 }
 
 /// A panic while something was rendered: a bug, but no reason to end Python.

@@ -17,11 +17,11 @@ use pyo3::types::{PyDict, PyList};
 use rayon::prelude::*;
 
 use crate::arrays::{Arrays, need_numpy};
-use crate::errors::{named, panicked, rung, running, usage};
+use crate::errors::{named, panicked, rung, running, usage, warn};
 use crate::threads::{checked, pool};
 
-/// Samples that are rendered before Python may look at signals.
-const BLOCK: usize = 64;
+/// Samples that each thread renders before Python may look at signals.
+const BLOCK: usize = 8;
 
 /// A job, read and resolved.
 #[pyclass(frozen, module = "gelsim")]
@@ -105,8 +105,7 @@ impl Job {
     ) -> PyResult<Self> {
         let overrides = Overrides::of_flags(samples, seed, fidelity.map(rung).transpose()?, all_effects, &set);
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
-        let warn = py.import("warnings")?.getattr("warn")?;
-        job.plan.notes.iter().try_for_each(|note| warn.call1((note,)).map(drop))?;
+        warn(py, &job.plan.notes)?;
         Ok(job)
     }
 
@@ -121,7 +120,7 @@ impl Job {
         let numbers: Vec<u64> = indices.into_iter().map(|index| self.index(index)).collect::<PyResult<_>>()?;
         let pool = pool(py, self.threads)?;
         let list = PyList::empty(py);
-        for block in numbers.chunks(BLOCK) {
+        for block in numbers.chunks(BLOCK * pool.current_num_threads()) {
             let render = || block.par_iter().map(|index| self.render(*index)).collect::<PyResult<Vec<_>>>();
             for arrays in py.detach(|| pool.install(render))? {
                 list.append(arrays.into_dict(py)?)?;

@@ -22,11 +22,11 @@ use rayon::prelude::*;
 
 use crate::arrays::{Arrays, need_numpy};
 use crate::depth::Depth;
-use crate::errors::{mistake, named, panicked, rung, running, usage};
+use crate::errors::{mistake, named, panicked, rung, running, usage, warn};
 use crate::threads::{checked, pool};
 
-/// Frames that are rendered before Python may look at signals.
-const BLOCK: usize = 64;
+/// Maps that each thread renders before Python may look at signals.
+const BLOCK: usize = 8;
 
 /// Plans that are kept: who changes resolution, layers or fidelity with every call waits every time.
 const MOST_PLANS: usize = 8;
@@ -56,19 +56,24 @@ struct Choice {
 #[pyfunction]
 #[pyo3(name = "_sensor_of_source")]
 pub fn sensor_of_source(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Sensor> {
-    Sensor::new(py, source, set, threads)
+    Ok(Sensor::new(py, source, set, threads)?.0)
 }
 
 impl Sensor {
-    fn new(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+    /// Reads it; with the plan of its own resolution, in which its mistakes and notes are.
+    fn new(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<(Self, Arc<Plan>)> {
         need_numpy(py)?;
         checked(threads)?;
         let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?;
         let sensor = Self { source, set, threads, itself, plans: Mutex::default() };
         let resolution_px = sensor.itself.camera.resolution_px;
         let plan = sensor.plan(py, Choice { resolution_px, layers: Vec::new(), fidelity: None, seed: 0 })?;
-        let warn = py.import("warnings")?.getattr("warn")?;
-        plan.notes.iter().try_for_each(|note| warn.call1((note,)).map(drop))?;
+        Ok((sensor, plan))
+    }
+
+    fn noted(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+        let (sensor, plan) = Self::new(py, source, set, threads)?;
+        warn(py, &plan.notes)?;
         Ok(sensor)
     }
 
@@ -135,7 +140,7 @@ impl Sensor {
     #[pyo3(signature = (name, *, set=Vec::new(), threads=None))]
     fn preset(py: Python<'_>, name: &str, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
         named("sensor preset", name, PRESETS)?;
-        Self::new(py, name.to_owned(), set, threads)
+        Self::noted(py, name.to_owned(), set, threads)
     }
 
     #[staticmethod]
@@ -149,7 +154,7 @@ impl Sensor {
                 "rename the file or its folder: labels and jobs are UTF-8",
             )
         })?;
-        Self::new(py, source, set, threads)
+        Self::noted(py, source, set, threads)
     }
 
     /// Presses what depth maps show into the pad.
@@ -177,8 +182,9 @@ impl Sensor {
         let pool = pool(py, self.threads)?;
         py.detach(|| pool.install(|| depth.check(plan.thickness_mm))).map_err(|report| usage(&report))?;
         let mut batch: Option<Arrays> = None;
-        for start in (0..frames).step_by(BLOCK) {
-            let block = start..frames.min(start + BLOCK);
+        let length = BLOCK * pool.current_num_threads();
+        for start in (0..frames).step_by(length) {
+            let block = start..frames.min(start + length);
             let rendered = || block.into_par_iter().map(one).collect::<PyResult<Vec<_>>>();
             py.detach(|| {
                 for arrays in pool.install(rendered)? {

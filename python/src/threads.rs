@@ -8,6 +8,7 @@ use std::mem::forget;
 use std::process;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use gelsim::cli::MOST_THREADS;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -22,17 +23,14 @@ struct Pool {
 /// The pool that was used last.
 static LAST: Mutex<Option<Pool>> = Mutex::new(None);
 
-/// Beyond this, threads only take memory from each other.
-const MOST: usize = 1024;
-
 /// A number of threads that a user gave.
 pub fn checked(threads: Option<usize>) -> PyResult<Option<usize>> {
     let help = "or leave it out for all cores";
     match threads {
         Some(0) => Err(mistake("threads=0 cannot work", format!("give 1 or more, {help}"))),
-        Some(count) if count > MOST => Err(mistake(
+        Some(count) if count > MOST_THREADS => Err(mistake(
             format!("threads={count} are more than any machine has cores"),
-            format!("give at most {MOST}, {help}"),
+            format!("give at most {MOST_THREADS}, {help}"),
         )),
         threads => Ok(threads),
     }

@@ -202,7 +202,7 @@ struct Extent {
 }
 
 /// Beyond this, threads only take memory from each other.
-const MOST_THREADS: usize = 1024;
+pub const MOST_THREADS: usize = 1024;
 
 impl Extent {
     fn threads(&self) -> Result<Option<usize>, Failure> {

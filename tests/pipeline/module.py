@@ -284,6 +284,8 @@ def mistakes(mixed):
     assert "resolution_px" in refused(lambda bad: np.zeros((1, 9000), np.float32))
     assert "float32" in refused(lambda bad: bad.astype(np.uint16), TypeError)
     assert "float32" in refused(lambda bad: bad.astype(">f4"), TypeError)
+    odd = np.zeros(good.nbytes + 1, np.uint8)[1:].view(np.float32).reshape(good.shape)
+    assert "not aligned" in refused(lambda bad: odd)
     assert "np.asarray" in refused(lambda bad: bad.tolist(), TypeError)
     assert "did you mean `depth`?" in refused(lambda bad: bad, layers=["detph"])
     assert "pressure" in refused(lambda bad: bad, layers=["pressure"], fidelity="paper")
