@@ -99,7 +99,8 @@ impl Cells {
     pub fn name(&self, mut cell: usize) -> String {
         let mut parts = Vec::new();
         let [x, y] = self.place.map_or([None; 2], |place| place.map(Some));
-        for (what, bins, unit) in [("tilt", self.tilt, "degrees"), ("y", y, "mm"), ("x", x, "mm"), ("depth", self.depth, "mm")]
+        for (what, bins, unit) in
+            [("tilt", self.tilt, "degrees"), ("y", y, "mm"), ("x", x, "mm"), ("depth", self.depth, "mm")]
         {
             if let Some(bins) = bins {
                 let [from, to] = bins.ends(cell % bins.count).map(crate::inspect::text::figure);

@@ -269,8 +269,7 @@ impl<'a> Maker<'a> {
             index,
             attempt: sample.label.attempt,
         };
-        let trace =
-            Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
+        let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
         let key = format!("synthetic-{index:09}");
         let name = match form {
             Form::Tar => key.clone(),
@@ -342,7 +341,8 @@ fn dealt(recipe: &Recipe) -> Vec<std::ops::Range<usize>> {
     let synthetic = |split: usize| recipe.mix.as_ref().map_or(0, |mix| mix.chosen[split].len() as u64);
     let mut before = vec![0_u64; reals.len()];
     let deal = |&split: &usize| {
-        let cut = |count: u64| (u128::from(synthetic(split)) * u128::from(count) / u128::from(reals[split].max(1))) as usize;
+        let cut =
+            |count: u64| (u128::from(synthetic(split)) * u128::from(count) / u128::from(reals[split].max(1))) as usize;
         let from = cut(before[split]);
         before[split] += 1;
         from..cut(before[split])
@@ -381,7 +381,8 @@ pub fn collision(recipe: &Recipe) -> Option<String> {
     let made = |real: &Real, tag: &str| if tars { format!("{}{tag}", real.image) } else { renamed(&real.image, tag) };
     // Synthetic samples are called by their numbers in the job.
     let synthetic = |real: &&Real| {
-        recipe.mix.is_some() && Path::new(&real.image).file_name().is_some_and(|n| n.to_string_lossy().starts_with("synthetic-"))
+        recipe.mix.is_some()
+            && Path::new(&real.image).file_name().is_some_and(|n| n.to_string_lossy().starts_with("synthetic-"))
     };
     if let Some(real) = reals.iter().find(synthetic) {
         return Some(real.image.clone());

@@ -93,7 +93,8 @@ pub fn check(check: &mut Check<'_>, mixing: &Mixing, division: Option<&Division>
     let (Some(wanted), Some(division)) = (&mixing.splits, division) else { return };
     let names: Vec<&str> = division.names.iter().map(String::as_str).collect();
     for (k, split) in wanted.iter().enumerate().filter(|(_, split)| !names.contains(&split.as_str())) {
-        let near = nearest(split, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+        let near =
+            nearest(split, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
         let message = format!("no split is called `{split}`");
         check.wrong(&format!("mixing.splits.{k}"), message, format!("{near}there are {}", one_of(&names)));
     }
@@ -150,7 +151,8 @@ pub fn choose(
             counting[cell] = true;
         }
     }
-    let sum = |splits: &[Vec<u64>]| -> Vec<u64> { (0..count).map(|cell| splits.iter().map(|s| s[cell]).sum()).collect() };
+    let sum =
+        |splits: &[Vec<u64>]| -> Vec<u64> { (0..count).map(|cell| splits.iter().map(|s| s[cell]).sum()).collect() };
     let all_before = sum(&before);
     let toward = match mixing.toward {
         Toward::AsDrawn => None,
@@ -256,9 +258,8 @@ impl<'a> Draws<'a> {
         classes.sort();
         classes.dedup();
         let depths = || facts().filter_map(|facts| facts.depth_mm);
-        let depth = depths()
-            .next()
-            .map(|_| Bins::over(&self.plan.indentation_mm, depths(), mixing.depth_bins as usize));
+        let depth =
+            depths().next().map(|_| Bins::over(&self.plan.indentation_mm, depths(), mixing.depth_bins as usize));
         let placed = facts().any(|facts| facts.place_mm.iter().all(Option::is_some));
         let count = mixing.place_bins as usize;
         let view = self.plan.job.sensor.field_of_view_mm;

@@ -11,9 +11,9 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+mod card;
 pub mod config;
 pub mod coverage;
-mod card;
 pub mod input;
 mod make;
 pub mod mix;
@@ -84,11 +84,16 @@ pub fn augment(recipe: &Recipe, target: &Target, watch: &Watch) -> Result<Summar
 fn write(recipe: &Recipe, root: &Path, watch: &Watch) -> Result<Summary, Stopped> {
     let set = &recipe.set;
     let labels = Labels { set, trace: recipe.trace.clone(), split: recipe.split_column.clone() };
-    let units = Units::new(set, &recipe.division, recipe.split_column.is_some() && !set.in_tars());
+    let units = Units::new(set, &recipe.division);
     let maker = Maker::new(recipe, &labels, &units);
-    let mut run = Run { recipe, maker, writer: Writer::new(root, &units, &labels), watch, summary: Summary::new(recipe) };
+    let mut run =
+        Run { recipe, maker, writer: Writer::new(root, &units, &labels), watch, summary: Summary::new(recipe) };
     for unit in 0..set.units.len() {
-        if set.in_tars() { run.tar(unit)? } else { run.table(unit)? }
+        if set.in_tars() {
+            run.tar(unit)?
+        } else {
+            run.table(unit)?
+        }
         watch.written.fetch_add(1, Ordering::Relaxed);
     }
     let Run { mut writer, mut summary, .. } = run;

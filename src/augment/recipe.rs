@@ -40,7 +40,7 @@ const NOISE_IMAGES: usize = 16;
 pub struct Recipe {
     /// The file's name without its ending.
     pub name: String,
-    /// Its text.
+    /// Its text, and what was laid over it.
     pub text: String,
     /// Seed of all randomness.
     pub seed: u64,
@@ -77,8 +77,10 @@ impl Recipe {
         if laid.broken {
             return Err(Report::new(&problems, &laid.document.sources));
         }
-        let name = path.file_stem().map_or_else(|| String::from("augmented"), |stem| stem.to_string_lossy().into_owned());
-        resolve(name, text, laid, problems)
+        let name =
+            path.file_stem().map_or_else(|| String::from("augmented"), |stem| stem.to_string_lossy().into_owned());
+        let laid_over = set.iter().map(|(flag, assignment)| format!("# {flag}: {assignment}\n"));
+        resolve(name, text + &laid_over.collect::<String>(), laid, problems)
     }
 
     /// Images made of each real one by photometric recipes.
@@ -163,11 +165,12 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
         return Err(Report::new(&problems, &document.sources).and(report));
     };
     known.resize(set.reals.len(), None);
-    let own_columns = set.columns.of(Meaning::Split).map(str::to_owned);
-    let split_column = division.anew.then(|| match set.in_tars() || set.split_by_unit {
-        true => own_columns,
-        false => Some(own_columns.unwrap_or_else(|| String::from("split"))),
-    });
+    let own_column = set.columns.of(Meaning::Split).map(str::to_owned);
+    let split_column = match (division.anew, division.apart) {
+        (false, _) => None,
+        (true, true) => own_column,
+        (true, false) => Some(own_column.unwrap_or_else(|| String::from("split"))),
+    };
     let mut recipe = Recipe {
         name,
         text,
@@ -175,7 +178,7 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
         photometric: photometric.unwrap_or_default(),
         pairing,
         known,
-        split_column: split_column.flatten(),
+        split_column,
         mix: None,
         trace,
         notes,
@@ -384,14 +387,16 @@ fn know(set: &Set, plan: &Plan, notes: &mut Vec<String>) -> (Vec<Option<Known>>,
         let number = name.and_then(|name| {
             let found = object(name);
             if found.is_none() {
-                let near = nearest(name, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+                let near = nearest(name, names.iter().copied())
+                    .map_or(String::new(), |near| format!("did you mean `{near}`? "));
                 let problem: Problem = set.problem(real, format!("no [[object]] is called `{name}`"));
                 problems.push(problem.help(format!("{near}there are {}", names.join(", "))));
             }
             found
         });
         if let Some(depth) = facts.depth_mm.filter(|depth| *depth > plan.thickness_mm) {
-            let problem = set.problem(real, format!("a depth of {depth} mm is more than the pad's {} mm", plan.thickness_mm));
+            let problem =
+                set.problem(real, format!("a depth of {depth} mm is more than the pad's {} mm", plan.thickness_mm));
             problems.push(problem.help("give depths in mm, or the pad's thickness with [sensor] gelpad_thickness_mm"));
         }
         known.push(number.zip(facts.depth_mm).map(|(object, depth_mm)| Known {

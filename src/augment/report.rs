@@ -21,12 +21,8 @@ const BARS: usize = 24;
 /// Rows of a table.
 const MOST_ROWS: usize = 60;
 /// Names and colours of the sources.
-const KINDS: [(&str, Colour); Source::ALL.len()] = [
-    ("real", [0, 114, 178]),
-    ("photometric", [230, 159, 0]),
-    ("twin", [0, 158, 115]),
-    ("synthetic", [204, 121, 167]),
-];
+const KINDS: [(&str, Colour); Source::ALL.len()] =
+    [("real", [0, 114, 178]), ("photometric", [230, 159, 0]), ("twin", [0, 158, 115]), ("synthetic", [204, 121, 167])];
 
 /// One count for each source.
 pub type PerSource = [u64; Source::ALL.len()];
@@ -253,13 +249,9 @@ impl Summary {
         );
         let keys: Vec<String> = (0..KINDS.len()).map(keyed).collect();
         let _ = writeln!(html, "<p class=\"note\">Bars stand on each other: {}</p>", keys.join(" "));
-        let figures = [
-            ("Brightness", "grey levels", &self.brightness),
-            ("Indentation depth", "mm", &self.depths_mm),
-        ];
-        let drawn = figures.map(|(title, axis, values)| {
-            page::figure(&histogram(title, [axis, "samples"], &bars(values), &KINDS), "")
-        });
+        let figures = [("Brightness", "grey levels", &self.brightness), ("Indentation depth", "mm", &self.depths_mm)];
+        let drawn = figures
+            .map(|(title, axis, values)| page::figure(&histogram(title, [axis, "samples"], &bars(values), &KINDS), ""));
         html + &page::figures(&drawn.concat())
     }
 
@@ -291,7 +283,8 @@ fn counts<'a>(title: &str, what: &str, all: impl Iterator<Item = (&'a str, &'a P
         return String::new();
     }
     let mut html = format!("<h2>{title}</h2>\n");
-    let head: Vec<String> = [what.to_owned()].into_iter().chain((0..4).map(keyed)).chain([String::from("all")]).collect();
+    let head: Vec<String> =
+        [what.to_owned()].into_iter().chain((0..4).map(keyed)).chain([String::from("all")]).collect();
     let head: Vec<&str> = head.iter().map(String::as_str).collect();
     let more = rows.len().saturating_sub(MOST_ROWS);
     html += &page::table(&head, rows.into_iter().take(MOST_ROWS));

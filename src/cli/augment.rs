@@ -62,8 +62,8 @@ impl Augment {
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
 
         let watch = Arc::new(Watch::default());
-        let signal = raise_on_signals(&watch)
-            .map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
+        let signal =
+            raise_on_signals(&watch).map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
         let result = std::thread::scope(|scope| {
             let worker = std::thread::Builder::new().spawn_scoped(scope, || augment(&recipe, &target, &watch));
             let worker = worker.map_err(|error| no_threads(&error))?;
@@ -97,9 +97,8 @@ impl Augment {
 
 fn text(recipe: &Recipe, summary: &Summary, root: &str) -> String {
     let sources = Source::ALL.iter().filter(|source| summary.samples[**source as usize] > 0);
-    let sources: Vec<String> = sources
-        .map(|source| format!("{} {}", HumanCount(summary.samples[*source as usize]), source.name()))
-        .collect();
+    let sources: Vec<String> =
+        sources.map(|source| format!("{} {}", HumanCount(summary.samples[*source as usize]), source.name())).collect();
     let mut text = format!(
         "{} samples: {}; {}, {:.1} s -> {root}",
         HumanCount(summary.all()),

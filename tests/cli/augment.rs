@@ -233,9 +233,9 @@ fn the_bytes_depend_on_the_seed_and_not_on_the_threads() {
     folder.succeed("augment augment.toml --out other --seed 8 --quiet");
     assert_same_files(&folder.files("one"), &folder.files("four"));
     assert_ne!(folder.read("one/labels.csv"), folder.read("other/labels.csv"));
-    let check = std::process::Command::new("sha256sum").args(["--quiet", "-c", "files.sha256"]);
-    let mut check = check;
-    assert!(check.current_dir(folder.path("one")).status().expect("sha256sum").success());
+    let mut check = std::process::Command::new("sha256sum");
+    check.args(["--quiet", "-c", "files.sha256"]).current_dir(folder.path("one"));
+    assert!(check.status().expect("sha256sum").success());
 }
 
 #[test]
@@ -257,7 +257,8 @@ fn tars_stay_tars_with_every_file_of_a_real_sample_as_it_was() {
             assert!(*bytes == now[suffix], "{key}.{suffix}");
         }
         let text = String::from_utf8(files["json"].clone()).expect("UTF-8");
-        let expected = format!("{},\"source\":\"real\",\"source_key\":\"\",\"augmentation\":\"\"}}", &text[..text.len() - 1]);
+        let expected =
+            format!("{},\"source\":\"real\",\"source_key\":\"\",\"augmentation\":\"\"}}", &text[..text.len() - 1]);
         assert_eq!(String::from_utf8_lossy(&now["json"]), expected);
     }
     let keys: Vec<&String> = labels.values().next().expect("a label").keys().collect();
@@ -319,7 +320,8 @@ fn new_splits_keep_groups_together_with_all_that_is_made_of_them() {
         _ => format!("{line},s{}\n", k % 8),
     });
     folder.write("real/labels.csv", lines.by_ref().collect::<String>());
-    let more = "columns.group = \"session\"\n[output]\nsplits = { train = 0.5, val = 0.25, test = 0.25 }\n[[photometric]]";
+    let more =
+        "columns.group = \"session\"\n[output]\nsplits = { train = 0.5, val = 0.25, test = 0.25 }\n[[photometric]]";
     folder.write("augment.toml", edited(RECIPE, &[("[[photometric]]", more)]));
     folder.succeed("augment augment.toml --out larger --quiet");
     let after = rows(&folder.read("larger/labels.csv"));
@@ -416,7 +418,7 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     let text = folder.read("real/labels.csv");
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     lines[2] = lines[2].replace("images/000000001.png", "images/none.png");
-    lines[4].clone_from(&lines[3]);
+    lines[4] = lines[3].clone();
     let depth = lines[6].rsplit(',').nth(3).expect("a depth").to_owned();
     lines[6] = lines[6].replace(&depth, "deep");
     lines[8] += ",more";
@@ -426,7 +428,11 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     folder.write("real/images/000000009.png", other);
     let wrong = edited(
         RECIPE,
-        &[("path = \"real\"", "path = \"real\"\ncolumns.class = \"clas\""), ("copies = 2", "copys = 2"), ("0.5\n", "-1.0\n")],
+        &[
+            ("path = \"real\"", "path = \"real\"\ncolumns.class = \"clas\""),
+            ("copies = 2", "copys = 2"),
+            ("0.5\n", "-1.0\n"),
+        ],
     );
     folder.write("augment.toml", wrong);
     let said = folder.fail("augment augment.toml --out larger", 2);

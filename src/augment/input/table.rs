@@ -84,8 +84,10 @@ fn once(draft: &mut Draft<'_>, unit: usize, seen: &mut HashMap<PathBuf, u64>, ro
     }
     if !steps.iter().all(inside) {
         let problem = wrong(format!("{} is not in the table's folder", row.image));
-        draft.found.push(problem.help("an output with the same names would lie outside its folder: put the table above \
-                                       its images, and name them from there"));
+        draft.found.push(problem.help(
+            "an output with the same names would lie outside its folder: put the table above \
+                                       its images, and name them from there",
+        ));
         return None;
     }
     let path: PathBuf = steps.iter().filter(|step| matches!(step, Component::Normal(_))).collect();
@@ -115,7 +117,8 @@ fn image_column(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, label
             let found = IMAGES.into_iter().find(|name| label.has(name)).map(str::to_owned);
             if found.is_none() {
                 let message = format!("{}: no column names the image", draft.units[unit].file.display());
-                let help = format!("say which one with input.image = \"...\"; it is found if it is {}", one_of(&IMAGES));
+                let help =
+                    format!("say which one with input.image = \"...\"; it is found if it is {}", one_of(&IMAGES));
                 check.wrong("input.path", message, help);
             }
             found
@@ -201,7 +204,9 @@ fn json_lines(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &
             Err(error) => {
                 let at = from + error.column().saturating_sub(1).min(line.len());
                 let problem = Problem::new(format!("no JSON object: {error}"));
-                draft.found.push(problem.at(Place { source: unit, start: at, end: at }).help("one object on each line"));
+                draft
+                    .found
+                    .push(problem.at(Place { source: unit, start: at, end: at }).help("one object on each line"));
                 continue;
             }
         };

@@ -79,7 +79,9 @@ fn sample(
     }
     draft.suffixes.retain(|suffix| suffixes.contains(suffix));
     if !keys.insert(files.key.clone()) {
-        draft.found.push(wrong(String::from("the key is there twice")).help("files of a sample stand behind each other"));
+        draft
+            .found
+            .push(wrong(String::from("the key is there twice")).help("files of a sample stand behind each other"));
         return;
     }
     let label = files.member(&draft.label).map_or(Ok(Map::new()), serde_json::from_slice::<Map<String, Value>>);

@@ -39,7 +39,10 @@ impl Place {
             }
             let empty = fs::read_dir(root).map_err(|error| Refused::Io(root.to_owned(), error))?.next().is_none();
             if !empty && !root.join(SUMMARY).is_file() {
-                return refused(format!("{} is not empty and holds no output of gelsim augment", root.display()), another);
+                return refused(
+                    format!("{} is not empty and holds no output of gelsim augment", root.display()),
+                    another,
+                );
             }
             if !empty && !overwrite {
                 let help = "choose another folder with --out, or replace it with --overwrite";
