@@ -7,11 +7,11 @@ use super::Recipe;
 use super::report::Summary;
 use super::trace::Source;
 
-/// The card; none of a table that is no imagefolder.
+/// The card; none of a table that is no imagefolder, or where a file holds several splits.
 pub fn card(recipe: &Recipe, summary: &Summary, filled: &BTreeSet<(usize, PathBuf)>) -> Option<String> {
     let set = &recipe.set;
-    let metadata = set.units.iter().all(|unit| unit.file.file_stem().is_some_and(|stem| stem == "metadata"));
-    if !set.in_tars() && !metadata {
+    let files: BTreeSet<&PathBuf> = filled.iter().map(|(_, file)| file).collect();
+    if !set.in_tars() && !set.is_imagefolder() || files.len() < filled.len() {
         return None;
     }
     let mut text = String::from("---\nconfigs:\n- config_name: default\n  data_files:\n");

@@ -121,28 +121,8 @@ pub fn share(counts: &[u64], counting: &[bool]) -> f64 {
     if all == 0 { 1.0 } else { reached as f64 / all as f64 }
 }
 
-/// The least level to which the cells that count must be filled so that this takes at least `amount` samples.
-pub fn level(counts: &[u64], open: &[bool], amount: u64) -> u64 {
-    let mut levels: Vec<u64> = counts.iter().zip(open).filter(|(_, open)| **open).map(|(count, _)| *count).collect();
-    levels.sort_unstable();
-    let (mut taken, mut level) = (0_u64, levels.first().copied().unwrap_or(0));
-    for k in 0..levels.len() {
-        let lower = k as u64 + 1;
-        let next = levels.get(k + 1).copied().unwrap_or(u64::MAX);
-        let rise = amount.saturating_sub(taken).div_ceil(lower).min(next - level);
-        taken += rise * lower;
-        level += rise;
-        if taken >= amount {
-            break;
-        }
-    }
-    level
-}
-
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
 
     #[test]
@@ -175,16 +155,17 @@ mod tests {
         assert_eq!(cells.name(23), "nut, depth 0.5 to 1 mm, x 1 to 3 mm, y 0 to 1 mm");
     }
 
-    proptest! {
-        #[test]
-        fn the_level_is_the_least_that_takes_the_amount(
-            counts in proptest::collection::vec(0_u64..50, 1..20), amount in 0_u64..500,
-        ) {
-            let open = vec![true; counts.len()];
-            let found = level(&counts, &open, amount);
-            let takes = |level: u64| counts.iter().map(|count| level.saturating_sub(*count)).sum::<u64>();
-            prop_assert!(takes(found) >= amount);
-            prop_assert!(found == *counts.iter().min().unwrap() || takes(found - 1) < amount);
-        }
+    #[test]
+    fn coverage_is_the_share_of_the_cells_that_count() {
+        assert_eq!(share(&[0, 2, 0, 7], &[true, true, false, false]), 0.5);
+        assert_eq!(share(&[3], &[false]), 1.0);
+    }
+
+    #[test]
+    fn a_value_beyond_the_range_is_in_the_part_next_to_it() {
+        let bins = Bins::over(&Quantity::uniform(0.2, 1.0), [0.1, 0.5].into_iter(), 3);
+        assert_eq!((bins.from, bins.to), (0.1, 1.0));
+        assert_eq!([-5.0, 0.1, 0.39, 0.41, 1.0, 9.0].map(|value| bins.of(value)), [0, 0, 0, 1, 2, 2]);
+        assert_eq!(Bins::over(&Quantity::Constant(0.5), std::iter::empty(), 4).of(0.7), 0);
     }
 }

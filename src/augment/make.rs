@@ -15,7 +15,7 @@ use super::output::labels::{Labels, Synthetic, cells};
 use super::output::{Piece, Units};
 use super::paired::{Alignment, Twin};
 use super::photometric::Applied;
-use super::report::{Look, Seen};
+use super::report::{Look, Seen, tile};
 use super::trace::{Source, Trace};
 use super::{Recipe, Stopped};
 use crate::camera::Image;
@@ -23,6 +23,9 @@ use crate::dataset::encode::{Member, json, members};
 use crate::dataset::png;
 use crate::health::{Accepted, Unfit, accept};
 use crate::scene::Scene;
+
+/// Real samples that the page shows.
+const MOST_SHOWN: usize = 6;
 
 /// A real sample's files.
 pub struct Raw {
@@ -81,6 +84,8 @@ pub struct Maker<'a> {
     units: &'a Units<'a>,
     /// Synthetic samples that follow each real one: a range of its split's.
     after: Vec<std::ops::Range<usize>>,
+    /// Real samples that the page shows.
+    shown: HashSet<usize>,
     /// Names of columns and ends of names that a synthetic sample's layers may fill.
     columns: HashSet<String>,
 }
@@ -90,7 +95,7 @@ impl<'a> Maker<'a> {
     pub fn new(recipe: &'a Recipe, labels: &'a Labels<'a>, units: &'a Units<'a>) -> Self {
         let set = &recipe.set;
         let columns = set.example.keys().cloned().chain(set.suffixes.iter().cloned()).collect();
-        Self { recipe, labels, units, after: dealt(recipe), columns }
+        Self { recipe, labels, units, after: dealt(recipe), shown: shown(set.reals.len()), columns }
     }
 
     /// Everything that comes of some real samples, in order. `tick` is called before each sample and says whether to stop.
@@ -134,7 +139,9 @@ impl<'a> Maker<'a> {
             Task::Real => {
                 let trace = Trace { source_key: String::new(), ..trace(Source::Real, String::new()) };
                 let look = Look::of(image.width() as usize, image.as_raw());
-                Ok(self.of_real(raw, real, "", None, &trace, look))
+                let (piece, mut seen) = self.of_real(raw, real, "", None, &trace, look);
+                seen.tile = self.shown.contains(&raw.number).then(|| tile(image));
+                Ok((piece, seen))
             }
             Task::Copy { recipe, copy, slot } => {
                 let (made, applied) = photometric[*recipe].apply(image, *seed, raw.number as u64 | slot << 32);
@@ -221,9 +228,16 @@ impl<'a> Maker<'a> {
             depth_mm: facts.depth_mm,
             look,
             number: raw.number,
+            tile: image.and_then(|image| self.tile(raw.number, image)),
             pair: None,
         };
         (piece, seen)
+    }
+
+    /// A picture of what was made, if the page shows it.
+    fn tile(&self, number: usize, image: &Image) -> Option<RgbImage> {
+        self.shown.contains(&number).then_some(())?;
+        RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb.clone()).as_ref().map(tile)
     }
 
     /// Files beside the image that a real sample's row names, where they go, and their contents.
@@ -328,10 +342,17 @@ impl<'a> Maker<'a> {
             depth_mm: Some(sample.label.indentation_depth_mm),
             look: look(&sample.image),
             number,
+            tile: self.tile(number, &sample.image),
             pair: None,
         };
         Ok((piece, seen))
     }
+}
+
+/// Some of so many real samples, evenly spread.
+fn shown(reals: usize) -> HashSet<usize> {
+    let count = reals.min(MOST_SHOWN);
+    (0..count).map(|k| (2 * k + 1) * reals / (2 * count)).collect()
 }
 
 /// For each real sample the synthetic ones that follow it, as a range of those of its split.

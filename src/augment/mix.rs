@@ -6,7 +6,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::config::{Mixing, Toward};
-use super::coverage::{Bins, Cells, Press, level};
+use super::coverage::{Bins, Cells, Press};
 use super::input::Set;
 use super::input::columns::Meaning;
 use super::split::Division;
@@ -274,8 +274,8 @@ impl<'a> Draws<'a> {
         Cells { classes, depth, place, tilt: tilt.filter(|bins| bins.to > bins.from) }
     }
 
-    /// The next `amount` samples of the job for a split that has `counts` samples in its cells: those in cells that have
-    /// fewer than the level to which so many samples fill them. Fewer if the split takes no object of the job.
+    /// The next `amount` samples of the job for a split that has `counts` samples in its cells: those in the cells that have
+    /// the fewest. Fewer if the split takes no object of the job.
     fn fill(
         &self,
         cells: &Cells,
@@ -295,24 +295,36 @@ impl<'a> Draws<'a> {
             let reached = probes.iter().filter(|(object, _)| takes(*object)).filter_map(|(_, cell)| *cell);
             reached.for_each(|cell| open[cell] = true);
         }
-        let mut level = level(&counts, &open, amount);
         let patience = MOST_MISSES * (counts.len() as u64).max(4);
+        // Cells that are still open and below the level are filled first; then it rises. A cell that is not drawn for long
+        // is not waited for.
+        let lowest = |counts: &[u64], open: &[bool]| {
+            counts.iter().zip(open).filter(|(_, open)| **open).map(|(count, _)| *count).min().unwrap_or(u64::MAX - 1)
+        };
+        let mut level = lowest(&counts, &open) + 1;
         let (mut picks, mut misses, mut strangers) = (Vec::new(), 0, 0);
         while (picks.len() as u64) < amount && strangers < HOPELESS {
             let first = *next;
             for (offset, (object, cell)) in self.batch(first..first + BATCH, cells).into_iter().enumerate() {
                 *next = first + offset as u64 + 1;
-                strangers = if takes(object) { 0 } else { strangers + 1 };
-                let wanted = strangers == 0 && cell.is_none_or(|cell| counts[cell] < level);
-                if !wanted {
-                    misses += u64::from(strangers == 0);
-                    if misses > patience {
-                        (level, misses) = (level + 1, 0);
-                    }
+                if !takes(object) {
+                    strangers += 1;
                     continue;
                 }
+                strangers = 0;
+                if let Some(cell) = cell {
+                    if counts[cell] >= level {
+                        misses += 1;
+                        if misses > patience {
+                            open.iter_mut().zip(&counts).for_each(|(open, count)| *open &= *count >= level);
+                            (level, misses) = (lowest(&counts, &open) + 1, 0);
+                        }
+                        continue;
+                    }
+                    counts[cell] += 1;
+                    level = level.max(lowest(&counts, &open) + 1);
+                }
                 misses = 0;
-                cell.into_iter().for_each(|cell| counts[cell] += 1);
                 picks.push(*next - 1);
                 if picks.len() as u64 == amount {
                     break;

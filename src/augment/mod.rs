@@ -84,7 +84,7 @@ pub fn augment(recipe: &Recipe, target: &Target, watch: &Watch) -> Result<Summar
 fn write(recipe: &Recipe, root: &Path, watch: &Watch) -> Result<Summary, Stopped> {
     let set = &recipe.set;
     let labels = Labels { set, trace: recipe.trace.clone(), split: recipe.split_column.clone() };
-    let units = Units::new(set, &recipe.division, recipe.split_column.is_some() && !set.in_tars());
+    let units = Units::new(set, &recipe.division);
     let maker = Maker::new(recipe, &labels, &units);
     let mut run =
         Run { recipe, maker, writer: Writer::new(root, &units, &labels), watch, summary: Summary::new(recipe) };

@@ -40,7 +40,7 @@ const NOISE_IMAGES: usize = 16;
 pub struct Recipe {
     /// The file's name without its ending.
     pub name: String,
-    /// Its text.
+    /// Its text, and what was laid over it.
     pub text: String,
     /// Seed of all randomness.
     pub seed: u64,
@@ -79,7 +79,8 @@ impl Recipe {
         }
         let name =
             path.file_stem().map_or_else(|| String::from("augmented"), |stem| stem.to_string_lossy().into_owned());
-        resolve(name, text, laid, problems)
+        let laid_over = set.iter().map(|(flag, assignment)| format!("# {flag}: {assignment}\n"));
+        resolve(name, text + &laid_over.collect::<String>(), laid, problems)
     }
 
     /// Images made of each real one by photometric recipes.
@@ -164,11 +165,12 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
         return Err(Report::new(&problems, &document.sources).and(report));
     };
     known.resize(set.reals.len(), None);
-    let own_columns = set.columns.of(Meaning::Split).map(str::to_owned);
-    let split_column = division.anew.then(|| match set.in_tars() || set.split_by_unit {
-        true => own_columns,
-        false => Some(own_columns.unwrap_or_else(|| String::from("split"))),
-    });
+    let own_column = set.columns.of(Meaning::Split).map(str::to_owned);
+    let split_column = match (division.anew, division.apart) {
+        (false, _) => None,
+        (true, true) => own_column,
+        (true, false) => Some(own_column.unwrap_or_else(|| String::from("split"))),
+    };
     let mut recipe = Recipe {
         name,
         text,
@@ -176,7 +178,7 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
         photometric: photometric.unwrap_or_default(),
         pairing,
         known,
-        split_column: split_column.flatten(),
+        split_column,
         mix: None,
         trace,
         notes,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use image::RgbImage;
 use serde_json::{Value, json};
 
 use super::Recipe;
@@ -10,6 +11,7 @@ use super::coverage::share;
 use super::mix::Coverage;
 use super::paired::Alignment;
 use super::trace::Source;
+use crate::dataset::png::encode_small;
 use crate::inspect::text::{counted, figure, percent};
 use crate::label::GENERATOR;
 use crate::page::bars::{Bar, histogram};
@@ -23,6 +25,20 @@ const MOST_ROWS: usize = 60;
 /// Names and colours of the sources.
 const KINDS: [(&str, Colour); Source::ALL.len()] =
     [("real", [0, 114, 178]), ("photometric", [230, 159, 0]), ("twin", [0, 158, 115]), ("synthetic", [204, 121, 167])];
+
+/// Pictures in a row.
+const MOST_TILES: usize = 6;
+/// Width of a picture, px.
+const TILE_PX: u32 = 150;
+
+/// An image as the page shows it.
+pub fn tile(image: &RgbImage) -> RgbImage {
+    let height = (image.height() * TILE_PX / image.width().max(1)).max(1);
+    match image.width() > TILE_PX {
+        true => image::imageops::thumbnail(image, TILE_PX, height),
+        false => image.clone(),
+    }
+}
 
 /// One count for each source.
 pub type PerSource = [u64; Source::ALL.len()];
@@ -92,6 +108,8 @@ pub struct Seen {
     pub look: Look,
     /// The real sample it comes from or follows.
     pub number: usize,
+    /// The image, small, if the page shows it.
+    pub tile: Option<RgbImage>,
     /// Of a twin: offset, correlation, and what came of it.
     pub pair: Option<([f64; 2], f64, Alignment)>,
 }
@@ -114,6 +132,8 @@ pub struct Summary {
     offsets_px: Vec<[f64; 2]>,
     correlations: Vec<f64>,
     alignments: BTreeMap<String, u64>,
+    /// Pictures of some real samples and of what follows them.
+    tiles: Vec<(usize, Source, RgbImage)>,
 }
 
 impl Summary {
@@ -132,6 +152,8 @@ impl Summary {
         self.depths_mm[k].extend(seen.depth_mm);
         self.brightness[k].push(seen.look.mean.iter().sum::<f64>() / 3.0);
         self.looks[k].add(&seen.look);
+        let of_real = self.tiles.iter().filter(|(number, ..)| *number == seen.number).count();
+        self.tiles.extend(seen.tile.filter(|_| of_real < MOST_TILES).map(|tile| (seen.number, seen.source, tile)));
         if let Some((offset, correlation, alignment)) = seen.pair {
             let name = serde_json::to_value(alignment).ok();
             let name = name.as_ref().and_then(Value::as_str).unwrap_or_default().to_owned();
@@ -212,6 +234,7 @@ impl Summary {
         body += &counts("Splits", "split", self.splits.iter().map(|(name, of)| (name.as_str(), of)));
         body += &counts("Classes", "class", self.kinds.iter().map(|(name, of)| (name.as_str(), of)));
         body += &self.images();
+        body += &self.pictures();
         body += &self.twins();
         if let Some(mix) = &recipe.mix {
             body += &coverage(&mix.coverage);
@@ -253,6 +276,25 @@ impl Summary {
         let drawn = figures
             .map(|(title, axis, values)| page::figure(&histogram(title, [axis, "samples"], &bars(values), &KINDS), ""));
         html + &page::figures(&drawn.concat())
+    }
+
+    /// Some real samples, each with what was made of it or follows it.
+    fn pictures(&self) -> String {
+        let mut html = String::from("<h2>Samples</h2>\n");
+        for tiles in self.tiles.chunk_by(|a, b| a.0 == b.0) {
+            html += "<div>\n";
+            for (_, source, tile) in tiles {
+                let (width, height) = tile.dimensions();
+                let image = format!(
+                    "<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{}\"/>",
+                    page::uri(&encode_small(tile)),
+                    source.name()
+                );
+                html += &page::figure(&image, &keyed(*source as usize));
+            }
+            html += "</div>\n";
+        }
+        html
     }
 
     fn twins(&self) -> String {

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::config::SplitBy;
 use super::input::Set;
+use super::input::columns::Meaning;
 use crate::config::dataset::Splits;
 use crate::dataset::layout::Split;
 use crate::rng::{Stage, stream};
@@ -17,6 +18,8 @@ pub struct Division {
     pub of_reals: Vec<usize>,
     /// True if they are not the input's.
     pub anew: bool,
+    /// True if they are not the input's and each is in files or folders of its own.
+    pub apart: bool,
     /// Number of the split in which all samples of an object are, by its name; where objects are kept together.
     pub homes: Option<HashMap<String, usize>>,
 }
@@ -25,7 +28,7 @@ impl Division {
     /// The input's own splits.
     pub fn kept(set: &Set, by: Option<SplitBy>) -> Self {
         let of_reals = set.reals.iter().map(|real| real.split).collect();
-        let mut division = Self { names: set.splits.clone(), of_reals, anew: false, homes: None };
+        let mut division = Self { names: set.splits.clone(), of_reals, anew: false, apart: false, homes: None };
         division.homes = division.find_homes(set, by);
         division
     }
@@ -66,7 +69,7 @@ impl Division {
             given[next] += group.len();
             group.iter().for_each(|&index| of_reals[index] = next);
         }
-        let mut division = Self { names, of_reals, anew: true, homes: None };
+        let mut division = Self { names, of_reals, anew: true, apart: apart(set), homes: None };
         division.homes = division.find_homes(set, Some(by));
         division
     }
@@ -104,4 +107,11 @@ impl Division {
     fn training(&self) -> usize {
         self.names.iter().position(|name| name.starts_with("train")).unwrap_or(0)
     }
+}
+
+/// True if new splits of a set are files or folders of their own: of tars, of folders whose names tell their splits, and
+/// of an imagefolder without a column for them.
+fn apart(set: &Set) -> bool {
+    let column = set.columns.of(Meaning::Split).is_some();
+    set.in_tars() || set.split_by_unit || set.is_imagefolder() && !column
 }

@@ -233,9 +233,9 @@ fn the_bytes_depend_on_the_seed_and_not_on_the_threads() {
     folder.succeed("augment augment.toml --out other --seed 8 --quiet");
     assert_same_files(&folder.files("one"), &folder.files("four"));
     assert_ne!(folder.read("one/labels.csv"), folder.read("other/labels.csv"));
-    let check = std::process::Command::new("sha256sum").args(["--quiet", "-c", "files.sha256"]);
-    let mut check = check;
-    assert!(check.current_dir(folder.path("one")).status().expect("sha256sum").success());
+    let mut check = std::process::Command::new("sha256sum");
+    check.args(["--quiet", "-c", "files.sha256"]).current_dir(folder.path("one"));
+    assert!(check.status().expect("sha256sum").success());
 }
 
 #[test]
@@ -418,7 +418,7 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     let text = folder.read("real/labels.csv");
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     lines[2] = lines[2].replace("images/000000001.png", "images/none.png");
-    lines[4].clone_from(&lines[3]);
+    lines[4] = lines[3].clone();
     let depth = lines[6].rsplit(',').nth(3).expect("a depth").to_owned();
     lines[6] = lines[6].replace(&depth, "deep");
     lines[8] += ",more";
@@ -499,6 +499,80 @@ fn an_image_that_cannot_be_unpacked_ends_the_run_and_nothing_is_left_of_it() {
     folder.write("real/images/000000011.png", image);
     let text = folder.fail("augment augment.toml --out larger", 1);
     assert!(text.contains("real/images/000000011.png: ") && text.contains("nothing was written"), "{text}");
+    let left: Vec<_> = folder.files("").into_keys().filter(|name| name.contains("larger")).collect();
+    assert!(left.is_empty(), "{left:?}");
+}
+
+/// The lamps of the "real" sensor, as a recipe has them.
+fn lamps() -> &'static str {
+    let from = REAL.find("[[sensor.led]]").expect("lamps");
+    &REAL[from..REAL.find("[[object]]").expect("objects")]
+}
+
+#[test]
+fn twins_are_made_of_samples_whose_object_is_known_and_lie_where_the_image_is_not_where_a_wrong_label_says() {
+    let folder = with_table();
+    let objects = "[[object]]\npath = \"cube.obj\"\n[[object]]\npath = \"cone.obj\"\n";
+    let recipe = format!(
+        "[input]\npath = \"real\"\nbackground = \"background.png\"\n{}{objects}[paired]\n[pose]\nanchor = \"origin\"\n",
+        lamps()
+    );
+    folder.write("augment.toml", recipe);
+    let offset = |out: &str| {
+        folder.succeed(&format!("augment augment.toml --out {out} --quiet"));
+        let summary: Value = serde_json::from_str(&folder.read(&format!("{out}/augment.json"))).expect("JSON");
+        assert_eq!((&summary["sources"]["twin"], &summary["sources"]["real"]), (&Value::from(24), &Value::from(24)));
+        let x = summary["twins"]["median_offset_px"][0].as_f64().expect("a number");
+        (x, rows(&folder.read(&format!("{out}/labels.csv"))))
+    };
+    let (right, rows_right) = offset("right");
+    assert!(right.abs() < 0.5, "{right}");
+    for row in rows_right.iter().filter(|row| row["source"] == "twin") {
+        let done: Value = serde_json::from_str(&row["augmentation"]).expect("JSON");
+        let moved = done["position_mm"][0].as_f64().expect("mm") - row["x_mm"].parse::<f64>().expect("mm");
+        // 20 mm are 48 px.
+        let offset = done["offset_px"][0].as_f64().expect("px");
+        assert!((moved - offset * 20.0 / 48.0).abs() < 1e-9, "{done}");
+        assert_eq!(row["file"], row["source_key"].replace(".png", "-twin.png"));
+        assert!(folder.path(&format!("right/{}", row["file"])).is_file());
+    }
+    // Labels that say 2 px too far to the right.
+    let shifted: String = folder
+        .read("real/labels.csv")
+        .lines()
+        .enumerate()
+        .map(|(k, line)| {
+            let mut cells: Vec<String> = line.rsplitn(4, ',').map(str::to_owned).collect();
+            if k > 0 {
+                cells[2] = (cells[2].parse::<f64>().expect("mm") + 2.0 * 20.0 / 48.0).to_string();
+            }
+            cells.reverse();
+            cells.join(",") + "\n"
+        })
+        .collect();
+    folder.write("real/labels.csv", shifted);
+    let (wrong, _) = offset("wrong");
+    assert!((wrong - right + 2.0).abs() < 0.5, "{right} {wrong}");
+
+    // A name that no object has, with its line.
+    folder.write("real/labels.csv", folder.read("real/labels.csv").replacen(",cube,cube,", ",cubes,cube,", 1));
+    let text = folder.fail("augment augment.toml --out none", 2);
+    assert!(text.contains("no [[object]] is called `cubes`") && text.contains("did you mean `cube`?"), "{text}");
+    assert!(text.contains("real/labels.csv:"), "{text}");
+}
+
+#[test]
+fn a_signal_ends_the_run_and_nothing_is_left_of_it() {
+    let folder = with_table();
+    folder.write("augment.toml", edited(RECIPE, &[("copies = 2", "copies = 1000")]));
+    let mut child = folder.spawn("augment augment.toml --out larger --quiet");
+    while !folder.path(".larger.partial").exists() {
+        assert!(child.try_wait().expect("a child").is_none(), "ended before it was stopped");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().expect("kill").success());
+    assert_eq!(child.wait().expect("a child").code(), Some(130));
     let left: Vec<_> = folder.files("").into_keys().filter(|name| name.contains("larger")).collect();
     assert!(left.is_empty(), "{left:?}");
 }

@@ -71,7 +71,10 @@ fn assert_no_problems_of_form(path: &Path) {
 #[test]
 fn the_bundled_jobs_have_no_mistakes_of_form() {
     for path in files("configs", "toml") {
-        assert_no_problems_of_form(&path);
+        // What augments a dataset is no job; tests/pipeline runs it.
+        if !path.ends_with("augment.toml") {
+            assert_no_problems_of_form(&path);
+        }
     }
 }
 

@@ -140,6 +140,11 @@ impl Set {
         found.ok_or_else(|| String::from("it is not there any more"))
     }
 
+    /// True of a set that Hugging Face reads as an imagefolder.
+    pub fn is_imagefolder(&self) -> bool {
+        self.units.iter().all(|unit| unit.file.file_stem().is_some_and(|stem| stem == "metadata"))
+    }
+
     /// True of a set in tars.
     pub fn in_tars(&self) -> bool {
         self.units.first().is_some_and(|unit| unit.form == Form::Tar)

@@ -38,23 +38,18 @@ pub struct Piece {
 pub struct Units<'a> {
     set: &'a Set,
     division: &'a Division,
-    /// New splits are files or folders of their own.
-    apart: bool,
 }
 
 impl<'a> Units<'a> {
-    /// Of tars, and of folders whose names tell their splits, new splits are units of their own; in a single table the
-    /// split is a column.
-    pub fn new(set: &'a Set, division: &'a Division, split_is_column: bool) -> Self {
-        let metadata = set.units.iter().all(|unit| unit.file.file_stem().is_some_and(|stem| stem == "metadata"));
-        let apart = division.anew && (set.in_tars() || !split_is_column && (set.split_by_unit || metadata));
-        Self { set, division, apart }
+    /// Of a set and its splits.
+    pub fn new(set: &'a Set, division: &'a Division) -> Self {
+        Self { set, division }
     }
 
     /// The file that labels go to.
     pub fn file(&self, unit: usize, split: usize) -> PathBuf {
         let there = &self.set.units[unit];
-        if !self.apart {
+        if !self.division.apart {
             return there.file.clone();
         }
         let split = &self.division.names[split];
