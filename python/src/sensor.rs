@@ -23,6 +23,7 @@ use rayon::prelude::*;
 use crate::arrays::{Arrays, need_numpy};
 use crate::depth::Depth;
 use crate::errors::{mistake, named, panicked, rung, running, usage, warn};
+use crate::job::Pickled;
 use crate::threads::{checked, pool};
 
 /// Maps that each thread renders before Python may look at signals.
@@ -227,7 +228,7 @@ impl Sensor {
         format!("<gelsim.Sensor {:?}: {width}x{height} px>", self.itself.sensor.name)
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&str, Vec<String>, Option<usize>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> Pickled<'py, (&str, Vec<String>, Option<usize>)> {
         let rebuild = py.import("gelsim._native")?.getattr("_sensor_of_source")?;
         Ok((rebuild, (&self.source, self.set.clone(), self.threads)))
     }

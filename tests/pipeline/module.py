@@ -219,6 +219,10 @@ def sensors(punch):
     flat = bare.render(np.zeros((160, 120), np.float32))
     assert not flat["label"]["contact"]["in_contact"] and list(flat) == ["tactile", "label"]
 
+    deep = np.zeros((160, 120), np.float32)
+    deep[80, 60] = 25.0
+    assert bare.render(deep)["label"]["health"]["over_thickness_px"] == 1
+
     # A batch is its maps one by one, whatever the threads.
     maps = np.stack([depth - lift for lift in [0.0, 0.1, 5.0, 0.05, 0.15]])
     every = [layer for layer in LAYERS if layer != "markers"]
