@@ -105,7 +105,7 @@ impl Sensor {
             let ([width, height], [columns, rows]) = (plan.camera.resolution_px, choice.resolution_px);
             let message =
                 format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
-            return Err(mistake(message, "leave sensor.resolution_px out: a frame brings its own"));
+            return Err(mistake(message, "leave sensor.resolution_px out: a map brings its own"));
         }
         let plan = Arc::new(plan);
         let mut plans = plans();
@@ -117,7 +117,7 @@ impl Sensor {
     }
 }
 
-/// Frame `number` of an input pressed into the pad, as sample `index`.
+/// Map `number` of an input pressed into the pad, as sample `index`.
 fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult<Arrays> {
     // Nothing outside is changed by what panics.
     let rendered = catch_unwind(AssertUnwindSafe(|| {
@@ -132,7 +132,7 @@ fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult
         let scene = Scene::given(plan, index, 0, Press { split, pressed, pose, indentation_depth_mm });
         Arrays::new(plan, press(plan, &scene))
     }));
-    rendered.map_err(|panic| panicked(&format!("frame {number}"), &*panic))
+    rendered.map_err(|panic| panicked(&format!("map {number} (sample {index}, seed {})", plan.seed), &*panic))
 }
 
 #[pymethods]
@@ -176,7 +176,7 @@ impl Sensor {
         let fidelity = fidelity.map(rung).transpose()?;
         let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), layers, fidelity, seed })?;
         let one = |number: usize| render(&plan, &depth, number, index.wrapping_add(number as u64));
-        let Some(frames) = depth.batch() else {
+        let Some(maps) = depth.batch() else {
             let rendered = py.detach(|| depth.check(plan.thickness_mm).map(|()| one(0)));
             return rendered.map_err(|report| usage(&report))??.into_dict(py);
         };
@@ -184,14 +184,14 @@ impl Sensor {
         py.detach(|| pool.install(|| depth.check(plan.thickness_mm))).map_err(|report| usage(&report))?;
         let mut batch: Option<Arrays> = None;
         let length = BLOCK * pool.current_num_threads();
-        for start in (0..frames).step_by(length) {
-            let block = start..frames.min(start + length);
+        for start in (0..maps).step_by(length) {
+            let block = start..maps.min(start + length);
             let rendered = || block.into_par_iter().map(one).collect::<PyResult<Vec<_>>>();
             py.detach(|| {
                 for arrays in pool.install(rendered)? {
                     match &mut batch {
                         Some(batch) => batch.push(arrays),
-                        None => batch = Some(arrays.first_of(frames)),
+                        None => batch = Some(arrays.first_of(maps)),
                     }
                 }
                 PyResult::Ok(())

@@ -240,6 +240,29 @@ def sensors(punch):
     assert gelsim.Sensor.load(path).gelpad_thickness_mm == 1.5
 
 
+def frames():
+    """The same depth maps as files give the same pictures, layers and labels."""
+    flags = ["camera.read_noise_levels=1.0", 'output.depth_format="npy"']
+    folder = Path(root) / "frames"
+    folder.mkdir()
+    rows, columns = np.mgrid[:160, :120]
+    ball = 0.6 - 0.004 * ((rows - 70) ** 2 + (columns - 50) ** 2) * np.float32(0.1)
+    maps = np.stack([ball, ball - 0.4]).astype(np.float32)
+    for number, depth in enumerate(maps):
+        np.save(folder / f"{number}.npy", -depth)
+    known = ["--sensor", "digit", "--depth-unit", "mm", "--plane-mm", 0, "--layers", "surface,contact,normal"]
+    assigned = (word for text in flags for word in ["--set", text])
+    run("render", *known, *assigned, "--depth", folder, "--out", folder / "out", "--quiet")
+    ours = gelsim.Sensor.preset("digit", set=flags).render(maps, layers=["surface", "contact", "normal"])
+    for number in range(len(maps)):
+        for name in ["tactile.png", "surface.npy", "contact.png", "normal.npy"]:
+            written = samples.DECODERS[name.split(".")[1]]((folder / f"out/{number}.{name}").read_bytes())
+            written = written[..., 0] if name == "contact.png" else written
+            assert np.array_equal(ours[name.split(".")[0]][number], written), (number, name)
+        label = json.loads((folder / f"out/{number}.json").read_text())
+        assert {**ours["label"][number], "object": label["object"]} == label
+
+
 BALL_MM = 4.0
 BARE = ["camera={}", 'output.layers=["surface"]', "sensor.resolution_px=[120, 160]"]
 
@@ -314,5 +337,7 @@ if __name__ == "__main__":
         sequences(mixed)
         sensors(punch)
         mistakes(mixed)
+        if "render" in subprocess.run([native, "--help"], capture_output=True, text=True).stdout:
+            frames()
     types()
     print(f"gelsim {gelsim.__version__} in Python {sys.version.split()[0]}: the arrays and words of {os.fspath(native)}")
