@@ -5,6 +5,7 @@
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -150,6 +151,7 @@ def jobs(mixed):
     assert any(f"fidelity {job.fidelity} chosen" in str(warning.message) for warning in caught)
     written, _ = generated(mixed, "--samples", 2, "--set", bound)
     same_sample(job[1], written[1], ["depth"])
+    same_sample(pickle.loads(pickle.dumps(job))[1], written[1], ["depth"])
 
     # Samples that are drawn again until their contact is solved, and a job that wants none other.
     flags = [HASTY, 'output.on_unhealthy="reject"', "camera.distortion_k1=0.0"]
@@ -176,6 +178,13 @@ def sequences(mixed):
         for index, sample in zip(order, several, strict=True):
             same(sample, each[index])
     assert job.samples([]) == []
+    # Pickled as text that says the same in any folder, whatever the path was.
+    os.chdir(mixed.parent)
+    pickled = pickle.dumps(gelsim.Job.load(mixed.name))
+    os.chdir(project)
+    again = pickle.loads(pickled)
+    assert again.fingerprint == job.fingerprint
+    same(again[4], each[4])
     for wrong in [13, -14, 2**40]:
         assert "0 to 12" in raises(IndexError, lambda: job[wrong])
     assert "13" in raises(IndexError, lambda: job.samples([0, 13]))
@@ -328,7 +337,7 @@ def types():
 
 
 if __name__ == "__main__":
-    native, objects = Path(sys.argv[1]).resolve(), Path("objects").resolve()
+    native, project, objects = Path(sys.argv[1]).resolve(), Path.cwd(), Path("objects").resolve()
     with tempfile.TemporaryDirectory() as root:
         mixed, punch = Path(root) / "mixed.toml", Path(root) / "punch.toml"
         for path, text in [(mixed, MIXED), (punch, PUNCH)]:
