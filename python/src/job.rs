@@ -32,6 +32,9 @@ pub struct Job {
     threads: Option<usize>,
 }
 
+/// What pickle wants to know: a function of the module, and its arguments.
+pub type Pickled<'py, Arguments> = PyResult<(Bound<'py, PyAny>, Arguments)>;
+
 /// Rebuilds a job in another process.
 #[pyfunction]
 #[pyo3(name = "_job_of_text")]
@@ -189,7 +192,7 @@ impl Job {
         format!("<gelsim.Job {:?}: {} samples, fidelity {}>", self.plan.name, self.__len__(), self.plan.rung.name())
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&str, Option<usize>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> Pickled<'py, (&str, Option<usize>)> {
         Ok((py.import("gelsim._native")?.getattr("_job_of_text")?, (&self.text, self.threads)))
     }
 }

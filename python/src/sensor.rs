@@ -23,6 +23,7 @@ use rayon::prelude::*;
 use crate::arrays::{Arrays, need_numpy};
 use crate::depth::Depth;
 use crate::errors::{mistake, named, panicked, rung, running, usage, warn};
+use crate::job::Pickled;
 use crate::threads::{checked, pool};
 
 /// Maps that each thread renders before Python may look at signals.
@@ -104,7 +105,7 @@ impl Sensor {
             let ([width, height], [columns, rows]) = (plan.camera.resolution_px, choice.resolution_px);
             let message =
                 format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
-            return Err(mistake(message, "leave sensor.resolution_px out: a frame brings its own"));
+            return Err(mistake(message, "leave sensor.resolution_px out: a map brings its own"));
         }
         let plan = Arc::new(plan);
         let mut plans = plans();
@@ -116,7 +117,7 @@ impl Sensor {
     }
 }
 
-/// Frame `number` of an input pressed into the pad, as sample `index`.
+/// Map `number` of an input pressed into the pad, as sample `index`.
 fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult<Arrays> {
     // Nothing outside is changed by what panics.
     let rendered = catch_unwind(AssertUnwindSafe(|| {
@@ -131,7 +132,7 @@ fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult
         let scene = Scene::given(plan, index, 0, Press { split, pressed, pose, indentation_depth_mm });
         Arrays::new(plan, press(plan, &scene))
     }));
-    rendered.map_err(|panic| panicked(&format!("frame {number}"), &*panic))
+    rendered.map_err(|panic| panicked(&format!("map {number} (sample {index}, seed {})", plan.seed), &*panic))
 }
 
 #[pymethods]
@@ -175,7 +176,7 @@ impl Sensor {
         let fidelity = fidelity.map(rung).transpose()?;
         let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), layers, fidelity, seed })?;
         let one = |number: usize| render(&plan, &depth, number, index.wrapping_add(number as u64));
-        let Some(frames) = depth.batch() else {
+        let Some(maps) = depth.batch() else {
             let rendered = py.detach(|| depth.check(plan.thickness_mm).map(|()| one(0)));
             return rendered.map_err(|report| usage(&report))??.into_dict(py);
         };
@@ -183,14 +184,14 @@ impl Sensor {
         py.detach(|| pool.install(|| depth.check(plan.thickness_mm))).map_err(|report| usage(&report))?;
         let mut batch: Option<Arrays> = None;
         let length = BLOCK * pool.current_num_threads();
-        for start in (0..frames).step_by(length) {
-            let block = start..frames.min(start + length);
+        for start in (0..maps).step_by(length) {
+            let block = start..maps.min(start + length);
             let rendered = || block.into_par_iter().map(one).collect::<PyResult<Vec<_>>>();
             py.detach(|| {
                 for arrays in pool.install(rendered)? {
                     match &mut batch {
                         Some(batch) => batch.push(arrays),
-                        None => batch = Some(arrays.first_of(frames)),
+                        None => batch = Some(arrays.first_of(maps)),
                     }
                 }
                 PyResult::Ok(())
@@ -227,7 +228,7 @@ impl Sensor {
         format!("<gelsim.Sensor {:?}: {width}x{height} px>", self.itself.sensor.name)
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&str, Vec<String>, Option<usize>))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> Pickled<'py, (&str, Vec<String>, Option<usize>)> {
         let rebuild = py.import("gelsim._native")?.getattr("_sensor_of_source")?;
         Ok((rebuild, (&self.source, self.set.clone(), self.threads)))
     }

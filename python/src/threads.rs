@@ -53,7 +53,9 @@ pub fn pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>>
     let built = ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = Arc::new(built.map_err(|error| running(format!("cannot start threads: {error}")))?);
     let before = last.replace(Pool { process, threads, pool: Arc::clone(&pool) });
-    // Threads that are not there cannot be told to end.
-    before.filter(|before| before.process != process).map(forget);
+    if let Some(before) = before.filter(|before| before.process != process) {
+        // Its threads are not there, so they cannot be told to end.
+        forget(before);
+    }
     Ok(pool)
 }

@@ -5,6 +5,7 @@
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
@@ -150,6 +151,7 @@ def jobs(mixed):
     assert any(f"fidelity {job.fidelity} chosen" in str(warning.message) for warning in caught)
     written, _ = generated(mixed, "--samples", 2, "--set", bound)
     same_sample(job[1], written[1], ["depth"])
+    same_sample(pickle.loads(pickle.dumps(job))[1], written[1], ["depth"])
 
     # Samples that are drawn again until their contact is solved, and a job that wants none other.
     flags = [HASTY, 'output.on_unhealthy="reject"', "camera.distortion_k1=0.0"]
@@ -176,6 +178,13 @@ def sequences(mixed):
         for index, sample in zip(order, several, strict=True):
             same(sample, each[index])
     assert job.samples([]) == []
+    # Pickled as text that says the same in any folder, whatever the path was.
+    os.chdir(mixed.parent)
+    pickled = pickle.dumps(gelsim.Job.load(mixed.name))
+    os.chdir(project)
+    again = pickle.loads(pickled)
+    assert again.fingerprint == job.fingerprint
+    same(again[4], each[4])
     for wrong in [13, -14, 2**40]:
         assert "0 to 12" in raises(IndexError, lambda: job[wrong])
     assert "13" in raises(IndexError, lambda: job.samples([0, 13]))
@@ -219,6 +228,10 @@ def sensors(punch):
     flat = bare.render(np.zeros((160, 120), np.float32))
     assert not flat["label"]["contact"]["in_contact"] and list(flat) == ["tactile", "label"]
 
+    deep = np.zeros((160, 120), np.float32)
+    deep[80, 60] = 25.0
+    assert bare.render(deep)["label"]["health"]["over_thickness_px"] == 1
+
     # A batch is its maps one by one, whatever the threads.
     maps = np.stack([depth - lift for lift in [0.0, 0.1, 5.0, 0.05, 0.15]])
     every = [layer for layer in LAYERS if layer != "markers"]
@@ -234,6 +247,29 @@ def sensors(punch):
     path = Path(root) / "mine.toml"
     path.write_text('preset = "digit"\ngelpad_thickness_mm = 1.5\n')
     assert gelsim.Sensor.load(path).gelpad_thickness_mm == 1.5
+
+
+def frames():
+    """The same depth maps as files give the same pictures, layers and labels."""
+    flags = ["camera.read_noise_levels=1.0", 'output.depth_format="npy"']
+    folder = Path(root) / "frames"
+    folder.mkdir()
+    rows, columns = np.mgrid[:160, :120]
+    ball = 0.6 - 0.004 * ((rows - 70) ** 2 + (columns - 50) ** 2) * np.float32(0.1)
+    maps = np.stack([ball, ball - 0.4]).astype(np.float32)
+    for number, depth in enumerate(maps):
+        np.save(folder / f"{number}.npy", -depth)
+    known = ["--sensor", "digit", "--depth-unit", "mm", "--plane-mm", 0, "--layers", "surface,contact,normal"]
+    assigned = (word for text in flags for word in ["--set", text])
+    run("render", *known, *assigned, "--depth", folder, "--out", folder / "out", "--quiet")
+    ours = gelsim.Sensor.preset("digit", set=flags).render(maps, layers=["surface", "contact", "normal"])
+    for number in range(len(maps)):
+        for name in ["tactile.png", "surface.npy", "contact.png", "normal.npy"]:
+            written = samples.DECODERS[name.split(".")[1]]((folder / f"out/{number}.{name}").read_bytes())
+            written = written[..., 0] if name == "contact.png" else written
+            assert np.array_equal(ours[name.split(".")[0]][number], written), (number, name)
+        label = json.loads((folder / f"out/{number}.json").read_text())
+        assert {**ours["label"][number], "object": label["object"]} == label
 
 
 BALL_MM = 4.0
@@ -301,7 +337,7 @@ def types():
 
 
 if __name__ == "__main__":
-    native, objects = Path(sys.argv[1]).resolve(), Path("objects").resolve()
+    native, project, objects = Path(sys.argv[1]).resolve(), Path.cwd(), Path("objects").resolve()
     with tempfile.TemporaryDirectory() as root:
         mixed, punch = Path(root) / "mixed.toml", Path(root) / "punch.toml"
         for path, text in [(mixed, MIXED), (punch, PUNCH)]:
@@ -310,5 +346,7 @@ if __name__ == "__main__":
         sequences(mixed)
         sensors(punch)
         mistakes(mixed)
+        if "render" in subprocess.run([native, "--help"], capture_output=True, text=True).stdout:
+            frames()
     types()
     print(f"gelsim {gelsim.__version__} in Python {sys.version.split()[0]}: the arrays and words of {os.fspath(native)}")
