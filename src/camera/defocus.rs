@@ -293,8 +293,9 @@ mod tests {
             let line = weights(sigma);
             let squares: f64 = line.iter().map(|weight| f64::from(weight * weight)).sum();
             let kept = 2.0 * squares - f64::from(line[0] * line[0]);
-            assert!((noise_kept([sigma, 0.0]) - kept).abs() < 1e-4 * kept, "{sigma}");
-            assert!((noise_kept([sigma; 2]) - kept * kept).abs() < 2e-4 * kept * kept, "{sigma}");
+            // What is cut off of the spots is missed most where their reach is a pixel or two.
+            assert!((noise_kept([sigma, 0.0]) - kept).abs() < 1e-3 * kept, "{sigma}");
+            assert!((noise_kept([sigma; 2]) - kept * kept).abs() < 2e-3 * kept * kept, "{sigma}");
         }
     }
 
