@@ -73,10 +73,11 @@ pub struct Render {
     #[arg(long, value_name = "FILE.csv", conflicts_with = "stream")]
     poses: Option<PathBuf>,
     /// Render also if no frame reaches the pad
-    #[arg(long)]
+    #[arg(long, conflicts_with = "stream")]
     no_contact_ok: bool,
     /// Layers beside the tactile image: depth, surface, contact, normal, pressure, markers, reference
     #[arg(long, value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = layer)]
+    #[arg(conflicts_with = "stream")]
     layers: Vec<Layer>,
     /// Rung of the accuracy ladder
     #[arg(long, value_name = "RUNG")]
@@ -135,7 +136,7 @@ impl Render {
             let help = "it is a distance: above 0, or 0 where values are heights over the pad and rays are parallel";
             wrong(format!("--plane-mm {} is out of range", self.plane_mm), help);
         }
-        if let Some(mm) = self.max_depth_mm.filter(|mm| !(*mm > self.plane_mm)) {
+        if let Some(mm) = self.max_depth_mm.filter(|mm| mm.is_nan() || *mm <= self.plane_mm) {
             wrong(
                 format!("--max-depth-mm {mm} is not beyond --plane-mm {}", self.plane_mm),
                 "the pad is seen as far as that",

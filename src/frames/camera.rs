@@ -93,8 +93,14 @@ pub struct Heights {
 }
 
 impl DepthCamera {
-    /// Heights from a frame as it was read. A problem if it has holes. A frame of parallel rays must have the view's size.
+    /// Heights from a frame as it was read. A problem if it has holes, or parallel rays and not the view's size.
     pub fn heights(&self, frame: Grid<f64>, view: &depth::Camera) -> Result<Heights, Problem> {
+        let size = [frame.width, frame.height];
+        if self.projection == Projection::Orthographic && size != view.resolution_px {
+            let [size, view] = [size, view.resolution_px].map(|[width, height]| format!("{width}x{height}"));
+            let problem = Problem::new(format!("it has {size} px, and the view has {view}"));
+            return Err(problem.help("all frames of a run have one size; render those of others by themselves"));
+        }
         let mut distances = self.distances_mm(frame)?;
         self.turn(&mut distances);
         Ok(match self.projection {

@@ -12,10 +12,14 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use gelsim::calibrate::{self, Geometry};
 use gelsim::camera::Shot;
+use gelsim::config::Overrides;
 use gelsim::config::output::{Compression, Exr, Pixel};
-use gelsim::dataset::{encode, exr, png};
+use gelsim::dataset::{encode, exr, npy, png};
 use gelsim::depth::{self, Camera, Placement, Window};
 use gelsim::effects::{Gate, Ledger};
+use gelsim::frames::camera::{DepthCamera, Projection, Unit};
+use gelsim::frames::read;
+use gelsim::frames::run::sample;
 use gelsim::gelpad::Pad;
 use gelsim::gelpad::mean_blur::MeanBlur;
 use gelsim::grid::Rect;
@@ -24,6 +28,7 @@ use gelsim::object::mesh::Mesh;
 use gelsim::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
 use gelsim::optics::calibrated::{Calibrated, Shader, Table};
 use gelsim::plan::Plan;
+use gelsim::plan::frames::Frames;
 use gelsim::render::render;
 use gelsim::rng::{Stage, stream};
 use gelsim::scene::Scene;
@@ -166,5 +171,55 @@ fn light(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, capture, stages, light);
+/// What `gelsim render --stream` does with a frame of 320x240 px, from the bytes that it reads to those that it writes. The
+/// floor is what it would do without any simulation: the frame taken to heights, and an image of its size written.
+fn frames(c: &mut Criterion) {
+    let mut group = c.benchmark_group("streamed_frame");
+    let resolution_px = [320, 240];
+    let overrides = Overrides::default();
+    let wanted = Frames {
+        sensor: "gelsight-2014",
+        resolution_px,
+        layers: &[],
+        classes: &[],
+        moved: false,
+        overrides: &overrides,
+    };
+    let plan = wanted.plan().unwrap_or_else(|report| panic!("{report}"));
+    let camera = DepthCamera {
+        unit: Unit::Millimetre,
+        plane_mm: 10.0,
+        max_depth_mm: None,
+        background: None,
+        flip: [false; 2],
+        offset_px: [0.0; 2],
+        projection: Projection::Orthographic,
+    };
+    let heights = |bytes: &[u8]| {
+        let frame = read::decode(bytes).unwrap_or_else(|reason| panic!("{reason}"));
+        camera.heights(frame, &plan.camera).unwrap_or_else(|problem| panic!("{problem:?}"))
+    };
+    for name in ["dots", "sphere", "flat_face"] {
+        let pressed = self::plan(name);
+        let scene = Scene::draw(&pressed, 0, 0);
+        let seen = depth::pressed(&pressed, &scene, &plan.camera, Window { margin_px: 0, above_mm: 50.0 });
+        let distances: Vec<f32> = seen.overlap.data.iter().map(|mm| 10.0 - mm).collect();
+        let bytes = npy::encode(320, 240, &[&distances]);
+        group.bench_function(BenchmarkId::new("whole", name), |b| {
+            b.iter(|| {
+                let image = sample(&plan, 0, "frame", heights(black_box(&bytes)), None).image;
+                npy::encode_rgb(image.width, image.height, &image.rgb)
+            });
+        });
+        if name == "sphere" {
+            let image = sample(&plan, 0, "frame", heights(&bytes), None).image;
+            group.bench_function(BenchmarkId::new("floor", name), |b| {
+                b.iter(|| (heights(black_box(&bytes)), npy::encode_rgb(image.width, image.height, &image.rgb)));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, capture, stages, light, frames);
 criterion_main!(benches);

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use gelsim::config::dataset::Dataset;
-use gelsim::config::diagnostic::{Problem, Problems};
+use gelsim::config::diagnostic::{Problem, Problems, Report};
 use gelsim::config::output::{Coding, Compression, DepthFormat, Exr, Layer, Pixel};
 use gelsim::config::{self, Overrides, Written};
 use gelsim::dataset::archive::{self, Files};
@@ -23,6 +23,11 @@ use gelsim::dataset::versioned::Versioned;
 use gelsim::dataset::{decode, exr as exr_file, heights, npy as npy_file, png as png_file, verify};
 use gelsim::depth::{Camera, Depth};
 use gelsim::effects::{Gate, Ledger};
+use gelsim::frames::camera::{DepthCamera, Projection, Unit};
+use gelsim::frames::check::Reach;
+use gelsim::frames::source::Source;
+use gelsim::frames::stream::{Broken, stream};
+use gelsim::frames::{poses as poses_file, read};
 use gelsim::gelpad::{Contact, none};
 use gelsim::grid::{Grid, Rect};
 use gelsim::label::Label;
@@ -374,4 +379,66 @@ pub fn presses(bytes: &[u8]) {
         presses.iter().map(|press| press_file::Press { line: 0, ..press.clone() }).collect()
     };
     assert_eq!(but_lines(&again.presses), but_lines(&table.presses));
+}
+
+/// A depth frame is refused in words, or becomes heights of the view's size that are no NaN, whatever rays its camera has;
+/// the same bytes in a pipe are taken apart without taking more than they say.
+pub fn frame(bytes: &[u8]) {
+    const VIEW: Camera = Camera { resolution_px: [9, 7], mm_per_px: [1.0; 2] };
+    let camera = |projection| DepthCamera {
+        unit: Unit::Millimetre,
+        plane_mm: 10.0,
+        max_depth_mm: Some(1e6),
+        background: Some(65535.0),
+        flip: [true, true],
+        offset_px: [0.5, -0.25],
+        projection,
+    };
+    match read::decode(bytes) {
+        Err(reason) => assert!(!reason.is_empty()),
+        Ok(seen) if seen.data.len() > 1 << 16 => {}
+        Ok(seen) => {
+            let own = Camera { resolution_px: [seen.width, seen.height], ..VIEW };
+            for (projection, view) in
+                [(Projection::Orthographic, own), (Projection::Perspective { fov_y_deg: 60.0 }, VIEW)]
+            {
+                match camera(projection).heights(seen.clone(), &view) {
+                    Err(problem) => assert!(!problem.message.is_empty() && problem.help.is_some()),
+                    Ok(heights) => {
+                        let Grid { width, height, data } = &heights.above_mm;
+                        assert_eq!([*width, *height], view.resolution_px);
+                        assert!(data.len() == width * height && data.iter().all(|mm| !mm.is_nan()));
+                        let reach = Reach::of(&heights, 3.0);
+                        assert!(reach.through_px + reach.unseen_px <= 2 * data.len() as u64);
+                        reach.mistake(&camera(projection));
+                    }
+                }
+            }
+        }
+    }
+    // No plan is made: what would be rendered is no matter of reading.
+    let refused = |_| Err(Report::message("a plan is not wanted"));
+    match stream(bytes, Vec::new(), &camera(Projection::Orthographic), refused) {
+        Ok(frames) => assert!(frames == 0 && bytes.is_empty()),
+        Err(Broken::Frame(0, problem)) => assert!(!problem.message.is_empty()),
+        Err(Broken::Plan(_)) => {}
+        Err(other) => panic!("{other:?}"),
+    }
+}
+
+/// A table of poses is refused with a report that can be shown, or says something finite of every frame.
+pub fn poses(bytes: &[u8]) {
+    let sources = ["a", "b"].map(|stem| Source { path: PathBuf::from(stem), stem: stem.to_owned() });
+    match poses_file::parse(Path::new("poses.csv"), bytes, &sources) {
+        Err(report) => assert!(report.render(false).contains("error: ")),
+        Ok(known) => {
+            assert_eq!(known.len(), 2);
+            for known in known {
+                let q = known.pose.quaternion_xyzw();
+                assert!((q.iter().map(|part| part * part).sum::<f64>() - 1.0).abs() < 1e-9, "{q:?}");
+                assert!(known.pose.translation_mm.is_finite() && !known.id.is_empty());
+                assert!(known.motion.shift_mm.iter().all(|mm| mm.abs() <= 10.0));
+            }
+        }
+    }
 }

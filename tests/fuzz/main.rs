@@ -43,7 +43,9 @@ targets!(
     shard: 80_000,
     manifest: 80_000,
     presses: 60_000,
-    calibration: 80_000
+    calibration: 80_000,
+    frame: 60_000,
+    poses: 15_000
 );
 
 /// The committed inputs of a target, with their names.

@@ -59,6 +59,17 @@ ELSEWHERE = {
     "kubectl wait --for=condition=complete --timeout=24h job/gelsim": ("a cluster", "tests/pipeline/recipes.py"),
     "kubectl apply -f finalize-job.yaml": ("a cluster; there the pod's command", "tests/pipeline/recipes.py"),
     "for host in node0 node1 node2; do": ("three machines; there with a false ssh", "tests/pipeline/recipes.py"),
+    "gelsim render --depth frames --depth-unit m --plane-mm 10 --sensor gelsight-2014 --out tactile": (
+        "MuJoCo's frames",
+        "tests/pipeline/simulators.py",
+    ),
+    "gelsim render --depth rays --depth-unit mm --plane-mm 10 --max-depth-mm 19 --sensor gelsight-2014 --out from-rays": (
+        "PyBullet's frames",
+        "tests/pipeline/simulators.py",
+    ),
+    "gelsim render --depth seen --depth-unit m --plane-mm 25 --projection perspective --fov-y-deg 40 --sensor gelsight-2014"
+    " --out from-perspective": ("MuJoCo's frames", "tests/pipeline/simulators.py"),
+    "python tests/pipeline/simulators.py GELSIM": ("the packages of simulators", ".ci/run"),
     "seq 0 63 | parallel": ("two machines; there with a false ssh", "tests/pipeline/recipes.py"),
 }
 

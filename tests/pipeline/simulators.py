@@ -1,0 +1,144 @@
+"""Runs the scripts of docs/simulators.md as they stand, with MuJoCo and PyBullet, and compares the tactile images with those
+of gelsim's own capture of the same scene.
+
+    python simulators.py GELSIM         needs mujoco (with OSMesa), pybullet, numpy and pillow
+"""
+
+import ctypes.util
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+import numpy
+from PIL import Image
+
+from sets import REPOSITORY, environment
+from snippet import snippets
+
+PAGE = REPOSITORY / "docs/simulators.md"
+WIDTH, HEIGHT, PITCH = 320, 240, 1 / 16
+# With parallel rays, images may differ by so many levels.
+LEVELS = 2
+
+
+def mesh(path):
+    """The scene's ball and rod, with their lowest points at z = 0 and 0.5 mm, finer than a pixel shows."""
+    lines, base = [], 1
+    rings, sides = 180, 720
+    turns = numpy.linspace(0, 2 * numpy.pi, sides, endpoint=False)
+
+    def surface(profile):
+        """A profile of (radius, z) turned about an axis; closed where the radius is 0."""
+        nonlocal base
+        for radius, z, x in profile:
+            lines.extend(f"v {x + radius * c:.7f} {radius * s:.7f} {z:.7f}" for c, s in zip(numpy.cos(turns), numpy.sin(turns)))
+        for ring in range(len(profile) - 1):
+            for k in range(sides):
+                a, b = base + ring * sides + k, base + ring * sides + (k + 1) % sides
+                lines.append(f"f {a} {b} {b + sides} {a + sides}")
+        base += len(profile) * sides
+
+    angles = numpy.linspace(0.0005, numpy.pi / 2, rings)
+    surface([(4 * numpy.sin(a), 4 - 4 * numpy.cos(a), 0) for a in angles])
+    surface([(1e-5, 0.5, 6), (1.4, 0.5, 6), (1.4, 10.5, 6)])
+    path.write_text("\n".join(lines) + "\n")
+
+
+def own(folder, pressed_mm):
+    """gelsim's own image of the scene."""
+    out = folder / f"own-{pressed_mm}"
+    if not out.exists():
+        generate(folder, out, pressed_mm)
+    shard = next((out / "data").iterdir())
+    depth = numpy.load(next(shard.glob("*.depth.npy")))
+    return picture(next(shard.glob("*.tactile.png"))), depth
+
+
+def generate(folder, out, pressed_mm):
+    job = f"""
+        dataset = {{ name = "own", samples = 1, seed = 1 }}
+        sensor = {{ preset = "gelsight-2014", resolution_px = [{WIDTH}, {HEIGHT}] }}
+        pose.anchor = "origin"
+        indentation.depth_mm = {pressed_mm}
+        output = {{ layers = ["depth", "contact"], depth_format = "npy", container = "folder" }}
+        object = [{{ path = "scene.obj" }}]
+    """
+    (folder / "own.toml").write_text(re.sub(r"(?m)^\s+", "", job))
+    subprocess.run(["gelsim", "generate", "own.toml", "--quiet", "--out", str(out)], cwd=folder, check=True)
+
+
+def picture(path):
+    return numpy.asarray(Image.open(path)).astype(int)
+
+
+def outlines(depth):
+    """Pixels within one of where the object begins or ends to reach into the pad, or jumps."""
+    inside = depth > 0
+    edge = numpy.zeros_like(inside)
+    for axis in (0, 1):
+        jump = (numpy.abs(numpy.diff(depth, axis=axis)) > 0.2) | (numpy.diff(inside, axis=axis))
+        pad = [(0, 0), (0, 0)]
+        for side in ((0, 1), (1, 0)):
+            pad[axis] = side
+            edge |= numpy.pad(jump, pad)
+    grown = edge.copy()
+    for axis in (0, 1):
+        for by in (-1, 1):
+            grown |= numpy.roll(edge, by, axis)
+    return grown
+
+
+def compare(name, found, folder, pressed_mm, levels=LEVELS, most=0):
+    """Fails beyond `levels` outside the outlines, and where more than `most` pixels are over 2 levels off anywhere."""
+    expected, depth = own(folder, pressed_mm)
+    away = numpy.abs(found - expected).max(axis=2)
+    outside, inside, over = away[~outlines(depth)].max(), away.max(), (away > LEVELS).sum()
+    print(f"{name}: {outside} levels outside the outlines, {inside} at them, {over} px over {LEVELS}")
+    assert outside <= levels and over <= most, f"{name}: {outside} levels, {over} px over {LEVELS}"
+    # There is something to see.
+    assert depth.max() > 0.9 * pressed_mm and numpy.ptp(expected) > 40
+
+
+def main():
+    if not ctypes.util.find_library("OSMesa"):
+        return print("skipped: no libOSMesa, with which MuJoCo draws without a graphics card")
+    os.environ.update(environment(pathlib.Path(sys.argv[1]).resolve()))
+    mujoco, pybullet, perspective, stream = snippets(PAGE)
+    commands = {
+        re.search(r"--out (\S+)", command)[1]: command
+        for command in re.findall(r"(?m)^    (gelsim render .*)$", PAGE.read_text())
+    }
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = pathlib.Path(temporary)
+        mesh(folder / "scene.obj")
+        for script in (mujoco, pybullet, perspective):
+            subprocess.run([sys.executable, "-c", script], cwd=folder, check=True)
+        for command in commands.values():
+            subprocess.run(command.split(), cwd=folder, check=True)
+        for number, pressed_mm in enumerate([0.5, 1.0]):
+            compare(f"mujoco, {pressed_mm} mm", picture(folder / f"tactile/{number}.tactile.png"), folder, pressed_mm)
+        compare("pybullet", picture(folder / "from-rays/press.tactile.png"), folder, 1.0)
+        command = commands["from-perspective"] + " --set sensor.resolution_px=[320,240]"
+        subprocess.run(command.split(), cwd=folder, check=True)
+        # The rod's rim is known to the distance between two rays, a third of a pixel, and the pad around it follows.
+        found = picture(folder / "from-perspective/press.tactile.png")
+        compare("mujoco in perspective", found, folder, 1.0, levels=24, most=200)
+        label = json.loads((folder / "from-perspective/press.json").read_text())
+        # The rod's rim hides a ring around itself, where the pad begins.
+        print(f"mujoco in perspective: {label['health']['unseen_px']} px unseen")
+        assert 0 < label["health"]["unseen_px"] < 400
+
+        script = stream + "\nnumpy.save('images.npy', images)\nassert touch.wait() == 0\n"
+        subprocess.run([sys.executable, "-c", script], cwd=folder, check=True)
+        images = numpy.load(folder / "images.npy")
+        for number, image in enumerate(images):
+            assert (image == picture(folder / f"tactile/{number}.tactile.png")).all(), number
+        print(f"stream: {len(images)} images as those of the files")
+
+
+if __name__ == "__main__":
+    main()
