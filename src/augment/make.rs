@@ -254,7 +254,8 @@ impl<'a> Maker<'a> {
         let own = |path: &Path| path.components().all(|step| matches!(step, Component::Normal(_)));
         let file = |value: &String| {
             let path = Path::new(value);
-            if *value == real.image || !value.contains('.') || value.parse::<f64>().is_ok() || !own(path) {
+            let number = value.parse::<f64>().is_ok();
+            if *value == real.image || !value.contains('.') || number || !own(path) || self.units.reserved(path) {
                 return None;
             }
             let read = |from: &Path| crate::input::read(&set.root.join(from), crate::input::MOST_IMAGE_BYTES).ok();

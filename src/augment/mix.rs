@@ -92,6 +92,11 @@ pub fn check(check: &mut Check<'_>, mixing: &Mixing, division: Option<&Division>
     }
     let (Some(wanted), Some(division)) = (&mixing.splits, division) else { return };
     let names: Vec<&str> = division.names.iter().map(String::as_str).collect();
+    if let [""] = names.as_slice() {
+        let help = "leave `splits` out, or name the column of the split with input.columns.split";
+        check.wrong("mixing.splits", "no split of the real samples is known", help);
+        return;
+    }
     for (k, split) in wanted.iter().enumerate().filter(|(_, split)| !names.contains(&split.as_str())) {
         let near =
             nearest(split, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));

@@ -312,6 +312,51 @@ fn an_imagefolder_stays_one_with_the_files_that_its_rows_name() {
 }
 
 #[test]
+fn nested_labels_are_filled_where_they_nest_and_new_splits_of_an_imagefolder_are_folders() {
+    let folder = with_tars();
+    fs::create_dir(folder.path("real")).expect("a folder");
+    let mut table = String::new();
+    for (key, members) in folder.samples("out/real") {
+        let label: Value = serde_json::from_slice(&members["json"]).expect("JSON");
+        folder.write(&format!("real/{key}.png"), &members["tactile.png"]);
+        let at = &label["pose"]["translation_mm"];
+        table += &format!(
+            "{{\"file_name\": \"{key}.png\", \"press\": {{\"depth\": {}, \"at_mm\": [{}, {}]}}, \"class\": {}, \"tags\": [\"a\"]}}\n",
+            label["indentation_depth_mm"], at[0], at[1], label["object"]["class"]
+        );
+    }
+    folder.write("real/metadata.jsonl", &table);
+    let columns = "columns = { depth_mm = \"press.depth\", x_mm = \"press.at_mm.0\", y_mm = \"press.at_mm.1\" }\n\
+                   [output]\nsplits = { train = 0.75, test = 0.25 }\n[[photometric]]";
+    folder.write("augment.toml", edited(RECIPE, &[("[[photometric]]", columns)]));
+    folder.succeed("augment augment.toml --out larger --quiet");
+    let mut reals = 0;
+    for split in ["train", "test"] {
+        for line in folder.read(&format!("larger/{split}/metadata.jsonl")).lines() {
+            let row: Map<String, Value> = serde_json::from_str(line).expect("JSON");
+            let image = format!("larger/{split}/{}", row["file_name"].as_str().expect("text"));
+            assert!(folder.read_bytes(&image).starts_with(b"\x89PNG"), "{image}");
+            match row["source"].as_str() {
+                Some("real") => {
+                    reals += 1;
+                    let (text, _) = line.split_once(",\"source\"").expect("a trace");
+                    assert!(table.contains(&format!("{text}}}\n")), "{line}");
+                }
+                Some("synthetic") => {
+                    assert!(row["tags"].is_null() && row["press"]["depth"].is_f64(), "{line}");
+                    let at: Vec<f64> = serde_json::from_value(row["press"]["at_mm"].clone()).expect("two numbers");
+                    assert!(at.len() == 2 && at[0].abs() <= 6.0 && at[1].abs() <= 4.0, "{line}");
+                }
+                _ => assert_eq!(row["tags"][0], "a"),
+            }
+        }
+    }
+    assert_eq!(reals, 24);
+    let card = folder.read("larger/README.md");
+    assert!(card.contains("- split: test") && card.contains("\"test/**\""), "{card}");
+}
+
+#[test]
 fn new_splits_keep_groups_together_with_all_that_is_made_of_them() {
     let folder = with_table();
     let text = folder.read("real/labels.csv");

@@ -224,17 +224,24 @@ pub fn set(map: &mut Map<String, Value>, path: &str, value: Value) {
         return;
     }
     let (first, rest) = path.split_once('.').unwrap_or((path, ""));
-    match map.entry(first).or_insert_with(|| Value::Object(Map::new())) {
-        Value::Object(inner) => set(inner, rest, value),
-        Value::Array(items) => {
-            if let Some(item) = rest.parse::<usize>().ok().and_then(|index| items.get_mut(index)) {
-                *item = value;
-            }
+    put(map.entry(first).or_insert(Value::Null), rest, value);
+}
+
+fn put(there: &mut Value, path: &str, value: Value) {
+    match there {
+        Value::Object(map) => set(map, path, value),
+        Value::Null => {
+            let mut map = Map::new();
+            set(&mut map, path, value);
+            *there = Value::Object(map);
         }
-        nothing @ Value::Null => {
-            let mut inner = Map::new();
-            set(&mut inner, rest, value);
-            *nothing = Value::Object(inner);
+        Value::Array(items) => {
+            let (step, rest) = path.split_once('.').map_or((path, None), |(step, rest)| (step, Some(rest)));
+            match (step.parse().ok().and_then(|index: usize| items.get_mut(index)), rest) {
+                (Some(item), None) => *item = value,
+                (Some(item), Some(rest)) => put(item, rest, value),
+                _ => {}
+            }
         }
         _ => {}
     }

@@ -203,7 +203,9 @@ fn json_lines(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &
             Ok(map) => map,
             Err(error) => {
                 let at = from + error.column().saturating_sub(1).min(line.len());
-                let problem = Problem::new(format!("no JSON object: {error}"));
+                let reason = error.to_string();
+                let reason = reason.split(" at line ").next().unwrap_or_default();
+                let problem = Problem::new(format!("no JSON object: {reason}"));
                 draft
                     .found
                     .push(problem.at(Place { source: unit, start: at, end: at }).help("one object on each line"));

@@ -101,7 +101,8 @@ impl Labels<'_> {
                 self.finished(names, cells, split, trace)
             }
             form => {
-                let mut map = emptied(&self.set.example);
+                let listed = |path: &str| values.iter().any(|(column, _)| column.starts_with(&format!("{path}.")));
+                let mut map = emptied(&self.set.example, "", &listed);
                 if is_own(&self.set.example) {
                     let Ok(Value::Object(own)) = serde_json::to_value(sample.label) else { return Vec::new() };
                     for (key, value) in own {
@@ -151,13 +152,18 @@ impl Labels<'_> {
     }
 }
 
-/// An object with the same keys and nothing in them.
-fn emptied(map: &Map<String, Value>) -> Map<String, Value> {
-    let nothing = |value: &Value| match value {
-        Value::Object(inner) => Value::Object(emptied(inner)),
-        _ => Value::Null,
+/// An object with the same keys and nothing in them; of lists, those of which elements are `listed` keep their length.
+fn emptied(map: &Map<String, Value>, at: &str, listed: &impl Fn(&str) -> bool) -> Map<String, Value> {
+    let nothing = |(key, value): (&String, &Value)| {
+        let path = if at.is_empty() { key.clone() } else { format!("{at}.{key}") };
+        let nothing = match value {
+            Value::Object(inner) => Value::Object(emptied(inner, &path, listed)),
+            Value::Array(items) if listed(&path) => Value::Array(vec![Value::Null; items.len()]),
+            _ => Value::Null,
+        };
+        (key.clone(), nothing)
     };
-    map.iter().map(|(key, value)| (key.clone(), nothing(value))).collect()
+    map.iter().map(nothing).collect()
 }
 
 /// The cells of one record.
@@ -189,7 +195,8 @@ mod tests {
 
     #[test]
     fn what_a_synthetic_sample_cannot_fill_is_null_in_the_same_keys() {
-        let map = serde_json::from_str(r#"{"a":1,"b":{"c":[1],"d":"x"}}"#).expect("JSON");
-        assert_eq!(serde_json::to_string(&emptied(&map)).expect("JSON"), r#"{"a":null,"b":{"c":null,"d":null}}"#);
+        let map = serde_json::from_str(r#"{"a":1,"b":{"c":[1],"d":"x","e":[2,3]}}"#).expect("JSON");
+        let nothing = serde_json::to_string(&emptied(&map, "", &|path| path == "b.e")).expect("JSON");
+        assert_eq!(nothing, r#"{"a":null,"b":{"c":null,"d":null,"e":[null,null]}}"#);
     }
 }

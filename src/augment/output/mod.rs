@@ -1,6 +1,7 @@
 //! An output in the layout of its input: units of the same form, images beside them.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -69,6 +70,13 @@ impl<'a> Units<'a> {
                 folder.join(there.file.file_name().unwrap_or_default())
             }
         }
+    }
+
+    /// True of a name that is a table's, or of a file that says what an output is: no file of the input's is copied there.
+    pub fn reserved(&self, path: &Path) -> bool {
+        let name = path.file_name().unwrap_or_default();
+        let tables = self.set.units.iter().filter_map(|unit| unit.file.file_name());
+        tables.chain(place::DESCRIPTIONS.map(OsStr::new)).any(|reserved| reserved == name)
     }
 
     /// The folder that images go to.

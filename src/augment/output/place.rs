@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::folder::Refused;
 use crate::dataset::imagefolder;
+use crate::dataset::names::REPORT;
 use crate::dataset::shard::Lock;
 use crate::plan::usage;
 
@@ -14,6 +15,9 @@ use crate::plan::usage;
 pub const SUMMARY: &str = "augment.json";
 /// Name of the list of its files, as `sha256sum` writes it.
 pub const FILES: &str = "files.sha256";
+
+/// Files that say what an output is.
+pub const DESCRIPTIONS: [&str; 4] = ["README.md", SUMMARY, REPORT, FILES];
 
 /// A folder that an output is being written to.
 pub struct Place {
