@@ -2,8 +2,8 @@
 //!
 //! A label is seldom exact to the pixel. So the twin is rendered where the label says, the shift between the two is
 //! measured ([`align`]), and the twin is rendered anew at the shifted place: a picture that is moved instead would take
-//! the light of one place to another. What is left of the shift is measured again, until it is small or the twin gets no
-//! more alike.
+//! the light of one place to another. What is left of the shift is measured again, until it is small or the twin gets less
+//! alike.
 
 use image::RgbImage;
 use schemars::JsonSchema;
@@ -104,7 +104,10 @@ pub struct Pairing {
 const SMALL_PX: f64 = 0.05;
 
 /// Rounds of measuring and rendering at most.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 6;
+
+/// A twin whose correlation falls by more than this in a round was better before.
+const WORSE: f64 = 1e-3;
 
 impl Pairing {
     /// For images of the plan's resolution; `background` is the untouched pad as the real camera sees it.
@@ -143,8 +146,7 @@ impl Pairing {
             let sample = self.render(&known, number);
             shown = pair(&sample);
             let correlation = align::correlation(&seen, &shown);
-            if correlation <= twin.correlation {
-                // Light that differs from the real one may draw the shift on and on.
+            if correlation < twin.correlation - WORSE {
                 break;
             }
             twin = Twin { sample, known, offset_px, correlation, ..twin };
