@@ -56,4 +56,5 @@ pub mod cli;
 pub mod grid;
 pub mod input;
 pub mod page;
+pub mod rows;
 pub mod simd;

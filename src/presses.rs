@@ -6,12 +6,11 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use csv::{ReaderBuilder, StringRecord};
-
 use crate::config::diagnostic::{Problem, Problems, Report, nearest, one_of};
-use crate::config::document::{Place, Source};
+use crate::config::document::Source;
 use crate::input;
 use crate::plan::usage;
+use crate::rows::{self, Row, cell_place, row_place};
 
 /// Largest table, bytes.
 const MOST_BYTES: u64 = 16 << 20;
@@ -79,32 +78,13 @@ pub fn read(path: &Path) -> Result<Table, Report> {
 
 /// Reads a table from the bytes of the file `path`.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Table, Report> {
-    let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
-    // One kind of line end from here on.
-    let text = String::from_utf8_lossy(bytes).replace("\r\n", "\n").replace('\r', "\n");
-    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    let source = Source { name: path.display().to_string(), text, folder };
+    let source = rows::source(path, bytes)?;
     let mut problems = Problems::default();
-    let presses = match str::from_utf8(bytes) {
-        Ok(_) => presses(&source, &mut problems),
-        Err(error) => {
-            problems.push(not_utf8(&bytes[..error.valid_up_to()], &source.text));
-            Vec::new()
-        }
-    };
+    let presses = presses(&source, &mut problems);
     match problems.is_empty() {
         true => Ok(Table { path: path.to_owned(), presses, source }),
         false => Err(Report::new(&problems, &[source])),
     }
-}
-
-/// The bytes before the first that is not UTF-8, and the whole text.
-fn not_utf8(before: &[u8], text: &str) -> Problem {
-    let returns = before.windows(2).filter(|pair| pair == b"\r\n").count();
-    let start = before.len() - returns;
-    let length = text[start..].chars().next().map_or(0, char::len_utf8);
-    let problem = Problem::new("the table is not UTF-8").at(Place { source: 0, start, end: start + length });
-    problem.help("save it as CSV in UTF-8")
 }
 
 /// What is read of a table.
@@ -128,68 +108,8 @@ impl Column {
     }
 }
 
-/// One record of the file.
-struct Row<'a> {
-    text: &'a str,
-    /// Its first byte.
-    start: usize,
-    line: u64,
-    cells: StringRecord,
-}
-
-impl Row<'_> {
-    fn cell(&self, index: usize) -> &str {
-        self.cells.get(index).unwrap_or_default().trim()
-    }
-
-    /// A mistake in the cell number `index`.
-    fn wrong(&self, index: usize, message: impl Into<String>) -> Problem {
-        Problem::new(message).at(cell_place(self.text, self.start, index))
-    }
-}
-
-/// The records of a text without empty lines.
-fn rows(text: &str) -> impl Iterator<Item = Row<'_>> {
-    let reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
-    let (mut line, mut counted) = (1, 0);
-    // Nothing can fail: the text is in memory and UTF-8.
-    reader.into_records().map_while(Result::ok).map(move |cells| {
-        let found = cells.position().map_or(0, |position| position.byte() as usize);
-        let start = found + text[found..].bytes().take_while(|byte| *byte == b'\n').count();
-        line += text[counted..start].bytes().filter(|byte| *byte == b'\n').count() as u64;
-        counted = start;
-        Row { text, start, line, cells }
-    })
-}
-
-/// Where the record that begins at `start` stands: its first line.
-fn row_place(text: &str, start: usize) -> Place {
-    let length = text[start..].find('\n').unwrap_or(text.len() - start);
-    Place { source: 0, start, end: start + length }
-}
-
-/// Where the cell number `index` of the record that begins at `start` stands, its quotes included.
-fn cell_place(text: &str, start: usize, index: usize) -> Place {
-    let (mut quoted, mut from, mut left) = (false, start, index);
-    let mut end = text.len();
-    for (at, byte) in text.bytes().enumerate().skip(start) {
-        match byte {
-            b'"' if quoted => quoted = false,
-            // At the cell's start, or the second one of two that stand for one.
-            b'"' => quoted = at == from || text.as_bytes()[at - 1] == b'"',
-            b',' if !quoted && left > 0 => (from, left) = (at + 1, left - 1),
-            b',' | b'\n' if !quoted => {
-                end = at;
-                break;
-            }
-            _ => {}
-        }
-    }
-    Place { source: 0, start: from, end }
-}
-
 fn presses(source: &Source, problems: &mut Problems) -> Vec<Press> {
-    let mut rows = rows(&source.text);
+    let mut rows = rows::rows(&source.text);
     let Some(header) = rows.next() else {
         problems.push(Problem::new(format!("{}: the table is empty", source.name)).help(
             "its first line names the columns, each further one is an image: file,centre_x_px,centre_y_px,radius_px",

@@ -15,6 +15,8 @@ use crate::config::quantity::{Distribution, Quantity};
 pub enum Stage {
     /// Which objects go to which split.
     Splits,
+    /// Which groups of real samples go to which split.
+    Regroup,
     /// The grain of a rendered background.
     Grain,
     /// The random parts of a texture's pattern, the same in every job.
@@ -107,6 +109,7 @@ impl Stage {
     fn name(self) -> &'static [u8] {
         match self {
             Self::Splits => b"splits",
+            Self::Regroup => b"regroup",
             Self::Grain => b"grain",
             Self::Relief => b"relief",
             Self::Coating => b"coating",

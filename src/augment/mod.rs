@@ -1,4 +1,192 @@
-//! Enlarges a real dataset: its images as other lamps, pads and cameras would have shown them, and their simulated twins.
+//! Enlarges a real dataset: its images as other lamps, pads and cameras would have shown them, simulated twins of its
+//! samples, and new synthetic samples among them; in the layout of the input, every sample traced to its source.
+//!
+//! AUGMENT.toml ([`config`]) -> [`recipe`] (resolved, every mistake found, every choice made) -> [`make`] (samples) ->
+//! [`output`] (files) and [`report`].
 
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+mod card;
+pub mod config;
+pub mod coverage;
+pub mod input;
+mod make;
+pub mod mix;
+pub mod output;
 pub mod paired;
 pub mod photometric;
+pub mod recipe;
+pub mod report;
+pub mod split;
+pub mod trace;
+
+use make::{Maker, Raw};
+use output::labels::Labels;
+use output::place::{Place, SUMMARY};
+use output::{Units, Writer};
+pub use recipe::Recipe;
+pub use report::Summary;
+
+use crate::dataset::archive;
+use crate::dataset::folder::Refused;
+use crate::dataset::names::REPORT;
+use crate::generate::{Expected, Watch};
+use crate::input::MOST_IMAGE_BYTES;
+
+/// Real samples that are read before what is made of them is written.
+const BLOCK: usize = 16;
+/// Samples that are made before they are written, unless a single real one asks for more.
+const MOST_AT_ONCE: usize = 64;
+
+/// Where an output goes.
+pub struct Target {
+    /// Its folder.
+    pub root: PathBuf,
+    /// Threads; all cores if absent.
+    pub threads: Option<usize>,
+    /// Replace an output that is there.
+    pub overwrite: bool,
+}
+
+/// Why a run ended early; nothing is written then.
+#[derive(Debug)]
+pub enum Stopped {
+    /// The folder cannot be used.
+    Refused(Refused),
+    /// Reading or writing failed.
+    Io(PathBuf, io::Error),
+    /// A sample cannot be read or made.
+    Sample(String),
+    /// The stop flag was raised.
+    Interrupted,
+}
+
+/// Writes the output of a recipe.
+pub fn augment(recipe: &Recipe, target: &Target, watch: &Watch) -> Result<Summary, Stopped> {
+    let start = Instant::now();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(target.threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| Stopped::Io(target.root.clone(), io::Error::other(error)))?;
+    let place = Place::take(&target.root, &recipe.set.root, target.overwrite).map_err(Stopped::Refused)?;
+    // Nobody else sets it.
+    let expected = Expected { samples: recipe.samples(), shards: recipe.set.units.len() as u64, skipped: 0 };
+    let _ = watch.expected.set(expected);
+    let mut summary = pool.install(|| write(recipe, &place.partial, watch))?;
+    place.finish().map_err(|error| Stopped::Io(target.root.clone(), error))?;
+    summary.seconds = start.elapsed().as_secs_f64();
+    Ok(summary)
+}
+
+fn write(recipe: &Recipe, root: &Path, watch: &Watch) -> Result<Summary, Stopped> {
+    let set = &recipe.set;
+    let labels = Labels { set, trace: recipe.trace.clone(), split: recipe.split_column.clone() };
+    let units = Units::new(set, &recipe.division);
+    let maker = Maker::new(recipe, &labels, &units);
+    let mut run =
+        Run { recipe, maker, writer: Writer::new(root, &units, &labels), watch, summary: Summary::new(recipe) };
+    for unit in 0..set.units.len() {
+        if set.in_tars() {
+            run.tar(unit)?
+        } else {
+            run.table(unit)?
+        }
+        watch.written.fetch_add(1, Ordering::Relaxed);
+    }
+    let Run { mut writer, mut summary, .. } = run;
+    let io = |(path, error)| Stopped::Io(path, error);
+    if let Some(card) = card::card(recipe, &summary, &writer.filled) {
+        writer.file(Path::new("README.md"), card.as_bytes()).map_err(io)?;
+    }
+    writer.file(Path::new(SUMMARY), &summary.json(recipe)).map_err(io)?;
+    writer.file(Path::new(REPORT), summary.html(recipe).as_bytes()).map_err(io)?;
+    writer.finish().map_err(io)?;
+    summary.bytes = writer.bytes;
+    Ok(summary)
+}
+
+/// A run under way.
+struct Run<'a> {
+    recipe: &'a Recipe,
+    maker: Maker<'a>,
+    writer: Writer<'a>,
+    watch: &'a Watch,
+    summary: Summary,
+}
+
+impl Run<'_> {
+    /// Real samples that are read at once.
+    fn block(&self) -> usize {
+        let each = self.recipe.samples().div_ceil(self.recipe.set.reals.len().max(1) as u64) as usize;
+        (MOST_AT_ONCE / each.max(1)).clamp(1, BLOCK)
+    }
+
+    fn table(&mut self, unit: usize) -> Result<(), Stopped> {
+        let set = &self.recipe.set;
+        let numbers: Vec<usize> = set.units[unit].reals.clone().collect();
+        for block in numbers.chunks(self.block()) {
+            let read = |&number: &usize| {
+                let real = &set.reals[number];
+                let path = set.root.join(set.units[unit].folder()).join(&real.image);
+                let image = crate::input::read(&path, MOST_IMAGE_BYTES).map_err(|error| Stopped::Io(path, error))?;
+                Ok(Raw { number, image, label: set.text(real).to_owned(), members: Vec::new() })
+            };
+            let raws: Vec<Raw> = block.par_iter().map(read).collect::<Result<_, _>>()?;
+            self.samples(raws)?;
+        }
+        Ok(())
+    }
+
+    fn tar(&mut self, unit: usize) -> Result<(), Stopped> {
+        let set = &self.recipe.set;
+        let path = set.root.join(&set.units[unit].file);
+        let (mut numbers, mut raws, mut stopped) = (set.units[unit].reals.clone(), Vec::new(), None);
+        let most = self.block();
+        let visit = |files: archive::Files| {
+            let expected = numbers.next().filter(|number| set.reals[*number].image == files.key);
+            let result = match (expected, files.member(&set.image)) {
+                (Some(number), Some(image)) => {
+                    let label = files.member(&set.label).map_or_else(|| b"{}".to_vec(), <[u8]>::to_vec);
+                    let image = image.to_vec();
+                    let label = String::from_utf8_lossy(&label).into_owned();
+                    raws.push(Raw { number, image, label, members: files.members });
+                    if raws.len() == most { self.samples(std::mem::take(&mut raws)) } else { Ok(()) }
+                }
+                _ => Err(Stopped::Sample(format!("{}: it has changed since it was looked at", path.display()))),
+            };
+            match result {
+                Ok(()) => std::ops::ControlFlow::Continue(()),
+                Err(error) => {
+                    stopped = Some(error);
+                    std::ops::ControlFlow::Break(())
+                }
+            }
+        };
+        archive::open(&path, |_| true, visit)
+            .map_err(|reason| Stopped::Sample(format!("{}: {reason}", path.display())))?;
+        match stopped {
+            Some(stopped) => Err(stopped),
+            None => self.samples(raws),
+        }
+    }
+
+    /// Makes and writes what comes of some real samples, in order.
+    fn samples(&mut self, raws: Vec<Raw>) -> Result<(), Stopped> {
+        let stop = || self.watch.stop.load(Ordering::Relaxed);
+        if stop() {
+            return Err(Stopped::Interrupted);
+        }
+        let made = self.maker.make(&raws, &|| {
+            self.watch.rendered.fetch_add(1, Ordering::Relaxed);
+            stop()
+        })?;
+        for (piece, seen) in made {
+            self.summary.count(seen);
+            self.writer.append(piece).map_err(|(path, error)| Stopped::Io(path, error))?;
+        }
+        Ok(())
+    }
+}

@@ -98,7 +98,7 @@ impl Generate {
 
 /// Raises the watch's stop flag on SIGINT and SIGTERM and notes which it was; a second one ends the process at once.
 /// SIGXFSZ ends nothing: a file beyond a limit of the user's is an error where it is written.
-fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
+pub(super) fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
     let seen = Arc::new(AtomicUsize::new(0));
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;

@@ -12,6 +12,7 @@ use crate::fidelity::Rung;
 use crate::plan::{Plan, usage};
 use crate::tradeoff::choose::{Chosen, choose};
 
+mod augment;
 mod calibrate;
 mod compare;
 mod completions;
@@ -65,6 +66,8 @@ enum Command {
     Report(report::Report),
     /// Fit the light of a real sensor to presses of a ball.
     Calibrate(calibrate::Calibrate),
+    /// Enlarge a real dataset.
+    Augment(augment::Augment),
     /// Say what meshes are like and what a sensor would see of them.
     Inspect(inspect::Inspect),
     /// Write a commented job to start from.
@@ -110,6 +113,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::Preview(command) => command.run(),
         Command::Report(command) => command.run(),
         Command::Calibrate(command) => command.run(),
+        Command::Augment(command) => command.run(),
         Command::Inspect(command) => command.run(),
         Command::Init(command) => command.run(),
         Command::List(command) => command.run(),
@@ -207,14 +211,7 @@ const MOST_THREADS: usize = 1024;
 
 impl Extent {
     fn threads(&self) -> Result<Option<usize>, Failure> {
-        match self.threads {
-            Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
-            Some(threads) if threads > MOST_THREADS => {
-                let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
-                Err(usage(format!("--threads {threads} are more than any machine has cores"), help).into())
-            }
-            threads => Ok(threads),
-        }
+        checked_threads(self.threads)
     }
 
     fn root(&self, plan: &Plan) -> PathBuf {
@@ -234,6 +231,18 @@ impl Extent {
             cut(i)..cut(i + 1)
         };
         Ok(self.shards.clone().or(self.partition.map(part)))
+    }
+}
+
+/// A number of threads that a machine may have.
+fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, Failure> {
+    match threads {
+        Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
+        Some(threads) if threads > MOST_THREADS => {
+            let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
+            Err(usage(format!("--threads {threads} are more than any machine has cores"), help).into())
+        }
+        threads => Ok(threads),
     }
 }
 

@@ -3,6 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
+use crate::augment::config::Augment;
 use crate::config::Job;
 use crate::config::sensor::Sensor;
 use crate::label::Label;
@@ -24,6 +25,8 @@ pub enum Format {
     Label,
     /// A sensor file
     Sensor,
+    /// An AUGMENT.toml
+    Augment,
 }
 
 /// The JSON Schema of a format, as text with a final newline.
@@ -32,6 +35,7 @@ pub fn text(format: Format) -> String {
         Format::Job => schemars::schema_for!(Job),
         Format::Label => schemars::schema_for!(Label),
         Format::Sensor => schemars::schema_for!(Sensor),
+        Format::Augment => schemars::schema_for!(Augment),
     };
     format!("{:#}\n", schema.to_value())
 }

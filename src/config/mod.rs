@@ -6,6 +6,7 @@ use std::io;
 use std::path::Path;
 
 use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 pub mod dataset;
@@ -120,24 +121,50 @@ pub fn read(path: &Path, overrides: &Overrides, problems: &mut Problems) -> Resu
 
 /// Reads a job from text; see [`read`].
 pub fn read_text(name: &str, text: String, folder: &Path, overrides: &Overrides, problems: &mut Problems) -> Written {
+    let Laid { value: mut job, document, broken, sensor_known } =
+        lay::<Job>(name, text, folder, &overrides.set, problems);
+    if let Some(rung) = overrides.fidelity.filter(|_| !broken) {
+        job.fidelity = Some(rung.into());
+        job.gelpad = None;
+        job.optics = None;
+    }
+    Written { job, document, broken, sensor_known }
+}
+
+/// A file with a `[sensor]` table, read, and where its keys stand.
+pub struct Laid<T> {
+    /// What it says, with defaults for what is not written or not readable.
+    pub value: T,
+    /// Every text it came from.
+    pub document: Document,
+    /// The text is not TOML; nothing else is said about it.
+    pub broken: bool,
+    /// The sensor file or preset that it names could be read.
+    pub sensor_known: bool,
+}
+
+/// Reads `text` as a `T` with the assignments `set` laid over it (flag and assignment each) and the sensor that it names
+/// laid under its `[sensor]`, `[markers]` and `[camera]`. Mistakes of form are added to `problems`.
+pub fn lay<T: DeserializeOwned + Default>(
+    name: &str,
+    text: String,
+    folder: &Path,
+    set: &[(String, String)],
+    problems: &mut Problems,
+) -> Laid<T> {
     let mut document = Document::parse(name, text, folder, problems);
     if !problems.is_empty() {
-        return Written { job: Job::default(), document, broken: true, sensor_known: false };
+        return Laid { value: T::default(), document, broken: true, sensor_known: false };
     }
-    for (flag, assignment) in &overrides.set {
+    for (flag, assignment) in set {
         apply_override(&mut document, flag, assignment, problems);
     }
     let sensor_known = lay_under_sensor(&mut document, problems);
     for table in ["markers", "camera"] {
         document.move_up("sensor", table);
     }
-    let mut job: Job = reader::read(&document.root, problems).unwrap_or_default();
-    if let Some(rung) = overrides.fidelity {
-        job.fidelity = Some(rung.into());
-        job.gelpad = None;
-        job.optics = None;
-    }
-    Written { job, document, broken: false, sensor_known }
+    let value = reader::read(&document.root, problems).unwrap_or_default();
+    Laid { value, document, broken: false, sensor_known }
 }
 
 fn apply_override(document: &mut Document, flag: &str, assignment: &str, problems: &mut Problems) {

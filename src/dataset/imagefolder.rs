@@ -76,7 +76,7 @@ impl Writer {
 }
 
 /// Brings a folder and all its files to disk: one call, where as many as there are files would take far longer.
-fn sync(folder: &File) -> io::Result<()> {
+pub(crate) fn sync(folder: &File) -> io::Result<()> {
     #[cfg(target_os = "linux")]
     rustix::fs::syncfs(folder)?;
     #[cfg(not(target_os = "linux"))]

@@ -6,7 +6,7 @@ use super::check::Check;
 use super::{files, ranges};
 use crate::config::diagnostic::{Problems, Report};
 use crate::config::sensor::{PRESETS, Sensor};
-use crate::config::{self, Overrides};
+use crate::config::{self, Job, Overrides};
 use crate::depth::Camera;
 use crate::optics::background::Reference;
 use crate::optics::calibrated::Table;
@@ -32,15 +32,17 @@ pub fn sensor(name: &str) -> Result<Standalone, Report> {
     let mut problems = Problems::default();
     let written = config::read_text("--sensor", text, Path::new(""), &Overrides::default(), &mut problems);
     let (mut job, document) = (written.job, written.document);
-    let mut check = Check { document: &document, problems: &mut problems };
-    ranges::sensor(&mut check, &job);
-    let reference = files::background(&mut check, &mut job);
-    let calibration = files::calibration(&mut check, &mut job);
-    match reference {
-        Some((reference, _)) if problems.is_empty() => {
-            let camera = super::view(&job);
-            Ok(Standalone { sensor: job.sensor, camera, reference, calibration })
-        }
-        _ => Err(Report::new(&problems, &document.sources)),
+    match of(&mut Check { document: &document, problems: &mut problems }, &mut job) {
+        Some(standalone) => Ok(standalone),
+        None => Err(Report::new(&problems, &document.sources)),
     }
+}
+
+/// The sensor of a job that was read, its files found. `None` after a mistake.
+pub fn of(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
+    ranges::sensor(check, job);
+    let reference = files::background(check, job);
+    let calibration = files::calibration(check, job);
+    let (reference, _) = reference.filter(|_| check.problems.is_empty())?;
+    Some(Standalone { sensor: job.sensor.clone(), camera: super::view(job), reference, calibration })
 }

@@ -3,6 +3,7 @@
 //! Everything runs at a few dozen pixels, in folders of its own. After a change of the job file, the label or a
 //! sensor file, one command brings the committed schemas up to date: `UPDATE=1 cargo test --test cli schema`.
 
+mod augment;
 mod calibrate;
 mod calibrated;
 mod compare;

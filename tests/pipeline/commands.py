@@ -35,6 +35,7 @@ SHORTER = {
     "gelsim generate job.toml": "--samples 4",
     "gelsim generate job.toml --all-effects": "--samples 4",
     "gelsim generate job.toml --set 'sensor.resolution_px=[320, 240]' --set 'object.0.path=\"other.stl\"'": "--samples 4",
+    "gelsim augment configs/augment.toml": "--set mixing.synthetic_per_real=0.1",
     "gelsim generate job.toml --out out --partition 0/2": f"--samples 200 {SMALL}",
     "gelsim generate job.toml --out out --partition 1/2": f"--samples 200 {SMALL}",
     "gelsim preview job.toml --effects --out effects.png": SMALL,

@@ -1,0 +1,414 @@
+//! What comes of real samples: the sample itself, its copies, its twin, and the synthetic samples that follow it.
+//!
+//! Synthetic samples are dealt out evenly among the real ones of their split, so that no unit is synthetic only. All
+//! that is random is addressed by the sample's number: the order of work decides nothing.
+
+use std::collections::HashSet;
+use std::path::{Component, Path, PathBuf};
+
+use image::RgbImage;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::input::{Form, Real};
+use super::output::labels::{Labels, Synthetic, cells};
+use super::output::{Piece, Units};
+use super::paired::{Alignment, Twin};
+use super::photometric::Applied;
+use super::report::{Look, Seen, tile};
+use super::trace::{Source, Trace};
+use super::{Recipe, Stopped};
+use crate::camera::Image;
+use crate::dataset::encode::{Member, json, members};
+use crate::dataset::png;
+use crate::health::{Accepted, Unfit, accept};
+use crate::scene::Scene;
+
+/// Real samples that the page shows.
+const MOST_SHOWN: usize = 6;
+
+/// A real sample's files.
+pub struct Raw {
+    /// Its number in the set.
+    pub number: usize,
+    /// Its image's bytes.
+    pub image: Vec<u8>,
+    /// Its label's text.
+    pub label: String,
+    /// All its files in a tar, by the ends of their names.
+    pub members: Vec<(String, Vec<u8>)>,
+}
+
+/// Something to be made.
+enum Task {
+    Real,
+    Copy { recipe: usize, copy: u32, slot: u64 },
+    Twin,
+    Synthetic { index: u64 },
+}
+
+/// What was done for a synthetic sample.
+#[derive(Serialize)]
+struct Drawn<'a> {
+    job: &'a str,
+    fingerprint: &'a str,
+    seed: u64,
+    index: u64,
+    attempt: u32,
+}
+
+/// What was done for a photometric copy.
+#[derive(Serialize)]
+struct Copied<'a> {
+    recipe: usize,
+    copy: u32,
+    #[serde(flatten)]
+    applied: &'a Applied,
+}
+
+/// What was done for a twin.
+#[derive(Serialize)]
+struct Twinned {
+    offset_px: [f64; 2],
+    correlation: f64,
+    alignment: Alignment,
+    object: String,
+    depth_mm: f64,
+    position_mm: [f64; 2],
+}
+
+/// Makes samples.
+pub struct Maker<'a> {
+    recipe: &'a Recipe,
+    labels: &'a Labels<'a>,
+    units: &'a Units<'a>,
+    /// Synthetic samples that follow each real one: a range of its split's.
+    after: Vec<std::ops::Range<usize>>,
+    /// Real samples that the page shows.
+    shown: HashSet<usize>,
+    /// Names of columns and ends of names that a synthetic sample's layers may fill.
+    columns: HashSet<String>,
+}
+
+impl<'a> Maker<'a> {
+    /// Makes what a recipe wants.
+    pub fn new(recipe: &'a Recipe, labels: &'a Labels<'a>, units: &'a Units<'a>) -> Self {
+        let set = &recipe.set;
+        let columns = set.example.keys().cloned().chain(set.suffixes.iter().cloned()).collect();
+        Self { recipe, labels, units, after: dealt(recipe), shown: shown(set.reals.len()), columns }
+    }
+
+    /// Everything that comes of some real samples, in order. `tick` is called before each sample and says whether to stop.
+    pub fn make(&self, raws: &[Raw], tick: &(dyn Fn() -> bool + Sync)) -> Result<Vec<(Piece, Seen)>, Stopped> {
+        let decode = |raw: &Raw| {
+            let name = || self.recipe.set.name(&self.recipe.set.reals[raw.number]);
+            png::decode_background(&raw.image).map_err(|reason| Stopped::Sample(format!("{}: {reason}", name())))
+        };
+        let images: Vec<RgbImage> = raws.par_iter().map(decode).collect::<Result<_, _>>()?;
+        let tasks: Vec<(usize, Task)> =
+            raws.iter().enumerate().flat_map(|(k, raw)| self.tasks(raw.number).map(move |task| (k, task))).collect();
+        let made = tasks.par_iter().map(|(k, task)| match tick() {
+            true => Err(Stopped::Interrupted),
+            false => self.one(&raws[*k], &images[*k], task),
+        });
+        made.collect()
+    }
+
+    fn tasks(&self, number: usize) -> impl Iterator<Item = Task> {
+        let mut tasks = vec![Task::Real];
+        let mut slot = 0;
+        for (recipe, made) in self.recipe.photometric.iter().enumerate() {
+            for copy in 0..made.copies() {
+                tasks.push(Task::Copy { recipe, copy, slot });
+                slot += 1;
+            }
+        }
+        tasks.extend(self.recipe.known[number].map(|_| Task::Twin).filter(|_| self.recipe.pairing.is_some()));
+        if let Some(mix) = &self.recipe.mix {
+            let chosen = &mix.chosen[self.recipe.division.of_reals[number]];
+            tasks.extend(chosen[self.after[number].clone()].iter().map(|index| Task::Synthetic { index: *index }));
+        }
+        tasks.into_iter()
+    }
+
+    fn one(&self, raw: &Raw, image: &RgbImage, task: &Task) -> Result<(Piece, Seen), Stopped> {
+        let Recipe { seed, set, photometric, pairing, known, .. } = self.recipe;
+        let real = &set.reals[raw.number];
+        let trace = |source, augmentation| Trace { source, source_key: real.key.clone(), augmentation };
+        match task {
+            Task::Real => {
+                let trace = Trace { source_key: String::new(), ..trace(Source::Real, String::new()) };
+                let look = Look::of(image.width() as usize, image.as_raw());
+                let (piece, mut seen) = self.of_real(raw, real, "", None, &trace, look);
+                seen.tile = self.shown.contains(&raw.number).then(|| tile(image));
+                Ok((piece, seen))
+            }
+            Task::Copy { recipe, copy, slot } => {
+                let (made, applied) = photometric[*recipe].apply(image, *seed, raw.number as u64 | slot << 32);
+                let done = json(&Copied { recipe: *recipe, copy: *copy, applied: &applied });
+                let trace = trace(Source::Photometric, text(done));
+                Ok(self.of_real(raw, real, &format!("-photometric-{recipe}-{copy}"), Some(&made), &trace, look(&made)))
+            }
+            Task::Twin => {
+                let (Some(pairing), Some(known)) = (pairing, &known[raw.number]) else {
+                    return Err(Stopped::Sample(format!("{}: nothing is known of it", set.name(real))));
+                };
+                let Twin { sample, known, offset_px, correlation, alignment } =
+                    pairing.twin(known, image, raw.number as u64);
+                let done = Twinned {
+                    offset_px,
+                    correlation,
+                    alignment,
+                    object: pairing.plan.objects[known.object].id.clone(),
+                    depth_mm: known.depth_mm,
+                    position_mm: known.position_mm,
+                };
+                let trace = trace(Source::Twin, text(json(&done)));
+                let (piece, mut seen) =
+                    self.of_real(raw, real, "-twin", Some(&sample.image), &trace, look(&sample.image));
+                seen.pair = Some((offset_px, correlation, alignment));
+                Ok((piece, seen))
+            }
+            Task::Synthetic { index } => self.synthetic(real, raw.number, *index),
+        }
+    }
+
+    /// The real sample, or one with another image and the same label.
+    fn of_real(
+        &self,
+        raw: &Raw,
+        real: &Real,
+        tag: &str,
+        image: Option<&Image>,
+        trace: &Trace,
+        look: Look,
+    ) -> (Piece, Seen) {
+        let (set, division) = (&self.recipe.set, &self.recipe.division);
+        let split = division.of_reals[raw.number];
+        let (form, split_name) = (&set.units[real.unit].form, &division.names[split]);
+        let bytes = image.map(|image| png::encode_rgb(image.width, image.height, &image.rgb));
+        let mut piece = Piece {
+            unit: real.unit,
+            split,
+            key: String::new(),
+            members: Vec::new(),
+            files: Vec::new(),
+            row: Vec::new(),
+        };
+        if *form == Form::Tar {
+            let label = self.labels.real(form, &raw.label, split_name, None, trace);
+            piece.key = format!("{}{tag}", real.image);
+            let replaced = |(suffix, there): &(String, Vec<u8>)| {
+                let bytes = match &bytes {
+                    Some(bytes) if *suffix == set.image => bytes.clone(),
+                    _ if *suffix == set.label => label.clone(),
+                    _ => there.clone(),
+                };
+                Member { suffix: suffix.clone(), bytes }
+            };
+            piece.members = raw.members.iter().map(replaced).collect();
+            if !raw.members.iter().any(|(suffix, _)| *suffix == set.label) {
+                piece.members.push(Member { suffix: set.label.clone(), bytes: label });
+            }
+        } else {
+            let folder = self.units.folder(real.unit, split);
+            let name = renamed(&real.image, tag);
+            let other = (!tag.is_empty()).then_some(name.as_str());
+            piece.row = self.labels.real(form, &raw.label, split_name, other, trace);
+            if tag.is_empty() {
+                piece.files = self.named(real, &raw.label, &folder);
+            }
+            piece.files.push((folder.join(&name), bytes.unwrap_or_else(|| raw.image.clone())));
+        }
+        let facts = &real.facts;
+        let seen = Seen {
+            source: trace.source,
+            split,
+            kind: facts.kind().map(str::to_owned),
+            depth_mm: facts.depth_mm,
+            look,
+            number: raw.number,
+            tile: image.and_then(|image| self.tile(raw.number, image)),
+            pair: None,
+        };
+        (piece, seen)
+    }
+
+    /// A picture of what was made, if the page shows it.
+    fn tile(&self, number: usize, image: &Image) -> Option<RgbImage> {
+        self.shown.contains(&number).then_some(())?;
+        RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb.clone()).as_ref().map(tile)
+    }
+
+    /// Files beside the image that a real sample's row names, where they go, and their contents.
+    fn named(&self, real: &Real, row: &str, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+        let set = &self.recipe.set;
+        let unit = &set.units[real.unit];
+        let values: Vec<String> = match &unit.form {
+            Form::Csv(_) => cells(row),
+            _ => {
+                let map: serde_json::Map<String, serde_json::Value> = serde_json::from_str(row).unwrap_or_default();
+                map.into_iter().filter_map(|(_, value)| value.as_str().map(str::to_owned)).collect()
+            }
+        };
+        let own = |path: &Path| path.components().all(|step| matches!(step, Component::Normal(_)));
+        let file = |value: &String| {
+            let path = Path::new(value);
+            let number = value.parse::<f64>().is_ok();
+            if *value == real.image || !value.contains('.') || number || !own(path) || self.units.reserved(path) {
+                return None;
+            }
+            let read = |from: &Path| crate::input::read(&set.root.join(from), crate::input::MOST_IMAGE_BYTES).ok();
+            match read(&unit.folder().join(path)) {
+                Some(bytes) => Some((folder.join(path), bytes)),
+                None => read(path).map(|bytes| (path.to_owned(), bytes)),
+            }
+        };
+        values.iter().filter_map(file).collect()
+    }
+
+    fn synthetic(&self, beside: &Real, number: usize, index: u64) -> Result<(Piece, Seen), Stopped> {
+        let (set, division) = (&self.recipe.set, &self.recipe.division);
+        let Some(mix) = &self.recipe.mix else {
+            return Err(Stopped::Sample(String::from("no job is there for a synthetic sample")));
+        };
+        let Accepted { sample, .. } = accept(&mix.plan, index).map_err(|Unfit(label)| {
+            Stopped::Sample(format!("sample {} of the job is not healthy: {}", label.key, label.health.reason))
+        })?;
+        let split = division.of_reals[number];
+        let form = &set.units[beside.unit].form;
+        let drawn = Drawn {
+            job: &mix.plan.name,
+            fingerprint: &mix.plan.fingerprint,
+            seed: mix.plan.seed,
+            index,
+            attempt: sample.label.attempt,
+        };
+        let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
+        let key = format!("synthetic-{index:09}");
+        let name = match form {
+            Form::Tar => key.clone(),
+            _ => Path::new(&beside.image).with_file_name(format!("{key}.png")).to_string_lossy().into_owned(),
+        };
+        let mut files = members(&mix.plan, &sample);
+        files.retain(|member| member.suffix != "json");
+        let mut piece =
+            Piece { unit: beside.unit, split, key, members: Vec::new(), files: Vec::new(), row: Vec::new() };
+        let folder = self.units.folder(beside.unit, split);
+        let mut columns = Vec::new();
+        for Member { suffix, bytes } in files {
+            let tactile = suffix == "tactile.png";
+            if *form == Form::Tar {
+                let suffix = if tactile { set.image.clone() } else { suffix };
+                if tactile || self.columns.contains(&suffix) {
+                    piece.members.push(Member { suffix, bytes });
+                }
+                continue;
+            }
+            let file = Path::new(&name).with_extension(&suffix);
+            let layer = suffix.split('.').next().unwrap_or_default();
+            match tactile {
+                true => piece.files.push((folder.join(&name), bytes)),
+                false => {
+                    let (as_image, as_path) = (format!("{layer}_image_file_name"), format!("{layer}_path"));
+                    let file = match (self.columns.contains(&as_image), self.columns.contains(&as_path)) {
+                        (true, _) => {
+                            columns.push((as_image, file.to_string_lossy().into_owned()));
+                            folder.join(file)
+                        }
+                        (_, true) => {
+                            let file = folder.join(file);
+                            columns.push((as_path, file.to_string_lossy().into_owned()));
+                            file
+                        }
+                        _ => continue,
+                    };
+                    piece.files.push((file, bytes));
+                }
+            }
+        }
+        let scene = Scene::draw(&mix.plan, index, sample.label.attempt);
+        let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
+        let label = self.labels.synthetic(form, &made, &division.names[split], &name, &trace);
+        match form {
+            Form::Tar => piece.members.push(Member { suffix: set.label.clone(), bytes: label }),
+            _ => piece.row = label,
+        }
+        let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
+        let object = &sample.label.object;
+        let seen = Seen {
+            source: Source::Synthetic,
+            split,
+            kind: Some(if by_class { object.class.clone() } else { object.id.clone() }),
+            depth_mm: Some(sample.label.indentation_depth_mm),
+            look: look(&sample.image),
+            number,
+            tile: self.tile(number, &sample.image),
+            pair: None,
+        };
+        Ok((piece, seen))
+    }
+}
+
+/// Some of so many real samples, evenly spread.
+fn shown(reals: usize) -> HashSet<usize> {
+    let count = reals.min(MOST_SHOWN);
+    (0..count).map(|k| (2 * k + 1) * reals / (2 * count)).collect()
+}
+
+/// For each real sample the synthetic ones that follow it, as a range of those of its split.
+fn dealt(recipe: &Recipe) -> Vec<std::ops::Range<usize>> {
+    let division = &recipe.division;
+    let reals = division.counts();
+    let synthetic = |split: usize| recipe.mix.as_ref().map_or(0, |mix| mix.chosen[split].len() as u64);
+    let mut before = vec![0_u64; reals.len()];
+    let deal = |&split: &usize| {
+        let cut =
+            |count: u64| (u128::from(synthetic(split)) * u128::from(count) / u128::from(reals[split].max(1))) as usize;
+        let from = cut(before[split]);
+        before[split] += 1;
+        from..cut(before[split])
+    };
+    division.of_reals.iter().map(deal).collect()
+}
+
+/// The name of an image made of another one. What is made is a PNG.
+fn renamed(image: &str, tag: &str) -> String {
+    if tag.is_empty() {
+        return image.to_owned();
+    }
+    let path = Path::new(image);
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    // gelsim's own images are called KEY.tactile.png; the key ends at the first dot.
+    let (key, rest) = stem.split_once('.').map_or((&*stem, String::new()), |(key, rest)| (key, format!(".{rest}")));
+    path.with_file_name(format!("{key}{tag}{rest}.png")).to_string_lossy().into_owned()
+}
+
+fn look(image: &Image) -> Look {
+    Look::of(image.width, &image.rgb)
+}
+
+fn text(json: Vec<u8>) -> String {
+    String::from_utf8_lossy(&json).into_owned()
+}
+
+/// A name that an output would use twice: of something made, and of a real sample.
+pub fn collision(recipe: &Recipe) -> Option<String> {
+    let reals = &recipe.set.reals;
+    let names: HashSet<(usize, &str)> = reals.iter().map(|real| (real.unit, real.image.as_str())).collect();
+    let copies = recipe.photometric.iter().enumerate();
+    let copies = copies.flat_map(|(k, made)| (0..made.copies()).map(move |copy| format!("-photometric-{k}-{copy}")));
+    let tags: Vec<String> = copies.chain([String::from("-twin")]).collect();
+    let tars = recipe.set.in_tars();
+    let made = |real: &Real, tag: &str| if tars { format!("{}{tag}", real.image) } else { renamed(&real.image, tag) };
+    // Synthetic samples are called by their numbers in the job.
+    let synthetic = |real: &&Real| {
+        recipe.mix.is_some()
+            && Path::new(&real.image).file_name().is_some_and(|n| n.to_string_lossy().starts_with("synthetic-"))
+    };
+    if let Some(real) = reals.iter().find(synthetic) {
+        return Some(real.image.clone());
+    }
+    let all = reals.iter().flat_map(|real| tags.iter().map(move |tag| (real.unit, made(real, tag))));
+    all.into_iter().find(|(unit, name)| names.contains(&(*unit, name.as_str()))).map(|(_, name)| name)
+}

@@ -1,0 +1,118 @@
+//! `gelsim augment`
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use clap::Args;
+use indicatif::{HumanBytes, HumanCount};
+
+use super::generate::raise_on_signals;
+use super::log::{Log, say};
+use super::progress::Progress;
+use super::{Failure, checked_threads, no_threads};
+use crate::augment::trace::Source;
+use crate::augment::{Recipe, Stopped, Summary, Target, augment, report};
+use crate::generate::Watch;
+
+/// Enlarge a real dataset: its images as other lamps, pads and cameras would have shown them, simulated twins of its
+/// samples, new synthetic samples where it has gaps. The layout stays, and every sample says where it comes from.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Example:
+  gelsim augment configs/augment.toml
+  gelsim augment augment.toml --out larger --seed 8 --set mixing.synthetic_per_real=2.0
+
+The input is a folder of images with a CSV or JSON Lines table, WebDataset tars, or a Hugging Face imagefolder. It is not
+changed. The output appears under its name when it is whole; nothing is left of a run that is stopped.")]
+pub struct Augment {
+    /// What to do
+    #[arg(value_name = "AUGMENT.toml")]
+    file: PathBuf,
+    /// Folder of the output [default: out/NAME, after the file]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Seed of all randomness
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Any key of the file: dotted.path=TOML-VALUE; paths in it are relative to the current folder
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    set: Vec<String>,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
+    /// Replace an output that is in the folder
+    #[arg(long)]
+    overwrite: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl Augment {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let log = Log::text(self.quiet);
+        let threads = checked_threads(self.threads)?;
+        let mut set: Vec<(String, String)> =
+            self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
+        set.extend(self.seed.map(|seed| (String::from("--seed"), format!("seed = {seed}"))));
+        let recipe = Recipe::load(&self.file, &set)?;
+        log.notes(&recipe.notes);
+        let root = self.out.unwrap_or_else(|| PathBuf::from("out").join(&recipe.name));
+        let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
+
+        let watch = Arc::new(Watch::default());
+        let signal =
+            raise_on_signals(&watch).map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
+        let result = std::thread::scope(|scope| {
+            let worker = std::thread::Builder::new().spawn_scoped(scope, || augment(&recipe, &target, &watch));
+            let worker = worker.map_err(|error| no_threads(&error))?;
+            let mut progress = Progress::new(log);
+            while !worker.is_finished() {
+                progress.show(&watch);
+                std::thread::sleep(progress.pause());
+            }
+            progress.show(&watch);
+            progress.end();
+            Ok::<_, Failure>(worker.join())
+        })?;
+        match result.unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
+            Ok(summary) => {
+                if !self.quiet {
+                    say(&text(&recipe, &summary, &root.display().to_string()));
+                }
+                Ok(())
+            }
+            Err(Stopped::Refused(refused)) => Err(refused.into()),
+            Err(Stopped::Io(path, error)) => {
+                Err(Failure::running(format!("{}: {error}\n  nothing was written", path.display())))
+            }
+            Err(Stopped::Sample(message)) => Err(Failure::running(format!("{message}\n  nothing was written"))),
+            Err(Stopped::Interrupted) => {
+                Err(Failure::stopped("stopped; nothing was written", signal.load(Ordering::Relaxed)))
+            }
+        }
+    }
+}
+
+fn text(recipe: &Recipe, summary: &Summary, root: &str) -> String {
+    let sources = Source::ALL.iter().filter(|source| summary.samples[**source as usize] > 0);
+    let sources: Vec<String> =
+        sources.map(|source| format!("{} {}", HumanCount(summary.samples[*source as usize]), source.name())).collect();
+    let mut text = format!(
+        "{} samples: {}; {}, {:.1} s -> {root}",
+        HumanCount(summary.all()),
+        sources.join(", "),
+        HumanBytes(summary.bytes),
+        summary.seconds
+    );
+    if let Some(([x, y], correlation)) = summary.pairs() {
+        text += &format!("\ntwins: median offset {x:.2}, {y:.2} px, median correlation {correlation:.3}");
+    }
+    if let Some(mix) = &recipe.mix {
+        let cells = mix.coverage.counting.iter().filter(|counting| **counting).count();
+        let [before, after] = report::reached(&mix.coverage).map(|share| 100.0 * share);
+        text += &format!("\ncoverage: {before:.1} % of {cells} cells before, {after:.1} % now");
+    }
+    text
+}

@@ -1,0 +1,139 @@
+"""Enlarges small "real" sets in every layout by `gelsim augment`, and loads the outputs as their users do.
+
+    python augmented.py GELSIM              from the project's root
+"""
+
+import collections
+import csv
+import io
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+cache = tempfile.TemporaryDirectory()
+os.environ |= {"HF_HOME": cache.name, "HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1"}
+
+import webdataset as wds
+from datasets import load_dataset
+from PIL import Image
+
+gelsim, project = Path(sys.argv[1]).resolve(), Path.cwd()
+SPLITS = {"train": 18, "test": 6}
+EXPECTED = {"real": 1, "photometric": 2, "twin": 1, "synthetic": 1}
+
+JOB = """
+sensor.resolution_px = [96, 72]
+indentation.depth_mm = [0.3, 1.0]
+pose = { x_mm = [-3.0, 3.0], y_mm = [-2.0, 2.0], anchor = "origin" }
+output.layers = ["depth"]
+"""
+JOB += f"object = [{{ path = {json.dumps(str(project / 'objects/sphere.obj'))} }}, " \
+       f"{{ path = {json.dumps(str(project / 'objects/gear.obj'))} }}]\n"
+REAL = 'dataset = { name = "real", samples = 24, samples_per_shard = 5, splits = { train = 0.75, test = 0.25 } }\n' + JOB
+NEW = 'dataset = { name = "new", samples = 1, seed = 5 }\n' + JOB
+RECIPE = """
+[input]
+path = "REAL"
+background = "rendered"
+[[photometric]]
+copies = 2
+exposure_ev = [-0.3, 0.3]
+[paired]
+[mixing]
+job = "new.toml"
+toward = "coverage"
+"""
+RECIPE += "".join(f"[[object]]\npath = {json.dumps(str(project / 'objects' / name))}\n" for name in
+                  ["sphere.obj", "gear.obj"])
+
+
+def run(root, *arguments):
+    subprocess.run([gelsim, *map(str, arguments), "--quiet"], cwd=root, check=True)
+
+
+def augment(root, real):
+    (root / "augment.toml").write_text(RECIPE.replace("REAL", real))
+    out = root / f"larger-{real}"
+    run(root, "augment", "augment.toml", "--out", out)
+    return out
+
+
+def check(what, labels, split):
+    """As many of each source as asked for, and each traced to a real one of the same split."""
+    labels = list(labels)
+    counts = collections.Counter(label["source"] for label in labels)
+    assert counts == {source: times * SPLITS[split] for source, times in EXPECTED.items()}, (what, split, counts)
+    keys = {label["source_key"] for label in labels if label["source"] in ("photometric", "twin")}
+    assert len(keys) == SPLITS[split], (what, split, keys)
+    for label in labels:
+        assert (label["augmentation"] == "") == (label["source"] == "real")
+        assert label["source"] == "real" or json.loads(label["augmentation"])
+
+
+def tars(root):
+    run(root, "generate", "real.toml", "--out", root / "tars")
+    out = augment(root, "tars")
+    for split in SPLITS:
+        files = sorted(str(path) for path in (out / "data").glob(f"{split}-*.tar"))
+        samples = list(wds.WebDataset(files, shardshuffle=False).decode("rgb8"))
+        check("webdataset", (sample["json"] for sample in samples), split)
+        assert all(sample["tactile.png"].shape == (72, 96, 3) and "depth.exr" in sample for sample in samples)
+    dataset = load_dataset(str(out))
+    for split in SPLITS:
+        check("datasets, tars", (row["json"] for row in dataset[split]), split)
+        assert all(row["tactile.png"].size == (96, 72) for row in dataset[split])
+
+
+def folders(root):
+    run(root, "generate", "real.toml", "--out", root / "folders", "--set", 'output.container="folder"')
+    out = augment(root, "folders")
+    dataset = load_dataset(str(out))
+    for split in SPLITS:
+        check("datasets, folders", dataset[split], split)
+        assert all(row["image"].size == (96, 72) for row in dataset[split])
+        assert all((out / row["depth_path"]).is_file() for row in dataset[split])
+
+
+def table(root):
+    """A folder of images with a table: made of the tars, with a column of its user's."""
+    real = root / "table"
+    (real / "images").mkdir(parents=True)
+    rows = []
+    for split in SPLITS:
+        files = sorted(str(path) for path in (root / "tars/data").glob(f"{split}-*.tar"))
+        for sample in wds.WebDataset(files, shardshuffle=False):
+            label = json.loads(sample["json"])
+            name = f"images/{label['key']}.png"
+            (real / name).write_bytes(sample["tactile.png"])
+            x, y, _ = label["pose"]["translation_mm"]
+            rows.append({"file": name, "who": "Ann, B.", "object": label["object"]["id"], "split": split,
+                         "depth_mm": label["indentation_depth_mm"], "x_mm": x, "y_mm": y})
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0].keys())
+    writer.writeheader()
+    writer.writerows(rows)
+    (real / "labels.csv").write_text(text.getvalue())
+    out = augment(root, "table")
+    found = list(csv.DictReader(open(out / "labels.csv")))
+    for split in SPLITS:
+        check("csv", (row for row in found if row["split"] == split), split)
+    reals = [row for row in found if row["source"] == "real"]
+    assert [{name: row[name] for name in rows[0]} for row in reals] == [{k: str(v) for k, v in row.items()} for row in rows]
+    for row in found:
+        assert Image.open(out / row["file"]).size == (96, 72)
+        assert (row["who"] == "") == (row["source"] == "synthetic")
+    for row in reals:
+        assert (out / row["file"]).read_bytes() == (real / row["file"]).read_bytes()
+
+
+with tempfile.TemporaryDirectory() as root:
+    root = Path(root)
+    (root / "real.toml").write_text(REAL)
+    (root / "new.toml").write_text(NEW)
+    tars(root)
+    folders(root)
+    table(root)
+print("augmented sets of every layout are read by webdataset, datasets and csv")
