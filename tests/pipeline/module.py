@@ -346,7 +346,6 @@ if __name__ == "__main__":
         sequences(mixed)
         sensors(punch)
         mistakes(mixed)
-        if "render" in subprocess.run([native, "--help"], capture_output=True, text=True).stdout:
-            frames()
+        frames()
     types()
     print(f"gelsim {gelsim.__version__} in Python {sys.version.split()[0]}: the arrays and words of {os.fspath(native)}")
