@@ -73,7 +73,12 @@ impl Reach {
         }
         let value = (self.lowest_mm + camera.plane_mm) / camera.unit.mm();
         let would_touch = |unit: Unit| (-self.thickness_mm..=0.0).contains(&(value * unit.mm() - camera.plane_mm));
-        match Unit::ALL.into_iter().find(|unit| *unit != camera.unit && camera.plane_mm > 0.0 && would_touch(*unit)) {
+        // Units are a thousand apart; what is nearer than that is rather the plane's mistake.
+        let far_off = |times: f64| !(1.0 / 30.0..30.0).contains(&times);
+        let other_unit = |unit: &Unit| far_off(unit.mm() / camera.unit.mm()) && would_touch(*unit);
+        let nearest_mm = value * camera.unit.mm();
+        let mistaken = camera.plane_mm > 0.0 && far_off(nearest_mm / camera.plane_mm);
+        match Unit::ALL.into_iter().find(other_unit).filter(|_| mistaken) {
             Some(unit) => {
                 let (name, words) = unit.names();
                 format!("the values look like {words}: --depth-unit {name}")
@@ -142,6 +147,9 @@ mod tests {
         let problem = reach(&[12.3, 20.0]).out_of_reach(&wrong);
         assert!(problem.message.contains("12.3 mm beyond"), "{}", problem.message);
         assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 10 right?")));
+        // In millimetres it would touch, but 9 mm are no mistake of a unit.
+        let problem = reach(&[8.0, 49.0]).out_of_reach(&camera(Unit::Metre, 1.0));
+        assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 1 right?")));
         let problem = reach(&[-8.0, -7.0]).mistake(&wrong).expect("a mistake");
         assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 10 right?")));
         let problem = reach(&[f32::INFINITY]).out_of_reach(&wrong);
