@@ -3,10 +3,9 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use super::{Draw, Plan};
+use super::{Draw, Plan, standalone};
 use crate::config::diagnostic::{Problems, Report};
 use crate::config::output::Layer;
-use crate::config::sensor::PRESETS;
 use crate::config::{self, Overrides};
 
 /// What the rendering of depth frames depends on.
@@ -38,10 +37,9 @@ impl Frames<'_> {
 
     /// The same as a job's text.
     fn job(&self) -> String {
-        let key = if PRESETS.iter().any(|(known, _)| *known == self.sensor) { "preset" } else { "file" };
         let layers: Vec<&str> = self.layers.iter().map(|layer| layer.name()).collect();
         let mut text = String::from("[dataset]\nname = \"frames\"\nsamples = 1\n[indentation]\ndepth_mm = 0.0\n");
-        let _ = writeln!(text, "[sensor]\n{key} = {}", toml::Value::from(self.sensor));
+        text.push_str(&standalone::table(self.sensor));
         let _ = writeln!(text, "resolution_px = {:?}\n[output]\nlayers = {layers:?}", self.resolution_px);
         if self.moved {
             // The law is not drawn from: it says that there is shear, the frames' own.

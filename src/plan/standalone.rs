@@ -54,8 +54,11 @@ pub fn of(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
 }
 
 fn written(name: &str, problems: &mut Problems) -> Written {
-    let preset = PRESETS.iter().any(|(known, _)| *known == name);
-    let key = if preset { "preset" } else { "file" };
-    let text = format!("[sensor]\n{key} = {}\n", toml::Value::from(name));
-    config::read_text("--sensor", text, Path::new(""), &Overrides::default(), problems)
+    config::read_text("--sensor", table(name), Path::new(""), &Overrides::default(), problems)
+}
+
+/// The `[sensor]` table of a job that names the preset or the sensor file.
+pub fn table(name: &str) -> String {
+    let key = if PRESETS.iter().any(|(known, _)| *known == name) { "preset" } else { "file" };
+    format!("[sensor]\n{key} = {}\n", toml::Value::from(name))
 }
