@@ -1,19 +1,15 @@
 //! `gelsim augment`
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use clap::Args;
 use indicatif::{HumanBytes, HumanCount};
 
-use super::generate::raise_on_signals;
 use super::log::{Log, say};
-use super::progress::Progress;
-use super::{Failure, checked_threads, no_threads};
+use super::watched::watched;
+use super::{Failure, checked_threads};
 use crate::augment::trace::Source;
 use crate::augment::{Recipe, Stopped, Summary, Target, augment, report};
-use crate::generate::Watch;
 
 /// Enlarge a real dataset: its images as other lamps, pads and cameras would have shown them, simulated twins of its
 /// samples, new synthetic samples where it has gaps. The layout stays, and every sample says where it comes from.
@@ -61,22 +57,8 @@ impl Augment {
         let root = self.out.unwrap_or_else(|| PathBuf::from("out").join(&recipe.name));
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
 
-        let watch = Arc::new(Watch::default());
-        let signal =
-            raise_on_signals(&watch).map_err(|error| Failure::running(format!("cannot watch for signals: {error}")))?;
-        let result = std::thread::scope(|scope| {
-            let worker = std::thread::Builder::new().spawn_scoped(scope, || augment(&recipe, &target, &watch));
-            let worker = worker.map_err(|error| no_threads(&error))?;
-            let mut progress = Progress::new(log);
-            while !worker.is_finished() {
-                progress.show(&watch);
-                std::thread::sleep(progress.pause());
-            }
-            progress.show(&watch);
-            progress.end();
-            Ok::<_, Failure>(worker.join())
-        })?;
-        match result.unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
+        let (result, signal) = watched(log, |watch| augment(&recipe, &target, watch))?;
+        match result {
             Ok(summary) => {
                 if !self.quiet {
                     say(&text(&recipe, &summary, &root.display().to_string()));
@@ -85,12 +67,10 @@ impl Augment {
             }
             Err(Stopped::Refused(refused)) => Err(refused.into()),
             Err(Stopped::Io(path, error)) => {
-                Err(Failure::running(format!("{}: {error}\n  nothing was written", path.display())))
+                Err(Failure::denied(&format!("{}: {error}", path.display()), &error, "nothing was written"))
             }
             Err(Stopped::Sample(message)) => Err(Failure::running(format!("{message}\n  nothing was written"))),
-            Err(Stopped::Interrupted) => {
-                Err(Failure::stopped("stopped; nothing was written", signal.load(Ordering::Relaxed)))
-            }
+            Err(Stopped::Interrupted) => Err(Failure::stopped("stopped; nothing was written", signal)),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Why the program ends with a status other than 0, and what it says about it.
 
+use std::io;
 use std::path::Path;
 
 use crate::config::diagnostic::Report;
@@ -30,6 +31,11 @@ impl Failure {
     /// A file could not be read or written.
     pub(super) fn at(path: &Path, error: &dyn std::fmt::Display) -> Self {
         Self::running(format!("{}: {error}", path.display()))
+    }
+
+    /// The system denied something: what, what to do about it where the error tells, and what is left.
+    pub(super) fn denied(what: &str, error: &io::Error, left: &str) -> Self {
+        Self::running(format!("{what}\n  {}{left}", way_out(error)))
     }
 
     /// A signal stopped the work.
@@ -64,5 +70,24 @@ impl From<Refused> for Failure {
 impl From<Report> for Failure {
     fn from(report: Report) -> Self {
         Self { message: Message::Report(report), status: 2 }
+    }
+}
+
+fn way_out(error: &io::Error) -> &'static str {
+    use io::ErrorKind::{FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull, WouldBlock};
+    let no_pool = error.get_ref().is_some_and(|inner| inner.is::<rayon::ThreadPoolBuildError>());
+    let too_many_files = Some(rustix::io::Errno::MFILE.raw_os_error());
+    match error.kind() {
+        StorageFull | QuotaExceeded => "make room there; ",
+        FileTooLarge => "raise the limit of a file's size (ulimit -f), or write smaller shards; ",
+        PermissionDenied | ReadOnlyFilesystem => "make the folder writable, or choose another one with --out; ",
+        // What the system says when it has no thread to give.
+        kind if kind == WouldBlock || no_pool => {
+            "raise the limit of processes or of memory (ulimit -u, -v), or use fewer --threads; "
+        }
+        _ if error.raw_os_error() == too_many_files => {
+            "raise the limit of open files (ulimit -n), or use fewer --threads; "
+        }
+        _ => "",
     }
 }

@@ -1,19 +1,16 @@
 //! `gelsim generate`
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use clap::Args;
 use indicatif::{HumanBytes, HumanCount};
 use serde_json::{Value, json};
-use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
 use super::log::{Format, Log, say};
-use super::progress::Progress;
-use super::{Extent, Failure, JobOverrides, no_threads, settled};
+use super::watched::watched;
+use super::{Extent, Failure, JobOverrides, settled};
 use crate::dataset::folder::recorded_rung;
-use crate::generate::{Done, Request, Stopped, Watch, generate};
+use crate::generate::{Done, Request, Stopped, generate};
 use crate::label::key;
 use crate::plan::{Plan, usage};
 
@@ -65,22 +62,7 @@ impl Generate {
         let plan = settled(plan, recorded, log)?;
         let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
 
-        let watch = Arc::new(Watch::default());
-        let signal =
-            raise_on_signals(&watch).map_err(|error| running(&format!("cannot watch for signals: {error}"), &error))?;
-        let result = std::thread::scope(|scope| {
-            let worker = std::thread::Builder::new().spawn_scoped(scope, || generate(&plan, &request, &watch));
-            let worker = worker.map_err(|error| no_threads(&error))?;
-            let mut progress = Progress::new(log);
-            while !worker.is_finished() {
-                progress.show(&watch);
-                std::thread::sleep(progress.pause());
-            }
-            progress.show(&watch);
-            progress.end();
-            Ok::<_, Failure>(worker.join())
-        })?;
-        let result = result.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        let (result, signal) = watched(log, |watch| generate(&plan, &request, watch))?;
         match result {
             Ok(done) => {
                 let root = root.display().to_string();
@@ -91,27 +73,9 @@ impl Generate {
                 }
                 Ok(())
             }
-            Err(stopped) => Err(failure(stopped, plan.seed, signal.load(Ordering::Relaxed))),
+            Err(stopped) => Err(failure(stopped, plan.seed, signal)),
         }
     }
-}
-
-/// Raises the watch's stop flag on SIGINT and SIGTERM and notes which it was; a second one ends the process at once.
-/// SIGXFSZ ends nothing: a file beyond a limit of the user's is an error where it is written.
-pub(super) fn raise_on_signals(watch: &Arc<Watch>) -> std::io::Result<Arc<AtomicUsize>> {
-    let seen = Arc::new(AtomicUsize::new(0));
-    signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
-    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
-    let (watch, noted) = (Arc::clone(watch), Arc::clone(&seen));
-    std::thread::Builder::new().spawn(move || {
-        for signal in signals.forever() {
-            if noted.swap(signal as usize, Ordering::Relaxed) != 0 {
-                std::process::exit(128 + signal);
-            }
-            watch.stop.store(true, Ordering::Relaxed);
-        }
-    })?;
-    Ok(seen)
 }
 
 fn summary(done: &Done, root: &str) -> String {
@@ -175,7 +139,10 @@ fn speed(done: &Done) -> f64 {
 fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
     match stopped {
         Stopped::Usage(report) => report.into(),
-        Stopped::Io(path, error) => running(&format!("{}: {error}", path.display()), &error),
+        Stopped::Io(path, error) => {
+            let left = "what is finished stays; the same command goes on from there";
+            Failure::denied(&format!("{}: {error}", path.display()), &error, left)
+        }
         Stopped::Held(holders) => Failure::running(format!(
             "{}\n  all other shards are done; the same command checks again",
             holders.join("\n  ")
@@ -192,32 +159,5 @@ fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
         Stopped::Interrupted => {
             Failure::stopped("stopped; finished shards stay, the same command goes on from there", signal)
         }
-    }
-}
-
-/// What the system denied, and what to do before the same command is run again, where the error tells.
-fn running(what: &str, error: &std::io::Error) -> Failure {
-    let way_out = way_out(error);
-    Failure::running(format!("{what}\n  {way_out}what is finished stays; the same command goes on from there"))
-}
-
-fn way_out(error: &std::io::Error) -> &'static str {
-    use std::io::ErrorKind::{
-        FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull, WouldBlock,
-    };
-    let no_pool = error.get_ref().is_some_and(|inner| inner.is::<rayon::ThreadPoolBuildError>());
-    let too_many_files = Some(rustix::io::Errno::MFILE.raw_os_error());
-    match error.kind() {
-        StorageFull | QuotaExceeded => "make room there; ",
-        FileTooLarge => "raise the limit of a file's size (ulimit -f), or write smaller shards; ",
-        PermissionDenied | ReadOnlyFilesystem => "make the folder writable, or choose another one with --out; ",
-        // What the system says when it has no thread to give.
-        kind if kind == WouldBlock || no_pool => {
-            "raise the limit of processes or of memory (ulimit -u, -v), or use fewer --threads; "
-        }
-        _ if error.raw_os_error() == too_many_files => {
-            "raise the limit of open files (ulimit -n), or use fewer --threads; "
-        }
-        _ => "",
     }
 }

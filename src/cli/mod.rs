@@ -32,6 +32,7 @@ mod reproduce;
 mod schema;
 mod tradeoff;
 mod verify;
+mod watched;
 
 pub use failure::Failure;
 use log::Log;
