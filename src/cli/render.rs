@@ -188,31 +188,40 @@ impl Render {
         }
     }
 
-    /// The plan for frames of this size, or for the sensor's own.
-    fn plan(&self, size: Option<[usize; 2]>, known: Option<&[Known]>) -> Result<Plan, Report> {
+    /// The plan for a view of this size, or for what --set makes of it.
+    fn plan(&self, resolution_px: [usize; 2], known: &[Known]) -> Result<Plan, Report> {
         let set = self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         let overrides = Overrides { set, fidelity: self.fidelity };
-        let resolution_px = match size {
-            Some(size) if self.projection == ProjectionName::Orthographic => size,
-            _ => standalone::resolution_px(&self.sensor)?,
-        };
-        let known = known.unwrap_or_default();
         let classes: Vec<String> = known.iter().map(|known| known.class.clone()).collect();
-        let moved = known.iter().any(Known::is_moved);
-        let layers = &self.layers;
-        let frames =
-            Frames { sensor: &self.sensor, resolution_px, layers, classes: &classes, moved, overrides: &overrides };
+        let frames = Frames {
+            sensor: &self.sensor,
+            resolution_px,
+            layers: &self.layers,
+            classes: &classes,
+            moved: known.iter().any(Known::is_moved),
+            overrides: &overrides,
+        };
         let plan = frames.plan()?;
-        if plan.open_choice().is_some() {
-            let help = "name a rung with --fidelity; gelsim tradeoff shows what each costs";
-            return Err(usage("no rung can be chosen by frames: a bound is tried on a job's samples", help));
+        match plan.open_choice() {
+            None => Ok(plan),
+            Some(_) => {
+                let help = "name a rung with --fidelity; gelsim tradeoff shows what each costs";
+                Err(usage("no rung can be chosen by frames: a bound is tried on a job's samples", help))
+            }
         }
-        let is_view = self.projection == ProjectionName::Orthographic;
-        if let Some([width, height]) = size.filter(|size| is_view && *size != plan.camera.resolution_px) {
-            let message = format!("the frames have {width}x{height} px, and --set gives the sensor other ones");
-            return Err(usage(message, "leave sensor.resolution_px out: frames of parallel rays are the view"));
+    }
+
+    /// The plan for frames of this size, which parallel rays make the view's.
+    fn plan_for(&self, size: Option<[usize; 2]>, known: &[Known]) -> Result<Plan, Report> {
+        let size = size.filter(|_| self.projection == ProjectionName::Orthographic);
+        let plan = self.plan(size.map_or_else(|| standalone::resolution_px(&self.sensor), Ok)?, known)?;
+        match size {
+            Some([width, height]) if [width, height] != plan.camera.resolution_px => {
+                let message = format!("the frames have {width}x{height} px, and --set gives the sensor other ones");
+                Err(usage(message, "leave sensor.resolution_px out: frames of parallel rays are the view"))
+            }
+            _ => Ok(plan),
         }
-        Ok(plan)
     }
 
     fn files(self, camera: DepthCamera, mut problems: Problems) -> Result<(), Failure> {
@@ -231,7 +240,7 @@ impl Render {
         // That of the first that can be read: what is wrong with the others is found against it.
         let size =
             sources.iter().find_map(|source| read::file(&source.path).ok()).map(|frame| [frame.width, frame.height]);
-        let plan = self.plan(size, known.as_ref().ok().and_then(|known| known.as_deref()));
+        let plan = self.plan_for(size, known.as_ref().ok().and_then(|known| known.as_deref()).unwrap_or_default());
         let report = Report::new(&problems, &[]);
         let (known, plan) = match (known, plan) {
             (Ok(known), Ok(plan)) => (known, plan),
@@ -268,11 +277,18 @@ impl Render {
         if !problems.is_empty() {
             return Err(Report::new(problems, &[]).into());
         }
-        // Mistakes in the sensor are told before anything is read; and most frames are of its own size.
-        let plan = self.plan(None, None)?;
-        let for_size = |size: [usize; 2]| match plan.camera.resolution_px == size || self.is_perspective() {
+        // Mistakes are told before anything is read. A plan for a small view finds them soon; the first frame brings the
+        // size for which the plan is made, unless it is said beforehand.
+        const SMALL: [usize; 2] = [64, 48];
+        let plan = match self.projection {
+            ProjectionName::Orthographic => self.plan(SMALL, &[])?,
+            ProjectionName::Perspective => self.plan_for(None, &[])?,
+        };
+        let is_known = plan.camera.resolution_px != SMALL;
+        let for_size = |size: [usize; 2]| match is_known && (self.is_perspective() || plan.camera.resolution_px == size)
+        {
             true => Ok(plan),
-            false => self.plan(Some(size), None),
+            false => self.plan_for(Some(size), &[]),
         };
         let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));
         match stream(input, output, &camera, for_size) {

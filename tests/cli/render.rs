@@ -271,7 +271,7 @@ fn what_cannot_be_right_is_refused_with_the_likely_fix_and_nothing_is_written() 
         ("frames/a.npy", "--set sensor.resolution_px=[24,18]", &["the frames have 48x36 px"]),
         ("frames/cut.npy none.npy", "--pixel-offset=1", &["two numbers", "cut.npy", "none.npy"]),
     ] {
-        let said = folder.fail(&format!("render --depth {depth} --depth-unit mm {HERE} {options}").trim_end(), 2);
+        let said = folder.fail(format!("render --depth {depth} --depth-unit mm {HERE} {options}").trim_end(), 2);
         words.iter().for_each(|part| assert!(said.contains(part), "{depth} {options}: no {part:?} in\n{said}"));
         assert!(!folder.path("out").exists(), "{depth} {options}");
     }
