@@ -1,7 +1,7 @@
 //! From an AUGMENT.toml to a recipe: the set read, sensor, backgrounds, objects and job found, samples chosen; every mistake
 //! found before anything is written.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 
@@ -40,6 +40,8 @@ const NOISE_IMAGES: usize = 16;
 pub struct Recipe {
     /// The file's name without its ending.
     pub name: String,
+    /// Where its output goes unless the command line says otherwise.
+    pub root: PathBuf,
     /// Its text, and what was laid over it.
     pub text: String,
     /// Seed of all randomness.
@@ -171,7 +173,9 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
         (true, true) => own_column,
         (true, false) => Some(own_column.unwrap_or_else(|| String::from("split"))),
     };
+    let named = written.output.path.as_ref().map(|path| document.folder("output.path").join(path));
     let mut recipe = Recipe {
+        root: named.unwrap_or_else(|| Path::new("out").join(&name)),
         name,
         text,
         seed: written.seed,
