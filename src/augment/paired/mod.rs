@@ -2,7 +2,8 @@
 //!
 //! A label is seldom exact to the pixel. So the twin is rendered where the label says, the shift between the two is
 //! measured ([`align`]), and the twin is rendered anew at the shifted place: a picture that is moved instead would take
-//! the light of one place to another. What is left of the shift is measured again, until it is small.
+//! the light of one place to another. What is left of the shift is measured again, until it is small or the twin gets less
+//! alike.
 
 use image::RgbImage;
 use schemars::JsonSchema;
@@ -102,8 +103,11 @@ pub struct Pairing {
 /// A shift that is left after a round and is smaller than this needs no other round, px.
 const SMALL_PX: f64 = 0.05;
 
-/// Rounds of measuring and rendering.
-const ROUNDS: usize = 3;
+/// Rounds of measuring and rendering at most.
+const ROUNDS: usize = 6;
+
+/// A twin whose correlation falls by more than this in a round was better before.
+const WORSE: f64 = 1e-3;
 
 impl Pairing {
     /// For images of the plan's resolution; `background` is the untouched pad as the real camera sees it.
@@ -118,41 +122,38 @@ impl Pairing {
         let seen = Pair::new(image, &self.background, most_px);
         let pair = |sample: &Sample| Pair::new(&picture(&sample.image), &self.untouched, most_px);
 
-        let labelled = self.render(real, number);
-        let mut shown = pair(&labelled);
-        let stays = |sample, alignment| Twin {
-            sample,
-            known: *real,
-            offset_px: [0.0; 2],
-            correlation: align::correlation(&seen, &shown),
-            alignment,
-        };
-        let first = match align(&seen, &shown, most_px) {
-            None => return stays(labelled, Alignment::NoContact),
-            Some(_) if most_px == 0 => return stays(labelled, Alignment::NotSought),
+        let sample = self.render(real, number);
+        let mut shown = pair(&sample);
+        let correlation = align::correlation(&seen, &shown);
+        let mut twin = Twin { sample, known: *real, offset_px: [0.0; 2], correlation, alignment: Alignment::Aligned };
+        let mut left_px = match align(&seen, &shown, most_px) {
+            None => return Twin { alignment: Alignment::NoContact, ..twin },
+            Some(_) if most_px == 0 => return Twin { alignment: Alignment::NotSought, ..twin },
             Some(peak) if peak.correlation < self.settings.min_correlation => {
-                return stays(labelled, Alignment::Unlike);
+                return Twin { alignment: Alignment::Unlike, ..twin };
             }
-            Some(peak) if peak.at_edge => return stays(labelled, Alignment::TooFar),
-            Some(peak) => peak,
+            Some(peak) if peak.at_edge => return Twin { alignment: Alignment::TooFar, ..twin },
+            Some(peak) => peak.offset_px,
         };
-        let (mut sample, mut known, mut offset_px) = (labelled, *real, [0.0; 2]);
-        let mut left_px = first.offset_px;
         for _ in 0..ROUNDS {
             if left_px.iter().all(|px| px.abs() < SMALL_PX) {
                 break;
             }
-            for k in 0..2 {
-                offset_px[k] += left_px[k];
-                known.position_mm[k] = real.position_mm[k] + offset_px[k] * self.plan.camera.mm_per_px[k];
-            }
-            sample = self.render(&known, number);
+            let offset_px: [f64; 2] = std::array::from_fn(|k| twin.offset_px[k] + left_px[k]);
+            let pitch = self.plan.camera.mm_per_px;
+            let position_mm = std::array::from_fn(|k| real.position_mm[k] + offset_px[k] * pitch[k]);
+            let known = Known { position_mm, ..*real };
+            let sample = self.render(&known, number);
             shown = pair(&sample);
+            let correlation = align::correlation(&seen, &shown);
+            if correlation < twin.correlation - WORSE {
+                break;
+            }
+            twin = Twin { sample, known, offset_px, correlation, ..twin };
             // What is left is a pixel or two: further away another ridge of a pattern may look as good.
             left_px = align(&seen, &shown, most_px.min(2)).map_or([0.0; 2], |peak| peak.offset_px);
         }
-        let correlation = align::correlation(&seen, &shown);
-        Twin { sample, known, offset_px, correlation, alignment: Alignment::Aligned }
+        twin
     }
 
     fn render(&self, known: &Known, number: u64) -> Sample {
