@@ -15,6 +15,8 @@ mod card;
 pub mod config;
 pub mod coverage;
 pub mod input;
+mod known;
+mod look;
 mod make;
 pub mod mix;
 pub mod output;
@@ -22,6 +24,7 @@ pub mod paired;
 pub mod photometric;
 pub mod recipe;
 pub mod report;
+mod sensor;
 pub mod split;
 pub mod trace;
 

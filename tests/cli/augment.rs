@@ -227,8 +227,8 @@ fn a_table_keeps_its_rows_and_images_and_every_new_row_is_traced() {
 #[test]
 fn the_bytes_depend_on_the_seed_and_not_on_the_threads() {
     let folder = with_table();
-    folder.write("augment.toml", RECIPE);
-    folder.succeed("augment augment.toml --out one --threads 1 --quiet");
+    folder.write("augment.toml", format!("{RECIPE}[output]\npath = \"one\"\n"));
+    folder.succeed("augment augment.toml --threads 1 --quiet");
     folder.succeed("augment augment.toml --out four --threads 4 --quiet");
     folder.succeed("augment augment.toml --out other --seed 8 --quiet");
     assert_same_files(&folder.files("one"), &folder.files("four"));
