@@ -165,6 +165,8 @@ pub enum Toward {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Output {
+    /// Folder of the output; `out/` and the name of this file where it is left out.
+    pub path: Option<String>,
     /// Share of the samples in each split, drawn anew; the input's own splits where it is left out.
     pub splits: Option<Splits>,
     /// What stays in one split.

@@ -11,18 +11,19 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::input::{Form, Real};
-use super::output::labels::{Labels, Synthetic, cells};
+use super::look::Look;
+use super::output::labels::{Labels, cells};
 use super::output::{Piece, Units};
 use super::paired::{Alignment, Twin};
 use super::photometric::Applied;
-use super::report::{Look, Seen, tile};
+use super::report::{Seen, tile};
 use super::trace::{Source, Trace};
 use super::{Recipe, Stopped};
 use crate::camera::Image;
-use crate::dataset::encode::{Member, json, members};
+use crate::dataset::encode::{Member, json};
 use crate::dataset::png;
-use crate::health::{Accepted, Unfit, accept};
-use crate::scene::Scene;
+
+mod synthetic;
 
 /// Real samples that the page shows.
 const MOST_SHOWN: usize = 6;
@@ -45,16 +46,6 @@ enum Task {
     Copy { recipe: usize, copy: u32, slot: u64 },
     Twin,
     Synthetic { index: u64 },
-}
-
-/// What was done for a synthetic sample.
-#[derive(Serialize)]
-struct Drawn<'a> {
-    job: &'a str,
-    fingerprint: &'a str,
-    seed: u64,
-    index: u64,
-    attempt: u32,
 }
 
 /// What was done for a photometric copy.
@@ -265,88 +256,6 @@ impl<'a> Maker<'a> {
             }
         };
         values.iter().filter_map(file).collect()
-    }
-
-    fn synthetic(&self, beside: &Real, number: usize, index: u64) -> Result<(Piece, Seen), Stopped> {
-        let (set, division) = (&self.recipe.set, &self.recipe.division);
-        let Some(mix) = &self.recipe.mix else {
-            return Err(Stopped::Sample(String::from("no job is there for a synthetic sample")));
-        };
-        let Accepted { sample, .. } = accept(&mix.plan, index).map_err(|Unfit(label)| {
-            Stopped::Sample(format!("sample {} of the job is not healthy: {}", label.key, label.health.reason))
-        })?;
-        let split = division.of_reals[number];
-        let form = &set.units[beside.unit].form;
-        let drawn = Drawn {
-            job: &mix.plan.name,
-            fingerprint: &mix.plan.fingerprint,
-            seed: mix.plan.seed,
-            index,
-            attempt: sample.label.attempt,
-        };
-        let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
-        let key = format!("synthetic-{index:09}");
-        let name = match form {
-            Form::Tar => key.clone(),
-            _ => Path::new(&beside.image).with_file_name(format!("{key}.png")).to_string_lossy().into_owned(),
-        };
-        let mut files = members(&mix.plan, &sample);
-        files.retain(|member| member.suffix != "json");
-        let mut piece =
-            Piece { unit: beside.unit, split, key, members: Vec::new(), files: Vec::new(), row: Vec::new() };
-        let folder = self.units.folder(beside.unit, split);
-        let mut columns = Vec::new();
-        for Member { suffix, bytes } in files {
-            let tactile = suffix == "tactile.png";
-            if *form == Form::Tar {
-                let suffix = if tactile { set.image.clone() } else { suffix };
-                if tactile || self.columns.contains(&suffix) {
-                    piece.members.push(Member { suffix, bytes });
-                }
-                continue;
-            }
-            let file = Path::new(&name).with_extension(&suffix);
-            let layer = suffix.split('.').next().unwrap_or_default();
-            match tactile {
-                true => piece.files.push((folder.join(&name), bytes)),
-                false => {
-                    let (as_image, as_path) = (format!("{layer}_image_file_name"), format!("{layer}_path"));
-                    let file = match (self.columns.contains(&as_image), self.columns.contains(&as_path)) {
-                        (true, _) => {
-                            columns.push((as_image, file.to_string_lossy().into_owned()));
-                            folder.join(file)
-                        }
-                        (_, true) => {
-                            let file = folder.join(file);
-                            columns.push((as_path, file.to_string_lossy().into_owned()));
-                            file
-                        }
-                        _ => continue,
-                    };
-                    piece.files.push((file, bytes));
-                }
-            }
-        }
-        let scene = Scene::draw(&mix.plan, index, sample.label.attempt);
-        let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
-        let label = self.labels.synthetic(form, &made, &division.names[split], &name, &trace);
-        match form {
-            Form::Tar => piece.members.push(Member { suffix: set.label.clone(), bytes: label }),
-            _ => piece.row = label,
-        }
-        let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
-        let object = &sample.label.object;
-        let seen = Seen {
-            source: Source::Synthetic,
-            split,
-            kind: Some(if by_class { object.class.clone() } else { object.id.clone() }),
-            depth_mm: Some(sample.label.indentation_depth_mm),
-            look: look(&sample.image),
-            number,
-            tile: self.tile(number, &sample.image),
-            pair: None,
-        };
-        Ok((piece, seen))
     }
 }
 

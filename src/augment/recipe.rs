@@ -1,45 +1,33 @@
 //! From an AUGMENT.toml to a recipe: the set read, sensor, backgrounds, objects and job found, samples chosen; every mistake
 //! found before anything is written.
 
-use std::path::Path;
-
-use image::RgbImage;
+use std::path::{Path, PathBuf};
 
 use super::config::{Augment, SplitBy};
 use super::input::columns::{Meaning, is_own};
 use super::input::{self, Set};
-use super::make;
 use super::mix::{self, Mix};
 use super::paired::{Known, Pairing};
-use super::photometric::noise::Level;
-use super::photometric::{self, Taken};
 use super::split::Division;
 use super::trace::Columns;
-use crate::config::dataset::Dataset;
-use crate::config::diagnostic::{Problem, Problems, Report, nearest};
+use super::{known, make, photometric, sensor};
+use crate::config::diagnostic::{Problems, Report};
 use crate::config::document::{Document, MOST_READ};
-use crate::config::object::Object;
-use crate::config::quantity::Quantity;
-use crate::config::scene::{Anchor, Face, Indentation, Pose};
-use crate::config::{self, Job, Written};
-use crate::dataset::png;
+use crate::config::scene::Anchor;
+use crate::config::{self, Written};
 use crate::input as files;
-use crate::optics::background::Reference;
 use crate::plan::check::Check;
-use crate::plan::{Plan, ranges, standalone, usage, view};
-use crate::scene::pose::Angles;
+use crate::plan::{Plan, usage};
 
 /// Largest seed.
 const MOST_SEED: f64 = 9_007_199_254_740_991.0;
-/// What names the untouched pad as the sensor renders it.
-const RENDERED: &str = "rendered";
-/// Images between which a sensor's noise is measured.
-const NOISE_IMAGES: usize = 16;
 
 /// Everything an output depends on, resolved and checked.
 pub struct Recipe {
     /// The file's name without its ending.
     pub name: String,
+    /// Where its output goes unless the command line says otherwise.
+    pub root: PathBuf,
     /// Its text, and what was laid over it.
     pub text: String,
     /// Seed of all randomness.
@@ -115,13 +103,13 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
     });
     let mut notes = Vec::new();
 
-    let mut job = job(&mut check, &written, size);
-    let background = background(&mut check, &written, &job, size);
+    let mut job = sensor::job(&mut check, &written, size);
+    let background = sensor::background(&mut check, &written, &job, size);
     let own = set.as_ref().is_some_and(|set| is_own(&set.example));
     if own && document.get("pose.anchor").is_none() {
         job.pose.anchor = Anchor::Origin;
     }
-    let taken = taken(&mut check, &mut job.clone(), set.as_ref(), background.clone());
+    let taken = sensor::taken(&mut check, &mut job.clone(), set.as_ref(), background.clone());
     for (k, recipe) in written.photometric.iter().enumerate() {
         recipe.check(&mut check, &format!("photometric.{k}"), taken.as_ref());
     }
@@ -136,11 +124,11 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
     }
     if let Some(paired) = &written.paired {
         paired.check(&mut check, "paired");
-        needs(&mut check, &written, set.as_ref(), background.as_ref());
+        known::needs(&mut check, &written, set.as_ref(), background.as_ref());
     }
 
     // The twins' plan takes over what was found so far, and adds what is wrong with sensor and objects.
-    let mut known = Vec::new();
+    let mut of_reals = Vec::new();
     let mut pairing = None;
     if let Some(paired) = &written.paired {
         let before = std::mem::take(&mut problems);
@@ -150,11 +138,11 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
             Err(found) => return Err(with_mixing(found.and(report), &document, &written, size)),
         };
         if let Some(set) = &set {
-            let (found, unknown) = know(set, &plan, &mut notes);
-            known = found;
+            let (found, unknown) = known::know(set, &plan, &mut notes);
+            of_reals = found;
             report = report.and(unknown);
         }
-        let picture = background.and_then(|reference| picture(&reference));
+        let picture = background.and_then(|reference| sensor::picture(&reference));
         pairing = picture.map(|picture| Pairing::new(plan, paired.clone(), picture));
     }
     let mut check = Check { document: &document, problems: &mut problems };
@@ -164,20 +152,22 @@ fn resolve(name: String, text: String, laid: config::Laid<Augment>, mut problems
     let (Some(set), Some(division), true) = (set, division, check.problems.is_empty() && report.is_empty()) else {
         return Err(Report::new(&problems, &document.sources).and(report));
     };
-    known.resize(set.reals.len(), None);
+    of_reals.resize(set.reals.len(), None);
     let own_column = set.columns.of(Meaning::Split).map(str::to_owned);
     let split_column = match (division.anew, division.apart) {
         (false, _) => None,
         (true, true) => own_column,
         (true, false) => Some(own_column.unwrap_or_else(|| String::from("split"))),
     };
+    let named = written.output.path.as_ref().map(|path| document.folder("output.path").join(path));
     let mut recipe = Recipe {
+        root: named.unwrap_or_else(|| Path::new("out").join(&name)),
         name,
         text,
         seed: written.seed,
         photometric: photometric.unwrap_or_default(),
         pairing,
-        known,
+        known: of_reals,
         split_column,
         mix: None,
         trace,
@@ -258,161 +248,4 @@ fn divide(check: &mut Check<'_>, written: &Augment, set: &Set) -> Division {
             Division::drawn(set, shares, by, written.seed)
         }
     }
-}
-
-/// The job of which twins are samples.
-fn job(check: &mut Check<'_>, written: &Augment, size: Option<[usize; 2]>) -> Job {
-    let mut sensor = written.sensor.clone();
-    if let Some([width, height]) = size {
-        let there = check.document.get("sensor.resolution_px").map(|node| node.place.source);
-        let own = there.is_some_and(|source| source == 0 || check.document.sources[source].name.starts_with("--"));
-        if own && sensor.resolution_px != [width as u32, height as u32] {
-            let message = format!("the images are {width}x{height} px, resolution_px is {:?}", sensor.resolution_px);
-            check.wrong("sensor.resolution_px", message, "leave it out: the images' size is taken");
-        }
-        sensor.resolution_px = [width as u32, height as u32];
-    }
-    if written.pose.face == Face::Any && check.sound("pose") {
-        check.wrong("pose.face", "a real sample has one side that faces the pad", "name it: one of +x -x +y -y +z -z");
-    }
-    Job {
-        fidelity: written.fidelity.map(Into::into),
-        gelpad: written.gelpad.clone(),
-        optics: written.optics.clone(),
-        dataset: Dataset {
-            name: Some(String::from("twins")),
-            samples: Some(1),
-            seed: written.seed,
-            ..Dataset::default()
-        },
-        sensor,
-        object: written.object.iter().map(|object| Object { weight: 1.0, ..object.clone() }).collect(),
-        pose: Pose { face: written.pose.face, anchor: written.pose.anchor, ..Pose::default() },
-        indentation: Indentation { depth_mm: Some(Quantity::Constant(0.0)), no_contact: 0.0 },
-        markers: written.markers.clone(),
-        camera: written.camera.clone(),
-        ..Job::default()
-    }
-}
-
-/// The picture of the untouched pad, of the images' size.
-fn background(check: &mut Check<'_>, written: &Augment, job: &Job, size: Option<[usize; 2]>) -> Option<Reference> {
-    let name = written.input.background.as_ref()?;
-    if name == RENDERED {
-        // Of a sensor that is unsound nothing can be rendered, and it is said elsewhere.
-        return check.problems.is_empty().then(|| Reference::rendered(&job.sensor, &view(job)));
-    }
-    let beside = check.document.folder("input.background").join(name);
-    let inside = written.input.path.as_ref().map(|path| check.document.folder("input.path").join(path).join(name));
-    let path = inside.filter(|inside| !beside.is_file() && inside.is_file()).unwrap_or(beside);
-    let read = files::read(&path, files::MOST_IMAGE_BYTES).map_err(|error| error.to_string());
-    match read.and_then(|bytes| png::decode_background(&bytes)) {
-        Ok(picture) => {
-            let found = [picture.width() as usize, picture.height() as usize];
-            if let Some([width, height]) = size.filter(|size| *size != found) {
-                let message =
-                    format!("{} is {}x{} px, the images {width}x{height} px", path.display(), found[0], found[1]);
-                check.wrong("input.background", message, "a picture of the untouched pad of the images' size");
-                return None;
-            }
-            Some(Reference::new(found[0], found[1], picture.into_raw()))
-        }
-        Err(reason) => {
-            let message = format!("cannot read the background {}: {reason}", path.display());
-            check.wrong("input.background", message, "a PNG of the untouched pad belongs here");
-            None
-        }
-    }
-}
-
-fn picture(reference: &Reference) -> Option<RgbImage> {
-    let [width, height] = [reference.width, reference.height].map(|px| px as u32);
-    RgbImage::from_raw(width, height, reference.rgb.clone())
-}
-
-/// The sensor that took the images. `None` after a mistake.
-fn taken(check: &mut Check<'_>, job: &mut Job, set: Option<&Set>, own: Option<Reference>) -> Option<Taken> {
-    let Some(set) = set else {
-        ranges::sensor(check, job);
-        return None;
-    };
-    let photograph = job.sensor.background.is_some();
-    let standalone::Standalone { sensor, camera, reference, .. } = standalone::of(check, job)?;
-    let noise = Level::of(&job.camera).or_else(|| Level::measured(&some_images(set)));
-    Some(Taken { sensor, view: camera, background: own.or(photograph.then_some(reference)), noise })
-}
-
-/// Some images of a set, evenly spread; those that cannot be read are left out, which is said later.
-fn some_images(set: &Set) -> Vec<RgbImage> {
-    let count = set.reals.len().min(NOISE_IMAGES);
-    let picks = (0..count).map(|k| &set.reals[k * set.reals.len() / count]);
-    picks.filter_map(|real| set.image(real).ok()).filter_map(|bytes| png::decode_background(&bytes).ok()).collect()
-}
-
-/// What twins need of the file.
-fn needs(check: &mut Check<'_>, written: &Augment, set: Option<&Set>, background: Option<&Reference>) {
-    if written.input.background.is_none() && background.is_none() {
-        let help = "name the picture of the untouched pad: [input] background = \"...\"";
-        check.wrong("paired", "twins are aligned by what a press changes, and the untouched pad is not known", help);
-    }
-    let Some(set) = set else { return };
-    let known = |meaning: Meaning| set.columns.of(meaning).is_some();
-    for (there, key, what) in [
-        (known(Meaning::Object) || known(Meaning::Class), "object", "the object"),
-        (known(Meaning::Depth), "depth_mm", "the depth"),
-    ] {
-        if !there && check.sound("input.columns") {
-            let message = format!("no column of the labels is {what}");
-            check.wrong("paired", message, format!("name it with input.columns.{key}"));
-        }
-    }
-}
-
-/// What is known of each real sample, for its twin. A sample whose label names no object or no depth has none; one that
-/// names an object that is not there is a mistake.
-fn know(set: &Set, plan: &Plan, notes: &mut Vec<String>) -> (Vec<Option<Known>>, Report) {
-    let mut problems = Problems::default();
-    let object = |name: &str| {
-        let of_class = |class: &str| {
-            let mut all = plan.objects.iter().enumerate().filter(|(_, object)| object.class == class);
-            all.next().filter(|_| all.next().is_none()).map(|(number, _)| number)
-        };
-        plan.objects.iter().position(|object| object.id == name).or_else(|| of_class(name))
-    };
-    let names: Vec<&str> = plan.objects.iter().map(|object| object.id.as_str()).collect();
-    let mut known = Vec::with_capacity(set.reals.len());
-    for real in &set.reals {
-        let facts = &real.facts;
-        let name = facts.object.as_deref().or(facts.class.as_deref());
-        let number = name.and_then(|name| {
-            let found = object(name);
-            if found.is_none() {
-                let near = nearest(name, names.iter().copied())
-                    .map_or(String::new(), |near| format!("did you mean `{near}`? "));
-                let problem: Problem = set.problem(real, format!("no [[object]] is called `{name}`"));
-                problems.push(problem.help(format!("{near}there are {}", names.join(", "))));
-            }
-            found
-        });
-        if let Some(depth) = facts.depth_mm.filter(|depth| *depth > plan.thickness_mm) {
-            let problem =
-                set.problem(real, format!("a depth of {depth} mm is more than the pad's {} mm", plan.thickness_mm));
-            problems.push(problem.help("give depths in mm, or the pad's thickness with [sensor] gelpad_thickness_mm"));
-        }
-        known.push(number.zip(facts.depth_mm).map(|(object, depth_mm)| Known {
-            object,
-            angles: Angles {
-                yaw_deg: facts.yaw_deg.unwrap_or(0.0),
-                tilt_deg: facts.tilt_deg.unwrap_or(0.0),
-                tilt_azimuth_deg: facts.tilt_azimuth_deg.unwrap_or(0.0),
-            },
-            position_mm: facts.place_mm.map(|mm| mm.unwrap_or(0.0)),
-            depth_mm,
-        }));
-    }
-    let without = known.iter().filter(|known| known.is_none()).count();
-    if without > 0 {
-        notes.push(format!("{without} of {} real samples have no twin: object or depth is not known", known.len()));
-    }
-    (known, Report::new(&problems, &set.sources))
 }

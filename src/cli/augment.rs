@@ -25,7 +25,7 @@ pub struct Augment {
     /// What to do
     #[arg(value_name = "AUGMENT.toml")]
     file: PathBuf,
-    /// Folder of the output [default: out/NAME, after the file]
+    /// Folder of the output [default: the file's output.path, else out/NAME after the file]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Seed of all randomness
@@ -54,7 +54,7 @@ impl Augment {
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("seed = {seed}"))));
         let recipe = Recipe::load(&self.file, &set)?;
         log.notes(&recipe.notes);
-        let root = self.out.unwrap_or_else(|| PathBuf::from("out").join(&recipe.name));
+        let root = self.out.unwrap_or_else(|| recipe.root.clone());
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
 
         let (result, signal) = watched(log, |watch| augment(&recipe, &target, watch))?;

@@ -227,8 +227,8 @@ fn a_table_keeps_its_rows_and_images_and_every_new_row_is_traced() {
 #[test]
 fn the_bytes_depend_on_the_seed_and_not_on_the_threads() {
     let folder = with_table();
-    folder.write("augment.toml", RECIPE);
-    folder.succeed("augment augment.toml --out one --threads 1 --quiet");
+    folder.write("augment.toml", format!("{RECIPE}[output]\npath = \"one\"\n"));
+    folder.succeed("augment augment.toml --threads 1 --quiet");
     folder.succeed("augment augment.toml --out four --threads 4 --quiet");
     folder.succeed("augment augment.toml --out other --seed 8 --quiet");
     assert_same_files(&folder.files("one"), &folder.files("four"));
@@ -468,7 +468,7 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     lines[6] = lines[6].replace(&depth, "deep");
     lines[8] += ",more";
     folder.write("real/labels.csv", lines.join("\n"));
-    folder.write("real/images/000000008.png", folder.read_bytes("real/images/000000008.png")[..90].to_vec());
+    folder.write("real/images/000000008.png", &folder.read_bytes("real/images/000000008.png")[..90]);
     let other = gelsim::dataset::png::encode_rgb(20, 10, &[7; 600]);
     folder.write("real/images/000000009.png", other);
     let wrong = edited(

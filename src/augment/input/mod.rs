@@ -229,7 +229,8 @@ fn qualify(draft: &mut Draft<'_>) {
     let mut known: HashMap<&str, usize> = HashMap::new();
     let shared = draft.reals.iter().any(|real| known.insert(&real.key, real.unit).is_some());
     let tables = draft.units.first().is_some_and(|unit| unit.form != Form::Tar);
-    if !(shared || tables && draft.units.len() > 1) {
+    let several = tables && draft.units.len() > 1;
+    if !(shared || several) {
         return;
     }
     for real in &mut draft.reals {
