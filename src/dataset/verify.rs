@@ -90,7 +90,7 @@ pub struct Looked {
 pub fn verify(root: &Path, depth: Depth) -> Result<Verified, Refused> {
     let recorded = Recorded::open(root).map_err(Refused::Usage)?;
     let path = root.join("dataset.json");
-    let manifest = Manifest::read_or_refuse(&path)?;
+    let manifest = Manifest::read(&path)?;
     let looked = look(&recorded, depth)?;
 
     let mut verified = Verified { shards: looked.len() as u64, ..Verified::default() };
@@ -132,7 +132,7 @@ pub fn look(recorded: &Recorded, depth: Depth) -> Result<Vec<Looked>, Refused> {
 fn look_at(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Refused> {
     let paths = recorded.paths(&shard);
     let (file, stats_name) = (paths.container.file(&shard), format!("stats/{}.json", shard.name()));
-    let stats = Stats::read_or_refuse(&paths.stats)?;
+    let stats = Stats::read(&paths.stats)?;
     let mut findings = Vec::new();
     let mut wrong = |file: &str, what: String| findings.push(Finding::new(file, what));
     match &stats {

@@ -7,7 +7,7 @@ use super::text::{counted, figure};
 use super::{Facts, LARGEST_MM, Pad};
 use crate::config::object::Unit;
 use crate::config::scene::Anchor;
-use crate::object::{MeshError, Problem};
+use crate::object::MeshError;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -105,11 +105,7 @@ const THIN_SHARES: [f64; 2] = [0.05, 0.5];
 
 /// A file that cannot be used.
 pub fn unreadable(error: MeshError) -> Finding {
-    let help = match error.problem {
-        Problem::Unreadable(_) => "check the path",
-        Problem::UnknownExtension => "export it as one of these, or give the file the ending of its format",
-        _ => "repair the mesh, or leave it out",
-    };
+    let help = error.help();
     // The heading names the file already.
     let error = MeshError { path: None, ..error };
     Finding::new(Severity::Error, Kind::Unreadable, error.to_string(), help)

@@ -189,6 +189,18 @@ pub enum Problem {
 }
 
 impl MeshError {
+    /// A way out.
+    pub fn help(&self) -> &'static str {
+        match &self.problem {
+            Problem::Unreadable(error) if error.kind() == io::ErrorKind::OutOfMemory => {
+                "free some memory, or use a smaller mesh"
+            }
+            Problem::Unreadable(_) => "check the path and who may read it",
+            Problem::UnknownExtension => "export it as one of these, or give the file the ending of its format",
+            _ => "repair the mesh, or leave it out",
+        }
+    }
+
     fn at(line: usize, problem: Problem) -> Self {
         MeshError { path: None, line: Some(line), problem }
     }

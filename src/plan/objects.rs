@@ -108,7 +108,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         let (clusters, loaded) = match read {
             Ok(read) => read,
             Err(error) => {
-                check.wrong(&format!("object.{i}.path"), error.to_string(), "repair the mesh, or leave it out");
+                check.wrong(&format!("object.{i}.path"), error.to_string(), error.help());
                 unread += 1;
                 continue;
             }

@@ -66,7 +66,7 @@ pub fn read(root: &Path) -> Result<Dataset, Refused> {
     let recorded = Recorded::open(root).map_err(Refused::Usage)?;
     let job = root.join("job.toml");
     let text = input::read(&job, MOST_READ).map_err(|error| Refused::Io(job, error))?;
-    let manifest = Manifest::read_or_refuse(&root.join("dataset.json"))?;
+    let manifest = Manifest::read(&root.join("dataset.json"))?;
     let layout = &recorded.layout;
     let (mut there, mut missing) = (Vec::new(), Vec::<Missing>::new());
     for shard in (0..layout.shard_count()).map(|number| layout.shard(number)) {
@@ -141,7 +141,7 @@ fn spread(layout: &Layout, shards: &[Shard], count: u64) -> BTreeSet<u64> {
 fn look(recorded: &Recorded, shard: &Shard, picks: &Picks) -> Result<Gathered, Refused> {
     let paths = recorded.paths(shard);
     let (file, stats_name) = (paths.container.file(shard), format!("stats/{}.json", shard.name()));
-    let stats = Stats::read_or_refuse(&paths.stats)?;
+    let stats = Stats::read(&paths.stats)?;
     let mut gathered = Gathered::new(recorded.job.sensor.field_of_view_mm);
     let mut found = Vec::new();
     match &stats {
