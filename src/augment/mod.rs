@@ -1,7 +1,7 @@
 //! Enlarges a real dataset: its images as other lamps, pads and cameras would have shown them, simulated twins of its
 //! samples, and new synthetic samples among them; in the layout of the input, every sample traced to its source.
 //!
-//! AUGMENT.toml ([`config`]) -> [`recipe`] (resolved, every mistake found, every choice made) -> [`make`] (samples) ->
+//! AUGMENT.toml ([`config`]) -> [`recipe`] (resolved, every mistake found, every choice made) -> `make` (samples) ->
 //! [`output`] (files) and [`report`].
 
 use std::io;

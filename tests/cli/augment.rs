@@ -468,7 +468,7 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     lines[6] = lines[6].replace(&depth, "deep");
     lines[8] += ",more";
     folder.write("real/labels.csv", lines.join("\n"));
-    folder.write("real/images/000000008.png", folder.read_bytes("real/images/000000008.png")[..90].to_vec());
+    folder.write("real/images/000000008.png", &folder.read_bytes("real/images/000000008.png")[..90]);
     let other = gelsim::dataset::png::encode_rgb(20, 10, &[7; 600]);
     folder.write("real/images/000000009.png", other);
     let wrong = edited(
@@ -515,11 +515,11 @@ fn an_output_is_replaced_only_when_asked_and_never_with_what_is_not_its_own() {
     let text = folder.fail("augment augment.toml --out larger --overwrite", 2);
     assert!(text.contains("notes.txt is in the output"), "{text}");
     assert_eq!(folder.read("larger/notes.txt"), "mine");
-    for out in ["real", "real/larger", "."] {
+    for out in ["real", "real/larger", "real/new/larger", "."] {
         let text = folder.fail(&format!("augment augment.toml --out {out}"), 2);
         assert!(text.contains("error: "), "{text}");
     }
-    assert!(!folder.path("real/larger").exists());
+    assert!(!folder.path("real/larger").exists() && !folder.path("real/new").exists());
 }
 
 #[test]
