@@ -1,9 +1,10 @@
 //! Where a real press lies, measured against its simulated twin: the shift at which their changes correlate best.
 //!
-//! Changes are images minus the untouched pad, of both as [`Drift`] leaves them. The measure is the normalised cross-correlation of the three channels
-//! together, on the part of the picture where the twin shows (Lewis 1995, "Fast normalized cross-correlation"): a press
-//! that is brighter by a factor correlates as well. It is searched on blocks of pixels first and then pixel by pixel
-//! around the best of those; between pixels a parabola through the neighbours of the peak tells where it is.
+//! Changes are images minus the untouched pad, less what differs everywhere (`Drift`). The measure is the normalised
+//! cross-correlation of the three channels together, on the part of the picture where the twin shows (Lewis 1995, "Fast
+//! normalized cross-correlation"): a press that is brighter by a factor correlates as well. It is searched on blocks of
+//! pixels first and then pixel by pixel around the best of those; between pixels a parabola through the neighbours of the
+//! peak tells where it is.
 
 use image::RgbImage;
 

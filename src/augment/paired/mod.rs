@@ -1,7 +1,7 @@
 //! `[paired]`: the simulated twin of a real sample whose object, pose and depth are known.
 //!
 //! A label is seldom exact to the pixel. So the twin is rendered where the label says, the shift between the two is
-//! measured ([`align`]), and the twin is rendered anew at the shifted place: a picture that is moved instead would take
+//! measured ([`mod@align`]), and the twin is rendered anew at the shifted place: a picture that is moved instead would take
 //! the light of one place to another. What is left of the shift is measured again, until it is small or the twin gets less
 //! alike.
 
