@@ -515,11 +515,11 @@ fn an_output_is_replaced_only_when_asked_and_never_with_what_is_not_its_own() {
     let text = folder.fail("augment augment.toml --out larger --overwrite", 2);
     assert!(text.contains("notes.txt is in the output"), "{text}");
     assert_eq!(folder.read("larger/notes.txt"), "mine");
-    for out in ["real", "real/larger", "."] {
+    for out in ["real", "real/larger", "real/new/larger", "."] {
         let text = folder.fail(&format!("augment augment.toml --out {out}"), 2);
         assert!(text.contains("error: "), "{text}");
     }
-    assert!(!folder.path("real/larger").exists());
+    assert!(!folder.path("real/larger").exists() && !folder.path("real/new").exists());
 }
 
 #[test]

@@ -58,13 +58,13 @@ impl Place {
             }
         }
         let folder = root.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        fs::create_dir_all(folder).map_err(|error| Refused::Io(folder.to_owned(), error))?;
-        let real = |path: &Path| path.canonicalize().map_err(|error| Refused::Io(path.to_owned(), error));
+        let real = |path: &Path| resolved(path).map_err(|error| Refused::Io(path.to_owned(), error));
         let (out, input) = (real(folder)?.join(&name), real(input)?);
         if out.starts_with(&input) || input.starts_with(&out) {
             let message = format!("the output {} and the input {} are in each other", out.display(), input.display());
             return refused(message, "choose a folder beside the input with --out");
         }
+        fs::create_dir_all(folder).map_err(|error| Refused::Io(folder.to_owned(), error))?;
         let (lock, partial) = (folder.join(format!(".{name}.lock")), folder.join(format!(".{name}.partial")));
         let lock = match Lock::take(&lock).map_err(|error| Refused::Io(lock, error))? {
             Ok(lock) => lock,
@@ -97,6 +97,17 @@ impl Drop for Place {
             // What is left behind would only be removed by the next run.
             let _ = fs::remove_dir_all(&self.partial);
         }
+    }
+}
+
+/// A path without links in it, of which the last parts need not be there.
+fn resolved(path: &Path) -> io::Result<PathBuf> {
+    let path = std::path::absolute(path)?;
+    match (path.canonicalize(), path.parent(), path.file_name()) {
+        (Err(error), Some(folder), Some(name)) if error.kind() == io::ErrorKind::NotFound => {
+            Ok(resolved(folder)?.join(name))
+        }
+        (found, ..) => found,
     }
 }
 
