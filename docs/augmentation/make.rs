@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use gelsim::augment::paired::{Known, Paired, Pairing};
+use gelsim::augment::paired::{Known, Paired, Pairing, Turn};
 use gelsim::augment::photometric::background::Swap;
 use gelsim::augment::photometric::noise::Level;
 use gelsim::augment::photometric::{Photometric, Recipe, Taken};
@@ -144,7 +144,7 @@ fn paired() -> Result<RgbImage, String> {
             plan(REAL, object, &format!("x_mm = {:?}\ny_mm = {:?}", shift_px[0] * pitch[0], shift_px[1] * pitch[1]))?;
         let (image, background) = (picture(&render(&real, 0).image), picture(&real.ready.body.untouched));
         let level = Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
-        let known = Known { object: 0, angles: level, position_mm: [0.0; 2], depth_mm: 0.9 };
+        let known = Known { object: 0, turn: Turn::Angles(level), position_mm: [0.0; 2], depth_mm: 0.9 };
         let twin = |max_offset_px| {
             let settings = Paired { max_offset_px, ..Paired::default() };
             Ok::<_, String>(Pairing::new(plan("", object, "")?, settings, background.clone()).twin(&known, &image, 0))

@@ -97,6 +97,15 @@ pub struct Columns {
     pub tilt_deg: Option<String>,
     /// Direction of the tilt's axis, degrees.
     pub tilt_azimuth_deg: Option<String>,
+    /// Part x of a quaternion that turns the object's axes to the sensor's; with the other three parts in place of face and
+    /// angles.
+    pub quaternion_x: Option<String>,
+    /// Part y of it.
+    pub quaternion_y: Option<String>,
+    /// Part z of it.
+    pub quaternion_z: Option<String>,
+    /// Part w of it.
+    pub quaternion_w: Option<String>,
 }
 
 /// The `[pose]` table: what the labels do not say of a real sample's pose.

@@ -2,8 +2,8 @@
 
 use super::config::Augment;
 use super::input::Set;
-use super::input::columns::Meaning;
-use super::paired::Known;
+use super::input::columns::{Facts, Meaning};
+use super::paired::{Known, Turn};
 use crate::config::diagnostic::{Problem, Problems, Report, nearest};
 use crate::optics::background::Reference;
 use crate::plan::Plan;
@@ -62,11 +62,7 @@ pub fn know(set: &Set, plan: &Plan, notes: &mut Vec<String>) -> (Vec<Option<Know
         }
         known.push(number.zip(facts.depth_mm).map(|(object, depth_mm)| Known {
             object,
-            angles: Angles {
-                yaw_deg: facts.yaw_deg.unwrap_or(0.0),
-                tilt_deg: facts.tilt_deg.unwrap_or(0.0),
-                tilt_azimuth_deg: facts.tilt_azimuth_deg.unwrap_or(0.0),
-            },
+            turn: facts.quaternion_xyzw.map_or_else(|| Turn::Angles(angles(facts)), Turn::Quaternion),
             position_mm: facts.place_mm.map(|mm| mm.unwrap_or(0.0)),
             depth_mm,
         }));
@@ -76,4 +72,12 @@ pub fn know(set: &Set, plan: &Plan, notes: &mut Vec<String>) -> (Vec<Option<Know
         notes.push(format!("{without} of {} real samples have no twin: object or depth is not known", known.len()));
     }
     (known, Report::new(&problems, &set.sources))
+}
+
+fn angles(facts: &Facts) -> Angles {
+    Angles {
+        yaw_deg: facts.yaw_deg.unwrap_or(0.0),
+        tilt_deg: facts.tilt_deg.unwrap_or(0.0),
+        tilt_azimuth_deg: facts.tilt_azimuth_deg.unwrap_or(0.0),
+    }
 }

@@ -64,7 +64,13 @@ impl Pose {
         lowest_mm: f64,
         object: &Clusters,
     ) -> Self {
-        let rotation = rotation(face, angles);
+        let turned = Self { rotation: rotation(face, angles), angles, ..Self::IDENTITY };
+        turned.moved(position_mm, anchor, lowest_mm, object)
+    }
+
+    /// The same rotation at another place; see [`Pose::new`].
+    pub fn moved(self, position_mm: [f64; 2], anchor: Anchor, lowest_mm: f64, object: &Clusters) -> Self {
+        let rotation = self.rotation;
         let centre = rotation * DVec3::from_array(object.centre_mm());
         // Largest coordinate of the turned object along a sensor axis, relative to its turned centre.
         let reach = |axis: DVec3| object.extreme((rotation.transpose() * axis).to_array());
@@ -84,7 +90,7 @@ impl Pose {
         };
         let translation_mm =
             DVec3::new(position_mm[0] - anchor_at.x, position_mm[1] - anchor_at.y, lowest_mm + lowest - centre.z);
-        Self { rotation, translation_mm, angles }
+        Self { translation_mm, ..self }
     }
 
     /// The rotation as a unit quaternion x, y, z, w with w >= 0.

@@ -607,6 +607,37 @@ fn twins_are_made_of_samples_whose_object_is_known_and_lie_where_the_image_is_no
 }
 
 #[test]
+fn a_quaternion_in_the_labels_turns_a_twin_whatever_side_faces_the_pad() {
+    let any_side = [
+        ("yaw_deg = [0.0, 90.0]", "face = \"any\"\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 20.0]"),
+        ("read_noise_levels = 1.5", "read_noise_levels = 0.0"),
+    ];
+    let folder = Folder::with_job(&edited(REAL, &any_side));
+    folder.succeed("generate job.toml --quiet");
+    let objects = "[[object]]\npath = \"cube.obj\"\n[[object]]\npath = \"cone.obj\"\n";
+    folder.write(
+        "augment.toml",
+        format!("[input]\npath = \"out/real\"\nbackground = \"rendered\"\n{}{objects}[paired]\n", lamps()),
+    );
+    folder.succeed("augment augment.toml --out larger --quiet");
+    let mut twins = 0;
+    for (_, members) in folder.samples("larger") {
+        let label: Value = serde_json::from_slice(&members["json"]).expect("JSON");
+        if label["source"] == "twin" {
+            let done: Value = serde_json::from_str(label["augmentation"].as_str().expect("text")).expect("JSON");
+            assert!(done["correlation"].as_f64().expect("a number") > 0.99, "{label}");
+            twins += 1;
+        }
+    }
+    assert_eq!(twins, 24);
+
+    // Without one part the rotation is not known.
+    folder.write("augment.toml", folder.read("augment.toml") + "[input.columns]\nquaternion_w = \"health.reason\"\n");
+    let text = folder.fail("augment augment.toml --out none", 2);
+    assert!(text.contains("a quaternion has four parts"), "{text}");
+}
+
+#[test]
 fn a_signal_ends_the_run_and_nothing_is_left_of_it() {
     let folder = with_table();
     folder.write("augment.toml", edited(RECIPE, &[("copies = 2", "copies = 1000")]));

@@ -29,11 +29,19 @@ pub enum Meaning {
     Tilt,
     /// Direction of the tilt's axis, degrees.
     TiltAzimuth,
+    /// Part x of the rotation's quaternion.
+    QuaternionX,
+    /// Part y.
+    QuaternionY,
+    /// Part z.
+    QuaternionZ,
+    /// Part w.
+    QuaternionW,
 }
 
 impl Meaning {
     /// Every meaning, in the order of the enum.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 14] = [
         Self::Object,
         Self::Class,
         Self::Split,
@@ -44,7 +52,14 @@ impl Meaning {
         Self::Yaw,
         Self::Tilt,
         Self::TiltAzimuth,
+        Self::QuaternionX,
+        Self::QuaternionY,
+        Self::QuaternionZ,
+        Self::QuaternionW,
     ];
+
+    /// The parts of a quaternion x, y, z, w.
+    const QUATERNION: [Self; 4] = [Self::QuaternionX, Self::QuaternionY, Self::QuaternionZ, Self::QuaternionW];
 
     /// Its key in `[input.columns]`.
     pub fn name(self) -> &'static str {
@@ -59,6 +74,10 @@ impl Meaning {
             Self::Yaw => "yaw_deg",
             Self::Tilt => "tilt_deg",
             Self::TiltAzimuth => "tilt_azimuth_deg",
+            Self::QuaternionX => "quaternion_x",
+            Self::QuaternionY => "quaternion_y",
+            Self::QuaternionZ => "quaternion_z",
+            Self::QuaternionW => "quaternion_w",
         }
     }
 
@@ -75,6 +94,10 @@ impl Meaning {
             Self::Yaw => "pose.yaw_deg",
             Self::Tilt => "pose.tilt_deg",
             Self::TiltAzimuth => "pose.tilt_azimuth_deg",
+            Self::QuaternionX => "pose.quaternion_xyzw.0",
+            Self::QuaternionY => "pose.quaternion_xyzw.1",
+            Self::QuaternionZ => "pose.quaternion_xyzw.2",
+            Self::QuaternionW => "pose.quaternion_xyzw.3",
         }
     }
 
@@ -90,6 +113,10 @@ impl Meaning {
             Self::Yaw => columns.yaw_deg.as_ref(),
             Self::Tilt => columns.tilt_deg.as_ref(),
             Self::TiltAzimuth => columns.tilt_azimuth_deg.as_ref(),
+            Self::QuaternionX => columns.quaternion_x.as_ref(),
+            Self::QuaternionY => columns.quaternion_y.as_ref(),
+            Self::QuaternionZ => columns.quaternion_z.as_ref(),
+            Self::QuaternionW => columns.quaternion_w.as_ref(),
         }
     }
 }
@@ -266,6 +293,8 @@ pub struct Facts {
     pub tilt_deg: Option<f64>,
     /// Direction of the tilt's axis, degrees.
     pub tilt_azimuth_deg: Option<f64>,
+    /// Rotation from the object's axes to the sensor's as a quaternion x, y, z, w, not 0; in place of the angles.
+    pub quaternion_xyzw: Option<[f64; 4]>,
 }
 
 impl Facts {
@@ -279,6 +308,7 @@ impl Facts {
                 None
             })
         };
+        let parts = Meaning::QUATERNION.map(&mut number);
         let facts = Self {
             object: text(Meaning::Object),
             class: text(Meaning::Class),
@@ -288,7 +318,15 @@ impl Facts {
             yaw_deg: number(Meaning::Yaw),
             tilt_deg: number(Meaning::Tilt),
             tilt_azimuth_deg: number(Meaning::TiltAzimuth),
+            quaternion_xyzw: match parts {
+                [Some(x), Some(y), Some(z), Some(w)] if [x, y, z, w] != [0.0; 4] => Some([x, y, z, w]),
+                _ => None,
+            },
         };
+        let column = Meaning::QUATERNION.into_iter().find_map(|meaning| columns.of(meaning));
+        if let Some(column) = column.filter(|_| facts.quaternion_xyzw.is_none() && parts.iter().any(Option::is_some)) {
+            wrong(column, format!("`{column}`: a quaternion has four parts, not all of them 0"));
+        }
         (facts, text(Meaning::Split))
     }
 

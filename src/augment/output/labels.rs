@@ -141,6 +141,10 @@ impl Labels<'_> {
                 Meaning::Yaw => Value::from(label.pose.yaw_deg),
                 Meaning::Tilt => Value::from(label.pose.tilt_deg),
                 Meaning::TiltAzimuth => Value::from(label.pose.tilt_azimuth_deg),
+                Meaning::QuaternionX => Value::from(label.pose.quaternion_xyzw[0]),
+                Meaning::QuaternionY => Value::from(label.pose.quaternion_xyzw[1]),
+                Meaning::QuaternionZ => Value::from(label.pose.quaternion_xyzw[2]),
+                Meaning::QuaternionW => Value::from(label.pose.quaternion_xyzw[3]),
             })
         };
         let known = Meaning::ALL.into_iter().filter_map(|meaning| {

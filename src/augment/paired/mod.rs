@@ -47,13 +47,22 @@ impl Paired {
     }
 }
 
+/// How the object of a real sample is turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Turn {
+    /// By angles, after the job's face.
+    Angles(Angles),
+    /// By a quaternion x, y, z, w, from its axes to the sensor's.
+    Quaternion([f64; 4]),
+}
+
 /// What is known of a real sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Known {
     /// Number of its object in [`Plan::objects`].
     pub object: usize,
-    /// How the object is turned; its face is the job's.
-    pub angles: Angles,
+    /// How the object is turned.
+    pub turn: Turn,
     /// Where the anchor of the job's `[pose]` is, mm.
     pub position_mm: [f64; 2],
     /// Indentation, mm; 0 or less without contact.
@@ -162,7 +171,12 @@ impl Pairing {
         let lowest_mm = if indentation_depth_mm > 0.0 { -indentation_depth_mm } else { NO_CONTACT_GAP_MM };
         let object = &plan.objects[known.object].clusters;
         let law = &plan.pose;
-        let pose = Pose::new(law.face, known.angles, known.position_mm, law.anchor, lowest_mm, object);
+        let pose = match known.turn {
+            Turn::Angles(angles) => Pose::new(law.face, angles, known.position_mm, law.anchor, lowest_mm, object),
+            Turn::Quaternion(quaternion_xyzw) => {
+                Pose::placed(quaternion_xyzw, [0.0; 3]).moved(known.position_mm, law.anchor, lowest_mm, object)
+            }
+        };
         // Whose split it is, is not the plan's to say.
         let (split, _) = plan.layout.split_of(0);
         let press = Press { split, pressed: Pressed::Object(known.object), pose, indentation_depth_mm };

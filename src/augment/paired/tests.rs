@@ -23,7 +23,7 @@ fn pairing(settings: Paired, more: &str) -> Pairing {
 fn known(object: &str, pairing: &Pairing) -> Known {
     let object = pairing.plan.objects.iter().position(|found| found.class == object).expect("it is bundled");
     let angles = Angles { yaw_deg: 25.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
-    Known { object, angles, position_mm: [1.0, -0.5], depth_mm: 0.7 }
+    Known { object, turn: Turn::Angles(angles), position_mm: [1.0, -0.5], depth_mm: 0.7 }
 }
 
 /// A "real" image of the press at `known`, as another lamp and a noisy camera would have shown it.
