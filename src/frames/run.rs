@@ -1,7 +1,7 @@
 //! Renders files of depth frames: first all are read and checked, then each becomes a tactile image, layers and a label.
 //!
 //! A frame's files are written under other names and renamed. What an earlier run wrote of the same frames is replaced,
-//! layers that this one does not write included.
+//! layers that this one does not write included; files that only have such names, without a label, stay.
 
 use std::fs::{self, File};
 use std::io;
@@ -22,6 +22,7 @@ use crate::dataset::imagefolder::sync;
 use crate::dataset::layout::Split;
 use crate::dataset::shard::write_one_of_many;
 use crate::health::OnUnhealthy;
+use crate::label::Label;
 use crate::plan::Plan;
 use crate::render::{Sample, press};
 use crate::scene::frame::Frame;
@@ -141,7 +142,9 @@ fn suffixes(plan: &Plan) -> Vec<String> {
 fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), Stopped> {
     let path = |suffix: &str| out.join(format!("{}.{suffix}", source.stem));
     let stale = DepthFormat::ALL.into_iter().flat_map(|format| Layer::ALL.map(|layer| layer.suffix(format)));
-    for suffix in stale.filter(|suffix| members.iter().all(|member| member.suffix != *suffix)) {
+    let label = fs::read(path("json")).unwrap_or_default();
+    let is_ours = serde_json::from_slice::<Label>(&label).is_ok();
+    for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
         let path = path(&suffix);
         if is_same_file(&path, &source.path) {
             continue;

@@ -1,7 +1,7 @@
 //! Depth frames from a pipe, tactile images into another: what a simulator's control loop talks to.
 //!
-//! Either way frames are npy files one after another, each with its header: `numpy.save` and `numpy.load` on the pipe are
-//! all that the other side needs. An image is written and flushed before the next frame is read, and nothing is kept.
+//! Either way frames are npy files one after another, each with its header (docs/simulators.md has the other side). An image is
+//! written and flushed before the next frame is read, and nothing is kept.
 
 use std::io::{self, ErrorKind, Read, Write};
 

@@ -299,6 +299,11 @@ fn a_later_run_replaces_an_earlier_ones_files_and_never_a_frame() {
     let once = folder.files("out");
     folder.succeed(&render("out", "--layers depth --fidelity paper --threads 1"));
     assert_same_files(&folder.files("out"), &once);
+    // A file that no run made stays, whatever its name.
+    std::fs::create_dir(folder.path("kept")).expect("a folder");
+    folder.write("kept/a.normal.npy", "mine");
+    folder.succeed(&render("kept", "--layers depth --fidelity paper"));
+    assert_eq!(folder.read("kept/a.normal.npy"), "mine");
     // Its own depth layer would be called like the frame.
     folder.write("frames/a.depth.npy", doubles(&ball(0.5)));
     let own = "render --depth frames/a.depth.npy --depth-unit mm --sensor gelsight-2014 --plane-mm 10 --out frames";
