@@ -5,20 +5,20 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use gelsim::augment::paired::{Known, Paired, Pairing, Turn};
-use gelsim::augment::photometric::background::Swap;
-use gelsim::augment::photometric::noise::Level;
-use gelsim::augment::photometric::{Photometric, Recipe, Taken};
-use gelsim::camera::Image;
-use gelsim::config::diagnostic::{Problems, Report};
-use gelsim::config::{self, Overrides};
-use gelsim::dataset::png;
-use gelsim::optics::background::Reference;
-use gelsim::plan::Plan;
-use gelsim::preview::difference;
-use gelsim::preview::rows::{Row, sheet};
-use gelsim::render::render;
-use gelsim::scene::pose::Angles;
+use gelsim::core::camera::Image;
+use gelsim::core::optics::background::BackgroundImage;
+use gelsim::core::pose::Angles;
+use gelsim::files::diagnostic::{Diagnostics, Report};
+use gelsim::files::png;
+use gelsim::job::config::{self, Overrides};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::lab::augment::counterpart::{CounterpartRenderer, Orientation, Paired, PressMetadata};
+use gelsim::lab::augment::photometric::background::BackgroundSwap;
+use gelsim::lab::augment::photometric::noise::NoiseLevel;
+use gelsim::lab::augment::photometric::{Photometric, PhotometricRecipe, SensorProfile};
+use gelsim::lab::preview::difference;
+use gelsim::lab::preview::rows::{Row, sheet};
 use image::{Rgb, RgbImage};
 
 /// The sensor as its file describes it.
@@ -59,7 +59,7 @@ fn plan(head: &str, object: &str, place: &str) -> Result<Plan, String> {
         "{head}\n{SENSOR}[dataset]\nname = \"pictures\"\nsamples = 1\n[indentation]\ndepth_mm = 0.9\n\
          [[object]]\npath = \"objects/{object}.obj\"\n[pose]\n{place}\n"
     );
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let written = config::read_text(object, text, folder, &Overrides::default(), &mut problems);
     Plan::resolve(written, problems).map_err(|report: Report| report.to_string())
@@ -72,23 +72,23 @@ fn picture(image: &Image) -> RgbImage {
     })
 }
 
-fn reference(image: &Image) -> Reference {
-    Reference::new(image.width, image.height, image.rgb.clone())
+fn reference(image: &Image) -> BackgroundImage {
+    BackgroundImage::new(image.width, image.height, image.rgb.clone())
 }
 
 /// Each photometric augmentation by itself, and all together.
 fn photometric() -> Result<RgbImage, String> {
     let real = plan(REAL, "gear", "yaw_deg = 20.0\nx_mm = 1.0\ny_mm = 0.5")?;
     let other = plan(&format!("{REAL}{OTHER}"), "gear", "")?;
-    let image = picture(&render(&real, 0).image);
-    let own = reference(&real.ready.body.untouched);
-    let taken = Taken {
-        sensor: real.job.sensor.clone(),
-        view: real.camera,
+    let image = picture(&render(&real, 0).impression.image);
+    let own = reference(real.simulator.untouched());
+    let profile = SensorProfile {
+        sensor: real.job().sensor.clone(),
+        view: *real.simulator.view(),
         background: Some(own.clone()),
-        noise: Level::of(&real.settings),
+        noise: NoiseLevel::from_camera(&real.job().camera),
     };
-    let swap = || vec![Swap::new("other-lamp.png", &own, &other.ready.body.untouched.rgb)];
+    let swap = || vec![BackgroundSwap::new("other-lamp.png", &own, &other.simulator.untouched().rgb)];
     let print = "markers = { pitch_mm = 1.6, diameter_mm = 0.4 }";
     let all = format!(
         "led_gain = [0.7, 1.3]\nwhite_balance = [0.85, 1.15]\nexposure_ev = [-0.4, 0.4]\nnoise_level = 2.0\n\
@@ -108,9 +108,9 @@ fn photometric() -> Result<RgbImage, String> {
     ];
     let mut made = Vec::new();
     for (number, (caption, text, swaps)) in (0..).zip(panels) {
-        let laws: Photometric = toml::from_str(text).map_err(|error| format!("{caption}: {error}"))?;
-        let (out, applied) =
-            Recipe::new(laws, &taken, if swaps { swap() } else { Vec::new() }).apply(&image, 1, number);
+        let settings: Photometric = toml::from_str(text).map_err(|error| format!("{caption}: {error}"))?;
+        let (out, applied) = PhotometricRecipe::new(settings, &profile, if swaps { swap() } else { Vec::new() })
+            .apply(&image, 1, number);
         println!("{caption}: {}", String::from_utf8_lossy(&gelsim::dataset::encode::json(&applied)));
         made.push((caption, picture(&out)));
     }
@@ -125,7 +125,7 @@ fn photometric() -> Result<RgbImage, String> {
 fn mirrored() -> Result<RgbImage, String> {
     let of = |x_mm: f64, yaw_deg: f64| -> Result<RgbImage, String> {
         let plan = plan("", "hexagon_nut", &format!("x_mm = {x_mm:?}\nyaw_deg = {yaw_deg:?}"))?;
-        Ok(picture(&render(&plan, 0).image))
+        Ok(picture(&render(&plan, 0).impression.image))
     };
     let (press, right) = (of(1.5, 10.0)?, of(-1.5, -10.0)?);
     let wrong = image::imageops::flip_horizontal(&press);
@@ -139,28 +139,32 @@ fn paired() -> Result<RgbImage, String> {
     let mut rows = Vec::new();
     for (object, shift_px) in [("letter", [3.4, -2.2]), ("hexagon_nut", [-9.0, 6.5])] {
         let simulated = plan("", object, "")?;
-        let pitch = simulated.camera.mm_per_px;
+        let pitch = simulated.simulator.view().mm_per_px;
         let real =
             plan(REAL, object, &format!("x_mm = {:?}\ny_mm = {:?}", shift_px[0] * pitch[0], shift_px[1] * pitch[1]))?;
-        let (image, background) = (picture(&render(&real, 0).image), picture(&real.ready.body.untouched));
+        let (image, background) = (picture(&render(&real, 0).impression.image), picture(real.simulator.untouched()));
         let level = Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
-        let known = Known { object: 0, turn: Turn::Angles(level), position_mm: [0.0; 2], depth_mm: 0.9 };
-        let twin = |max_offset_px| {
+        let metadata =
+            PressMetadata { object: 0, orientation: Orientation::Angles(level), position_mm: [0.0; 2], depth_mm: 0.9 };
+        let counterpart = |max_offset_px| {
             let settings = Paired { max_offset_px, ..Paired::default() };
-            Ok::<_, String>(Pairing::new(plan("", object, "")?, settings, background.clone()).twin(&known, &image, 0))
+            Ok::<_, String>(
+                CounterpartRenderer::new(plan("", object, "")?, settings, background.clone())
+                    .counterpart(&metadata, &image, 0),
+            )
         };
-        let (labelled, aligned) = (twin(0)?, twin(20)?);
-        for (what, twin) in [("as labelled", &labelled), ("aligned", &aligned)] {
-            let [x, y] = twin.offset_px;
-            println!("{object}, {what}: offset {x:.2}, {y:.2} px, correlation {:.3}", twin.correlation);
+        let (labelled, aligned) = (counterpart(0)?, counterpart(20)?);
+        for (what, counterpart) in [("as labelled", &labelled), ("aligned", &aligned)] {
+            let [x, y] = counterpart.offset_px;
+            println!("{object}, {what}: offset {x:.2}, {y:.2} px, correlation {:.3}", counterpart.correlation);
         }
-        let change = |image: &Image| over(&picture(image), &picture(&simulated.ready.body.untouched), &background);
+        let change = |image: &Image| over(&picture(image), &picture(simulated.simulator.untouched()), &background);
         let panels = vec![
             image.clone(),
-            picture(&labelled.sample.image),
-            picture(&aligned.sample.image),
-            difference(&change(&labelled.sample.image), &image, 4),
-            difference(&change(&aligned.sample.image), &image, 4),
+            picture(&labelled.sample.impression.image),
+            picture(&aligned.sample.impression.image),
+            difference(&change(&labelled.sample.impression.image), &image, 4),
+            difference(&change(&aligned.sample.impression.image), &image, 4),
         ];
         let [x, y] = aligned.offset_px;
         let captions = vec![
@@ -177,10 +181,10 @@ fn paired() -> Result<RgbImage, String> {
 
 /// An image over another background.
 fn over(image: &RgbImage, own: &RgbImage, other: &RgbImage) -> RgbImage {
-    let own = Reference::new(own.width() as usize, own.height() as usize, own.as_raw().clone());
-    let planes = Swap::new("", &own, other.as_raw()).light(image.as_raw());
+    let own = BackgroundImage::new(own.width() as usize, own.height() as usize, own.as_raw().clone());
+    let planes = BackgroundSwap::new("", &own, other.as_raw()).light(image.as_raw());
     RgbImage::from_fn(image.width(), image.height(), |x, y| {
         let at = (y * image.width() + x) as usize;
-        Rgb([0, 1, 2].map(|k| gelsim::optics::background::quantise(planes[k][at])))
+        Rgb([0, 1, 2].map(|k| gelsim::core::base::light::quantise(planes[k][at])))
     })
 }

@@ -1,12 +1,10 @@
 //! Samples as numpy's arrays. What was rendered is handed over; only batches are copied together.
 
-use std::borrow::Cow;
-
-use gelsim::config::output::Layer;
 use gelsim::dataset::content::{Content, Positions, content};
 use gelsim::dataset::encode::json;
-use gelsim::plan::Plan;
-use gelsim::render::Sample;
+use gelsim::job::layers::{Form, OutputLayer};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
 use numpy::ndarray::{ArrayD, IxDyn};
 use numpy::{Element, IntoPyArray};
 use pyo3::exceptions::PyImportError;
@@ -18,20 +16,16 @@ pub struct Arrays {
     /// Rows and columns; of several samples their number goes first.
     shape: Vec<usize>,
     tactile: Vec<u8>,
-    layers: Vec<(Layer, Values)>,
+    layers: Vec<(OutputLayer, Values)>,
     labels: Vec<Vec<u8>>,
 }
 
-/// The values of a layer, the last axis fastest.
+/// The values of a layer: rows, columns and, where a pixel has several values, those.
 enum Values {
-    /// Rows, columns.
+    /// float32.
     Floats(Vec<f32>),
-    /// Rows, columns, X Y Z.
-    Vectors(Vec<f32>),
-    /// Rows, columns.
-    Grey(Vec<u8>),
-    /// Rows, columns, red green blue.
-    Rgb(Vec<u8>),
+    /// uint8.
+    Bytes(Vec<u8>),
     /// One for each sample.
     Markers(Vec<Positions>),
 }
@@ -39,21 +33,19 @@ enum Values {
 impl Arrays {
     /// Of a sample of `plan`, with the plan's layers.
     pub fn new(plan: &Plan, sample: Sample) -> Self {
-        let values = |layer: &Layer| {
+        let values = |layer: &OutputLayer| {
             let values = match content(plan, &sample, *layer) {
-                Content::Floats(plane) => Values::Floats(plane),
-                Content::Vectors(vectors) => Values::Vectors(vectors.into_flattened()),
-                Content::Grey(grey) => Values::Grey(Cow::into_owned(grey)),
-                Content::Rgb(rgb) => Values::Rgb(rgb.to_vec()),
+                Content::Floats(values) => Values::Floats(values),
+                Content::Bytes(bytes) => Values::Bytes(bytes.into_owned()),
                 Content::Markers(positions) => Values::Markers(vec![positions]),
             };
             (*layer, values)
         };
         Self {
-            shape: vec![sample.image.height, sample.image.width],
-            layers: plan.layers.iter().map(values).collect(),
+            shape: vec![sample.impression.image.height, sample.impression.image.width],
+            layers: plan.layers().iter().map(values).collect(),
             labels: vec![json(&sample.label)],
-            tactile: sample.image.rgb,
+            tactile: sample.impression.image.rgb,
         }
     }
 
@@ -81,16 +73,17 @@ impl Arrays {
     /// labels and markers are lists.
     pub fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         let plane = self.shape;
-        let vectors = [plane.as_slice(), &[3]].concat();
         let batch = plane.len() > 2;
+        let shape = |form: &Form| match form.values_per_px() {
+            None | Some(1) => plane.clone(),
+            Some(count) => [plane.as_slice(), &[count]].concat(),
+        };
         let dict = PyDict::new(py);
-        dict.set_item("tactile", array(py, &vectors, self.tactile)?)?;
+        dict.set_item("tactile", array(py, &shape(&Form::Rgb), self.tactile)?)?;
         for (layer, values) in self.layers {
             let array = match values {
-                Values::Floats(values) => array(py, &plane, values)?,
-                Values::Vectors(values) => array(py, &vectors, values)?,
-                Values::Grey(values) => array(py, &plane, values)?,
-                Values::Rgb(values) => array(py, &vectors, values)?,
+                Values::Floats(values) => array(py, &shape(&layer.spec().form), values)?,
+                Values::Bytes(values) => array(py, &shape(&layer.spec().form), values)?,
                 Values::Markers(each) => one_or_all(py, batch, each.into_iter().map(|of_one| markers(py, of_one)))?,
             };
             dict.set_item(layer.name(), array)?;
@@ -105,18 +98,16 @@ impl Arrays {
 impl Values {
     fn reserve(&mut self, times: usize) {
         match self {
-            Self::Floats(values) | Self::Vectors(values) => values.reserve_exact(values.len() * times),
-            Self::Grey(values) | Self::Rgb(values) => values.reserve_exact(values.len() * times),
+            Self::Floats(values) => values.reserve_exact(values.len() * times),
+            Self::Bytes(values) => values.reserve_exact(values.len() * times),
             Self::Markers(each) => each.reserve_exact(times),
         }
     }
 
     fn extend(&mut self, more: Self) {
         match (self, more) {
-            (Self::Floats(values) | Self::Vectors(values), Self::Floats(more) | Self::Vectors(more)) => {
-                values.extend(more);
-            }
-            (Self::Grey(values) | Self::Rgb(values), Self::Grey(more) | Self::Rgb(more)) => values.extend(more),
+            (Self::Floats(values), Self::Floats(more)) => values.extend(more),
+            (Self::Bytes(values), Self::Bytes(more)) => values.extend(more),
             (Self::Markers(each), Self::Markers(more)) => each.extend(more),
             _ => unreachable!("samples of one plan have the same layers"),
         }

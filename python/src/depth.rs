@@ -1,8 +1,8 @@
 //! Depth maps that come as arrays of numpy: one, or a batch of them.
 
-use gelsim::config::diagnostic::Report;
-use gelsim::grid::Grid;
-use gelsim::plan;
+use gelsim::core::base::grid::Grid;
+use gelsim::files::diagnostic::Report;
+use gelsim::files::diagnostic::user_error;
 use numpy::ndarray::{ArrayView2, ArrayViewD, Axis, Ix2};
 use numpy::{PyArrayDescrMethods, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::PyTypeError;
@@ -115,7 +115,7 @@ impl<'a> Depth<'a> {
         };
         let mut report: Option<Report> = None;
         let mut add = |message: String, help: &str| {
-            let found = plan::usage(message, help);
+            let found = user_error(message, help);
             report = Some(match report.take() {
                 Some(before) => before.and(found),
                 None => found,
@@ -191,5 +191,5 @@ impl Wrong {
 
 /// Somebody writes to the array at this moment.
 fn borrowed(error: &dyn std::fmt::Display) -> PyErr {
-    usage(&plan::usage(format!("depth_mm cannot be read: {error}"), "give a copy: depth_mm.copy()"))
+    usage(&user_error(format!("depth_mm cannot be read: {error}"), "give a copy: depth_mm.copy()"))
 }

@@ -2,10 +2,12 @@
 
 use std::any::Any;
 
-use gelsim::config::diagnostic::{Report, nearest, one_of};
-use gelsim::fidelity::Rung;
-use gelsim::generate;
-use gelsim::plan;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::dataset::generate;
+use gelsim::files::diagnostic::Report;
+use gelsim::files::diagnostic::user_error;
+use gelsim::files::spelling::nearest;
+use gelsim::files::spelling::one_of;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -30,7 +32,7 @@ pub fn usage(report: &Report) -> PyErr {
 
 /// One mistake in what a function was given, and the way out.
 pub fn mistake(message: impl Into<String>, help: impl Into<String>) -> PyErr {
-    usage(&plan::usage(message, help))
+    usage(&user_error(message, help))
 }
 
 /// What a user calls by its name; `what` it is, for the message if there is none.
@@ -47,8 +49,8 @@ pub fn named<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'stati
 }
 
 /// A rung by its name.
-pub fn rung(name: &str) -> PyResult<Rung> {
-    named("rung", name, Rung::ALL.map(|rung| (rung.name(), rung)))
+pub fn rung(name: &str) -> PyResult<Fidelity> {
+    named("rung", name, Fidelity::ALL.map(|rung| (rung.name(), rung)))
 }
 
 /// Something failed while running.

@@ -4,13 +4,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gelsim::config::Overrides;
-use gelsim::config::diagnostic::Report;
-use gelsim::dataset::layout::Split;
-use gelsim::health::{Accepted, accept};
-use gelsim::label::key;
-use gelsim::plan::Plan;
-use gelsim::tradeoff::choose::choose;
+use gelsim::files::diagnostic::Report;
+use gelsim::job::config::Overrides;
+use gelsim::job::label::key;
+use gelsim::job::layout::Split;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Accepted;
+use gelsim::job::sample::accept;
+use gelsim::lab::tradeoff::choose::choose;
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -78,7 +79,7 @@ impl Job {
         match rendered {
             Ok(Ok(arrays)) => Ok(arrays),
             Ok(Err(unfit)) => Err(running(unfit.to_string())),
-            Err(panic) => Err(panicked(&format!("sample {} (seed {})", key(index), plan.seed), &*panic)),
+            Err(panic) => Err(panicked(&format!("sample {} (seed {})", key(index), plan.seed()), &*panic)),
         }
     }
 }
@@ -88,7 +89,7 @@ fn settled(mut plan: Plan) -> Result<Plan, Report> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     let chosen = choose(&plan, bound)?;
     plan.notes.push(chosen.to_string());
-    Ok(plan.at(chosen.rung))
+    Ok(plan.at(chosen.level))
 }
 
 #[pymethods]
@@ -160,17 +161,17 @@ impl Job {
 
     #[getter]
     fn name(&self) -> &str {
-        &self.plan.name
+        self.plan.name()
     }
 
     #[getter]
     fn seed(&self) -> u64 {
-        self.plan.seed
+        self.plan.seed()
     }
 
     #[getter]
     fn fidelity(&self) -> &'static str {
-        self.plan.rung.name()
+        self.plan.fidelity().name()
     }
 
     #[getter]
@@ -180,16 +181,21 @@ impl Job {
 
     #[getter]
     fn classes(&self) -> Vec<String> {
-        self.plan.classes.clone()
+        self.plan.sampling.classes.clone()
     }
 
     #[getter]
     fn layers(&self) -> Vec<&'static str> {
-        self.plan.layers.iter().map(|layer| layer.name()).collect()
+        self.plan.layers().iter().map(|layer| layer.name()).collect()
     }
 
     fn __repr__(&self) -> String {
-        format!("<gelsim.Job {:?}: {} samples, fidelity {}>", self.plan.name, self.__len__(), self.plan.rung.name())
+        format!(
+            "<gelsim.Job {:?}: {} samples, fidelity {}>",
+            self.plan.name(),
+            self.__len__(),
+            self.plan.fidelity().name()
+        )
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> Pickled<'py, (&str, Option<usize>)> {

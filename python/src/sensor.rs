@@ -4,18 +4,18 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use gelsim::config::Overrides;
-use gelsim::config::output::Layer;
-use gelsim::config::sensor::PRESETS;
-use gelsim::dataset::layout::Split;
-use gelsim::fidelity::Rung;
-use gelsim::plan::Plan;
-use gelsim::plan::frames::Frames;
-use gelsim::plan::standalone::{Standalone, sensor};
-use gelsim::render::press;
-use gelsim::scene::frame::Frame;
-use gelsim::scene::pose::Pose;
-use gelsim::scene::{Press, Pressed, Scene};
+use gelsim::core::depth::height_map::HeightMap;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::pose::Pose;
+use gelsim::files::sensor::PRESETS;
+use gelsim::job::config::Overrides;
+use gelsim::job::layers::OutputLayer;
+use gelsim::job::layout::Split;
+use gelsim::job::plan::Plan;
+use gelsim::job::plan::frames::Frames;
+use gelsim::job::plan::standalone::sensor;
+use gelsim::job::sample::press;
+use gelsim::job::scene::{Frame, KnownPress, Pressed, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
@@ -29,8 +29,8 @@ use crate::threads::{checked, pool};
 /// Maps that each thread renders before Python may look at signals.
 const BLOCK: usize = 8;
 
-/// Plans that are kept: who changes resolution, layers or fidelity with every call waits every time.
-const MOST_PLANS: usize = 8;
+/// Simulators that are kept: who changes resolution or fidelity with every call waits every time.
+const MOST_SIMULATORS: usize = 8;
 
 /// A sensor, read and checked.
 #[pyclass(frozen, module = "gelsim")]
@@ -39,18 +39,16 @@ pub struct Sensor {
     source: String,
     set: Vec<String>,
     threads: Option<usize>,
-    itself: Standalone,
-    /// The plans that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.
-    plans: Mutex<Vec<(Choice, Arc<Plan>)>>,
+    itself: gelsim::core::sensor::Sensor,
+    /// The simulators that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.
+    simulators: Mutex<Vec<(Choice, Plan)>>,
 }
 
-/// What a plan depends on beside the sensor.
-#[derive(Clone, PartialEq)]
+/// What a simulator depends on beside the sensor.
+#[derive(Clone, Copy, PartialEq)]
 struct Choice {
     resolution_px: [usize; 2],
-    layers: Vec<Layer>,
-    fidelity: Option<Rung>,
-    seed: u64,
+    fidelity: Option<Fidelity>,
 }
 
 /// Rebuilds a sensor in another process.
@@ -62,13 +60,13 @@ pub fn sensor_of_source(py: Python<'_>, source: String, set: Vec<String>, thread
 
 impl Sensor {
     /// Reads it; with the plan of its own resolution, in which its mistakes and notes are.
-    fn new(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<(Self, Arc<Plan>)> {
+    fn new(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<(Self, Plan)> {
         need_numpy(py)?;
         checked(threads)?;
-        let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?;
-        let sensor = Self { source, set, threads, itself, plans: Mutex::default() };
-        let resolution_px = sensor.itself.camera.resolution_px;
-        let plan = sensor.plan(py, Choice { resolution_px, layers: Vec::new(), fidelity: None, seed: 0 })?;
+        let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?.sensor;
+        let sensor = Self { source, set, threads, itself, simulators: Mutex::default() };
+        let resolution_px = sensor.itself.resolution_px;
+        let plan = sensor.plan(py, Choice { resolution_px, fidelity: None })?;
         Ok((sensor, plan))
     }
 
@@ -78,41 +76,41 @@ impl Sensor {
         Ok(sensor)
     }
 
-    /// The plan of a choice, made where it is not one of those that were used last.
-    fn plan(&self, py: Python<'_>, choice: Choice) -> PyResult<Arc<Plan>> {
-        let plans = || self.plans.lock().unwrap_or_else(PoisonError::into_inner);
+    /// A plan over the simulator of a choice, which is made where it is not one of those that were used last.
+    fn plan(&self, py: Python<'_>, choice: Choice) -> PyResult<Plan> {
+        let simulators = || self.simulators.lock().unwrap_or_else(PoisonError::into_inner);
         {
-            let mut plans = plans();
-            if let Some(place) = plans.iter().position(|(known, _)| *known == choice) {
-                let used = plans.remove(place);
-                let plan = Arc::clone(&used.1);
-                plans.push(used);
+            let mut simulators = simulators();
+            if let Some(place) = simulators.iter().position(|(known, _)| *known == choice) {
+                let used = simulators.remove(place);
+                let plan = used.1.clone();
+                simulators.push(used);
                 return Ok(plan);
             }
         }
-        let overrides = Overrides::of_flags(None, Some(choice.seed), choice.fidelity, false, &self.set);
+        let overrides = Overrides::of_flags(None, None, choice.fidelity, false, &self.set);
         let frames = Frames {
             sensor: &self.source,
             resolution_px: choice.resolution_px,
-            layers: &choice.layers,
+            layers: &[],
             classes: &[],
             moved: false,
             overrides: &overrides,
         };
         let pool = pool(py, self.threads)?;
         let plan = py.detach(|| pool.install(|| frames.plan())).map_err(|report| usage(&report))?;
-        if plan.camera.resolution_px != choice.resolution_px {
-            let ([width, height], [columns, rows]) = (plan.camera.resolution_px, choice.resolution_px);
+        let found = plan.simulator.view().resolution_px;
+        if found != choice.resolution_px {
+            let ([width, height], [columns, rows]) = (found, choice.resolution_px);
             let message =
                 format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
             return Err(mistake(message, "leave sensor.resolution_px out: a map brings its own"));
         }
-        let plan = Arc::new(plan);
-        let mut plans = plans();
-        if plans.len() == MOST_PLANS {
-            plans.remove(0);
+        let mut simulators = simulators();
+        if simulators.len() == MOST_SIMULATORS {
+            simulators.remove(0);
         }
-        plans.push((choice, Arc::clone(&plan)));
+        simulators.push((choice, plan.clone()));
         Ok(plan)
     }
 }
@@ -121,18 +119,14 @@ impl Sensor {
 fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult<Arrays> {
     // Nothing outside is changed by what panics.
     let rendered = catch_unwind(AssertUnwindSafe(|| {
-        let frame = Frame {
-            id: String::from("depth_mm"),
-            class: String::new(),
-            above_mm: depth.above_mm(number),
-            unseen_px: 0,
-        };
-        let indentation_depth_mm = frame.indentation_depth_mm();
-        let (split, pressed, pose) = (Split::Train, Pressed::Frame(Arc::new(frame)), Pose::IDENTITY);
-        let scene = Scene::given(plan, index, 0, Press { split, pressed, pose, indentation_depth_mm });
+        let map = HeightMap { above_mm: depth.above_mm(number), unseen_px: 0 };
+        let indentation_depth_mm = map.indentation_depth_mm();
+        let frame = Frame { id: String::from("depth_mm"), class: String::new(), map: Arc::new(map) };
+        let (split, pressed, pose) = (Split::Train, Pressed::Frame(frame), Pose::IDENTITY);
+        let scene = Scene::given(plan, index, 0, KnownPress { split, pressed, pose, indentation_depth_mm });
         Arrays::new(plan, press(plan, &scene))
     }));
-    rendered.map_err(|panic| panicked(&format!("map {number} (sample {index}, seed {})", plan.seed), &*panic))
+    rendered.map_err(|panic| panicked(&format!("map {number} (sample {index}, seed {})", plan.seed()), &*panic))
 }
 
 #[pymethods]
@@ -171,17 +165,18 @@ impl Sensor {
     ) -> PyResult<Bound<'py, PyDict>> {
         let input = Depth::array(depth_mm)?;
         let depth = Depth::new(&input);
-        let wanted = |name: &String| named("layer", name, Layer::ALL.map(|layer| (layer.name(), layer)));
-        let layers = layers.iter().map(wanted).collect::<PyResult<_>>()?;
+        let wanted = |name: &String| named("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)));
+        let layers = layers.iter().map(wanted).collect::<PyResult<Vec<_>>>()?;
         let fidelity = fidelity.map(rung).transpose()?;
-        let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), layers, fidelity, seed })?;
+        let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), fidelity })?;
+        let plan = plan.with_samples(seed, &layers).map_err(|report| usage(&report))?;
         let one = |number: usize| render(&plan, &depth, number, index.wrapping_add(number as u64));
         let Some(maps) = depth.batch() else {
-            let rendered = py.detach(|| depth.check(plan.thickness_mm).map(|()| one(0)));
+            let rendered = py.detach(|| depth.check(plan.thickness_mm()).map(|()| one(0)));
             return rendered.map_err(|report| usage(&report))??.into_dict(py);
         };
         let pool = pool(py, self.threads)?;
-        py.detach(|| pool.install(|| depth.check(plan.thickness_mm))).map_err(|report| usage(&report))?;
+        py.detach(|| pool.install(|| depth.check(plan.thickness_mm()))).map_err(|report| usage(&report))?;
         let mut batch: Option<Arrays> = None;
         let length = BLOCK * pool.current_num_threads();
         for start in (0..maps).step_by(length) {
@@ -203,29 +198,29 @@ impl Sensor {
 
     #[getter]
     fn name(&self) -> &str {
-        &self.itself.sensor.name
+        &self.itself.name
     }
 
     /// Width and height.
     #[getter]
     fn resolution_px(&self) -> (usize, usize) {
-        self.itself.camera.resolution_px.into()
+        self.itself.resolution_px.into()
     }
 
     /// Width and height.
     #[getter]
     fn field_of_view_mm(&self) -> (f64, f64) {
-        self.itself.sensor.field_of_view_mm.into()
+        self.itself.field_of_view_mm.into()
     }
 
     #[getter]
     fn gelpad_thickness_mm(&self) -> f64 {
-        self.itself.sensor.gelpad_thickness_mm
+        self.itself.gelpad.thickness_mm
     }
 
     fn __repr__(&self) -> String {
-        let [width, height] = self.itself.camera.resolution_px;
-        format!("<gelsim.Sensor {:?}: {width}x{height} px>", self.itself.sensor.name)
+        let [width, height] = self.itself.resolution_px;
+        format!("<gelsim.Sensor {:?}: {width}x{height} px>", self.itself.name)
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> Pickled<'py, (&str, Vec<String>, Option<usize>)> {

@@ -2,17 +2,17 @@
 
 use std::path::PathBuf;
 
+use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount};
 
 use super::log::{Log, say};
-use super::watched::watched;
+use super::long_run::long_run;
 use super::{Failure, checked_threads};
-use crate::augment::trace::Source;
-use crate::augment::{Recipe, Stopped, Summary, Target, augment, report};
+use crate::lab::augment::trace::Source;
+use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report};
 
-/// Enlarge a real dataset: its images as other lamps, pads and cameras would have shown them, simulated twins of its
-/// samples, new synthetic samples where it has gaps. The layout stays, and every sample says where it comes from.
+/// Enlarge a real dataset: its images as other LEDs, gelpads and cameras would have shown them, simulated counterparts
+/// of its samples, new synthetic samples where it has gaps. The layout stays, and every sample says where it comes from.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -57,7 +57,7 @@ impl Augment {
         let root = self.out.unwrap_or_else(|| recipe.root.clone());
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
 
-        let (result, signal) = watched(log, |watch| augment(&recipe, &target, watch))?;
+        let (result, signal) = long_run(log, |watch| augment(&recipe, &target, watch))?;
         match result {
             Ok(summary) => {
                 if !self.quiet {
@@ -65,12 +65,12 @@ impl Augment {
                 }
                 Ok(())
             }
-            Err(Stopped::Refused(refused)) => Err(refused.into()),
-            Err(Stopped::Io(path, error)) => {
+            Err(AugmentError::Refused(refused)) => Err(refused.into()),
+            Err(AugmentError::Io(path, error)) => {
                 Err(Failure::denied(&format!("{}: {error}", path.display()), &error, "nothing was written"))
             }
-            Err(Stopped::Sample(message)) => Err(Failure::running(format!("{message}\n  nothing was written"))),
-            Err(Stopped::Interrupted) => Err(Failure::stopped("stopped; nothing was written", signal)),
+            Err(AugmentError::Sample(message)) => Err(Failure::running(format!("{message}\n  nothing was written"))),
+            Err(AugmentError::Interrupted) => Err(Failure::stopped("stopped; nothing was written", signal)),
         }
     }
 }
@@ -87,11 +87,12 @@ fn text(recipe: &Recipe, summary: &Summary, root: &str) -> String {
         summary.seconds
     );
     if let Some(([x, y], correlation)) = summary.pairs() {
-        text += &format!("\ntwins: median offset {x:.2}, {y:.2} px, median correlation {correlation:.3}");
+        text +=
+            &format!("\nsimulated counterparts: median offset {x:.2}, {y:.2} px, median correlation {correlation:.3}");
     }
     if let Some(mix) = &recipe.mix {
         let cells = mix.coverage.counting.iter().filter(|counting| **counting).count();
-        let [before, after] = report::reached(&mix.coverage).map(|share| 100.0 * share);
+        let [before, after] = report::reached(&mix.coverage).map(|fraction| 100.0 * fraction);
         text += &format!("\ncoverage: {before:.1} % of {cells} cells before, {after:.1} % now");
     }
     text

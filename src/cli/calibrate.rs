@@ -5,22 +5,23 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use image::RgbImage;
-use sha2::{Digest, Sha256};
 
 use super::{Failure, print, say};
-use crate::calibrate::evaluate::{Evaluated, evaluate, picture_name};
-use crate::calibrate::page::{Page, Shown};
-use crate::calibrate::run::{Calibration, Request, run};
-use crate::calibrate::session;
-use crate::calibrate::taxim::{Imported, import};
-use crate::compare::score::Score;
-use crate::config::sensor::Sensor;
+use crate::core::fidelity::Fidelity;
+use crate::core::optics::calibrated::{Colors, Table};
 use crate::dataset::encode::json;
-use crate::dataset::png::encode_rgb;
-use crate::dataset::shard::write_whole;
-use crate::fidelity::Rung;
-use crate::optics::calibrated::{Colors, Table};
-use crate::plan::{hex, standalone, usage};
+use crate::files::diagnostic::user_error;
+use crate::files::hash::sha256;
+use crate::files::png::encode_rgb;
+use crate::files::sensor::Sensor;
+use crate::files::write::write_whole;
+use crate::job::plan::standalone;
+use crate::lab::calibrate::evaluate::{Evaluated, evaluate, picture_name};
+use crate::lab::calibrate::page::{Page, PressPanel};
+use crate::lab::calibrate::run::{Calibration, Request, run};
+use crate::lab::calibrate::session;
+use crate::lab::calibrate::taxim::{Imported, import};
+use crate::lab::compare::score::Score;
 
 /// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
 #[derive(Debug, Args)]
@@ -38,7 +39,7 @@ pub struct Calibrate {
     #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim"])]
     #[arg(conflicts_with_all = ["evaluate", "taxim"], requires = "background")]
     presses: Option<PathBuf>,
-    /// The untouched pad
+    /// Background image: the untouched pad
     #[arg(long, value_name = "BG.png", conflicts_with_all = ["evaluate", "taxim"])]
     background: Option<PathBuf>,
     /// Take over a calibration of Taxim's: a folder with polycalib.npz, dataPack.npz and params.json
@@ -63,11 +64,11 @@ pub struct Calibrate {
     #[arg(long, value_name = "MM", value_parser = above_zero, conflicts_with = "evaluate")]
     thickness_mm: Option<f64>,
     /// Radius of the contact over that of the visible disc [default: chosen]
-    #[arg(long, value_name = "SHARE", value_parser = share, conflicts_with = "evaluate")]
+    #[arg(long, value_name = "FRACTION", value_parser = fraction, conflicts_with = "evaluate")]
     contact_over_disc: Option<f64>,
-    /// Rung of the accuracy ladder for --evaluate
-    #[arg(long, value_name = "RUNG", default_value = "standard", requires = "evaluate")]
-    fidelity: Rung,
+    /// Fidelity level for --evaluate
+    #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level(), default_value = "standard", requires = "evaluate")]
+    fidelity: Fidelity,
 }
 
 fn above_zero(text: &str) -> Result<f64, String> {
@@ -78,7 +79,7 @@ fn above_zero(text: &str) -> Result<f64, String> {
 }
 
 /// What a table of measured light may hold.
-fn share(text: &str) -> Result<f64, String> {
+fn fraction(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.1..=10.0).contains(&value) => Ok(value),
         _ => Err(String::from("write a number from 0.1 to 10")),
@@ -92,30 +93,32 @@ impl Calibrate {
         }
         if self.out.extension().is_none_or(|end| end != "toml") {
             let message = format!("{} is no name for a sensor file", self.out.display());
-            return Err(usage(message, "it ends in .toml: --out my-sensor.toml").into());
+            return Err(user_error(message, "it ends in .toml: --out my-sensor.toml").into());
         }
         if self.out.is_dir() {
-            return Err(usage(format!("{} is a folder", self.out.display()), "choose a file with --out").into());
+            return Err(user_error(format!("{} is a folder", self.out.display()), "choose a file with --out").into());
         }
         if let Some(file) = self.out.ancestors().skip(1).find(|above| above.is_file()) {
             let message = format!("{} is no folder", file.display());
-            return Err(usage(message, "choose another place with --out").into());
+            return Err(user_error(message, "choose another place with --out").into());
         }
         let start = match &self.sensor {
-            Some(name) => standalone::sensor(name)?.sensor,
+            Some(name) => standalone::sensor(name)?.written,
             None => Sensor::default(),
         };
         match (&self.presses, &self.background, &self.taxim) {
             (Some(presses), Some(background), _) => self.calibrate(presses, background, start),
             (_, _, Some(folder)) => self.import(folder, start),
-            _ => Err(usage("nothing to calibrate", "see gelsim calibrate --help").into()),
+            _ => Err(user_error("nothing to calibrate", "see gelsim calibrate --help").into()),
         }
     }
 
     fn evaluate(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
-        let sensor = standalone::sensor(sensor)?;
+        let sensor = standalone::sensor(sensor)?.sensor;
         if self.out.exists() && !self.out.is_dir() {
-            return Err(usage(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into());
+            return Err(
+                user_error(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into()
+            );
         }
         let presses = evaluate(table, &sensor, self.fidelity)?;
         fs::create_dir_all(&self.out).map_err(|error| failed(&self.out, &error))?;
@@ -123,16 +126,16 @@ impl Calibrate {
         for Evaluated { file, simulated, scores, warnings } in &presses {
             warnings.iter().for_each(|warning| say(&format!("warning: {file}: {warning}")));
             let path = self.out.join(picture_name(file));
-            let [width, height] = sensor.camera.resolution_px;
+            let [width, height] = sensor.resolution_px;
             write(&path, &encode_rgb(width, height, simulated))?;
-            let figures = scores.as_ref().map(|scores| row(scores.contact.as_ref(), Some(&scores.whole)));
+            let figures = scores.as_ref().map(|scores| row(scores.contact.as_ref(), Some(&scores.full_image)));
             lines.push(format!("{file:<28} {}", figures.unwrap_or_default()));
         }
         let scores: Vec<_> = presses.iter().filter_map(|press| press.scores.as_ref()).collect();
         let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
-        let whole = Score::mean(scores.iter().map(|scores| &scores.whole));
+        let full_image = Score::mean(scores.iter().map(|scores| &scores.full_image));
         let total = format!("mean of {}", scores.len());
-        lines.push(format!("{total:<28} {}", row(contact.as_ref(), whole.as_ref())));
+        lines.push(format!("{total:<28} {}", row(contact.as_ref(), full_image.as_ref())));
         print(&format!("{:<28} {}\n{}\n", "", HEAD, lines.join("\n")))?;
         say(&format!("-> {}", self.out.display()));
         Ok(())
@@ -147,18 +150,19 @@ impl Calibrate {
             drops_bad: self.drop_bad,
             ..Request::default()
         };
-        let count = session.seen.len();
+        let count = session.observations.len();
         let Some(found) = run(session, &request) else {
             let message = format!("of {count} presses too few are usable");
-            return Err(usage(message, "leave --drop-bad out to see what speaks against each").into());
+            return Err(user_error(message, "leave --drop-bad out to see what speaks against each").into());
         };
         let mut warnings = Vec::new();
         for (file, doubts) in &found.dropped {
             warnings.push(format!("{file} left out: {}", doubts.join("; ")));
         }
-        for (seen, doubts) in found.session.seen.iter().zip(&found.suspicions).filter(|(_, doubts)| !doubts.is_empty())
+        for (observation, doubts) in
+            found.session.observations.iter().zip(&found.outlier_reasons).filter(|(_, doubts)| !doubts.is_empty())
         {
-            warnings.push(format!("{}: {}", seen.file, doubts.join("; ")));
+            warnings.push(format!("{}: {}", observation.file, doubts.join("; ")));
         }
         warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
 
@@ -207,9 +211,9 @@ impl Calibrate {
             preset: None,
             file: None,
             background: Some(file_name(&background_path)),
-            background_sha256: Some(hex(&Sha256::digest(&picture))),
+            background_sha256: Some(sha256(&picture)),
             calibration: Some(file_name(&table_path)),
-            calibration_sha256: Some(hex(&Sha256::digest(&table))),
+            calibration_sha256: Some(sha256(&table)),
             ..sensor
         };
         let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
@@ -228,8 +232,8 @@ impl Calibrate {
 
 const HEAD: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
 
-fn row(contact: Option<&Score>, whole: Option<&Score>) -> String {
-    format!("{:<31} {}", contact.map(figures).unwrap_or_default(), whole.map(figures).unwrap_or_default())
+fn row(contact: Option<&Score>, full_image: Option<&Score>) -> String {
+    format!("{:<31} {}", contact.map(figures).unwrap_or_default(), full_image.map(figures).unwrap_or_default())
 }
 
 fn figures(score: &Score) -> String {
@@ -241,9 +245,9 @@ fn figures(score: &Score) -> String {
 fn summary(found: &Calibration) -> Vec<(String, String)> {
     let [width, height] = found.session.sensor.resolution_px;
     let figure = |score: &Option<Score>| score.as_ref().map_or(String::from("-"), figures);
-    let ([contact, whole], [bare_contact, bare_whole]) = (found.errors(), found.errors_without());
-    let suspects = found.suspicions.iter().filter(|doubts| !doubts.is_empty()).count();
-    let presses = found.session.seen.len();
+    let ([contact, full_image], [bare_contact, bare_full_image]) = (found.errors(), found.errors_without());
+    let suspects = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
+    let presses = found.session.observations.len();
     let line = |what: &str, figure: String| (what.to_owned(), figure);
     vec![
         line("image", format!("{width}x{height} px, {} mm per px", found.session.camera.mm_per_px[0])),
@@ -251,22 +255,22 @@ fn summary(found: &Calibration) -> Vec<(String, String)> {
         line("gelpad thickness", format!("{} mm", found.geometry.thickness_mm)),
         line("contact over visible disc", format!("{:.2}", found.geometry.contact_over_disc)),
         line("cross-validated, contact", format!("{} (MAE / PSNR dB / SSIM)", figure(&contact))),
-        line("cross-validated, whole image", figure(&whole)),
+        line("cross-validated, whole image", figure(&full_image)),
         line("background alone, contact", figure(&bare_contact)),
-        line("background alone, whole image", figure(&bare_whole)),
+        line("background alone, whole image", figure(&bare_full_image)),
     ]
 }
 
 fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings: &[String]) -> String {
-    let presses = found.session.seen.iter().zip(&found.unseen).zip(&found.suspicions);
-    let shown: Vec<Shown> = presses
-        .map(|((seen, unseen), suspicions)| Shown {
-            file: seen.file.clone(),
-            real: seen.image.clone(),
-            simulated: unseen.simulated.clone(),
-            circle: Some(seen.circle),
-            scores: unseen.scores,
-            suspicions: suspicions.clone(),
+    let presses = found.session.observations.iter().zip(&found.held_out).zip(&found.outlier_reasons);
+    let shown: Vec<PressPanel> = presses
+        .map(|((observation, held_out), outlier_reasons)| PressPanel {
+            file: observation.file.clone(),
+            real: observation.image.clone(),
+            simulated: held_out.simulated.clone(),
+            circle: Some(observation.circle),
+            scores: held_out.scores,
+            outlier_reasons: outlier_reasons.clone(),
         })
         .collect();
     let normals = found.colors();

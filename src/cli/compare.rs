@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{Failure, print, say};
-use crate::compare::{compare, picture, report};
-use crate::dataset::png;
-use crate::dataset::shard::write_whole;
-use crate::plan::usage;
+use crate::files::diagnostic::user_error;
+use crate::files::png;
+use crate::files::write::write_whole;
+use crate::lab::compare::{compare, picture, report};
 
 /// Measure how far simulated images are from real ones: MAE, PSNR and SSIM of pairs, over the whole image and over the
 /// contact, and which way the simulated images are off as a set.
@@ -58,7 +58,7 @@ impl Compare {
             && !folder.is_dir()
         {
             let message = format!("{} is not a folder", folder.display());
-            return Err(usage(message, "choose a folder with --out").into());
+            return Err(user_error(message, "choose a folder with --out").into());
         }
         let comparison = compare(&self.real, &self.sim, self.dilate)?;
         comparison.notes.iter().for_each(|note| say(&format!("warning: {note}")));
@@ -71,7 +71,7 @@ impl Compare {
                 write_whole(&path, bytes).map_err(|error| failed(&path, &error))
             };
             write("compare.csv", &report::csv(&comparison))?;
-            write("compare.json", &report::whole(&comparison))?;
+            write("compare.json", &report::to_json(&comparison))?;
             match picture::best_median_worst(&comparison)? {
                 Some(sheet) => {
                     let (width, height) = (sheet.width() as usize, sheet.height() as usize);

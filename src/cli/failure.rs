@@ -3,8 +3,8 @@
 use std::io;
 use std::path::Path;
 
-use crate::config::diagnostic::Report;
-use crate::dataset::folder::Refused;
+use crate::dataset::refused::Refused;
+use crate::files::diagnostic::Report;
 
 /// Why the program ends with a status other than 0.
 #[derive(Debug)]
@@ -17,7 +17,7 @@ pub struct Failure {
 #[derive(Debug)]
 enum Message {
     /// All has been said.
-    Said,
+    Reported,
     Text(String),
     Report(Report),
 }
@@ -29,7 +29,7 @@ impl Failure {
     }
 
     /// A file could not be read or written.
-    pub(super) fn at(path: &Path, error: &dyn std::fmt::Display) -> Self {
+    pub(super) fn from_path(path: &Path, error: &dyn std::fmt::Display) -> Self {
         Self::running(format!("{}: {error}", path.display()))
     }
 
@@ -44,14 +44,14 @@ impl Failure {
     }
 
     /// What is wrong has been said.
-    pub(super) fn said(status: u8) -> Self {
-        Self { message: Message::Said, status }
+    pub(super) fn reported(status: u8) -> Self {
+        Self { message: Message::Reported, status }
     }
 
     /// What is to be said, with colours if `styled`; none if all has been said.
     pub fn text(&self, styled: bool) -> Option<String> {
         match &self.message {
-            Message::Said => None,
+            Message::Reported => None,
             Message::Text(text) => Some(text.clone()),
             Message::Report(report) => Some(report.render(styled)),
         }
@@ -62,7 +62,7 @@ impl From<Refused> for Failure {
     fn from(refused: Refused) -> Self {
         match refused {
             Refused::Usage(report) => report.into(),
-            Refused::Io(path, error) => Self::at(&path, &error),
+            Refused::Io(path, error) => Self::from_path(&path, &error),
         }
     }
 }

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
+use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount};
 
 use super::{Failure, print};
 use crate::dataset::finalize::{Finalized, finalize, same_version};
 use crate::dataset::recorded::Recorded;
-use crate::dataset::verify::Depth;
+use crate::dataset::verify::CheckLevel;
 
 /// Describe a dataset that was made in parts: once all its shards are there and are what was written, write dataset.json,
 /// wids.json and README.md. Otherwise name the shards that are missing or broken, with exit status 1. Doing it again changes
@@ -34,7 +34,7 @@ impl Finalize {
     pub(super) fn run(self) -> Result<(), Failure> {
         let recorded = Recorded::open(&self.dir)?;
         same_version(&recorded)?;
-        let depth = if self.quick { Depth::Sizes } else { Depth::Checksums };
+        let depth = if self.quick { CheckLevel::Sizes } else { CheckLevel::Checksums };
         let finalized = finalize(&recorded, depth)?;
         let [samples, shards] = [recorded.layout.samples(), recorded.layout.shard_count()].map(HumanCount);
         let all = format!("{}: {samples} samples in {shards} shards", self.dir.display());
@@ -44,7 +44,7 @@ impl Finalize {
                 let named: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
                 print(&format!("{named}{all}: not finalized\n"))?;
                 // What is wrong has been said.
-                Err(Failure::said(1))
+                Err(Failure::reported(1))
             }
         }
     }

@@ -2,17 +2,18 @@
 
 use std::path::PathBuf;
 
+use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount};
 use serde_json::{Value, json};
 
 use super::log::{Format, Log, say};
-use super::watched::watched;
+use super::long_run::long_run;
 use super::{Extent, Failure, JobOverrides, settled};
 use crate::dataset::folder::recorded_rung;
-use crate::generate::{Done, Request, Stopped, generate};
-use crate::label::key;
-use crate::plan::{Plan, usage};
+use crate::dataset::generate::{Done, GenerateError, Request, generate};
+use crate::files::diagnostic::user_error;
+use crate::job::label::key;
+use crate::job::plan::Plan;
 
 /// Generate the dataset that a job describes. The same command goes on where a stopped run left off.
 #[derive(Debug, Args)]
@@ -55,14 +56,14 @@ impl Generate {
         let recorded = if self.overwrite { None } else { recorded_rung(&root) };
         if shards.is_some() && recorded.is_none() && plan.open_choice().is_some() {
             let message = "parts of a dataset cannot each choose their own fidelity";
-            let help = "name a rung with --fidelity (gelsim tradeoff shows them), or begin the dataset without --shards \
-                        and --partition";
-            return Err(usage(message, help).into());
+            let help = "name a level with --fidelity (gelsim tradeoff shows them), or begin the dataset without \
+                        --shards and --partition";
+            return Err(user_error(message, help).into());
         }
         let plan = settled(plan, recorded, log)?;
         let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
 
-        let (result, signal) = watched(log, |watch| generate(&plan, &request, watch))?;
+        let (result, signal) = long_run(log, |watch| generate(&plan, &request, watch))?;
         match result {
             Ok(done) => {
                 let root = root.display().to_string();
@@ -73,7 +74,7 @@ impl Generate {
                 }
                 Ok(())
             }
-            Err(stopped) => Err(failure(stopped, plan.seed, signal)),
+            Err(stopped) => Err(failure(stopped, plan.seed(), signal)),
         }
     }
 }
@@ -136,27 +137,27 @@ fn speed(done: &Done) -> f64 {
     done.samples as f64 / done.seconds.max(1e-9)
 }
 
-fn failure(stopped: Stopped, seed: u64, signal: usize) -> Failure {
+fn failure(stopped: GenerateError, seed: u64, signal: usize) -> Failure {
     match stopped {
-        Stopped::Usage(report) => report.into(),
-        Stopped::Io(path, error) => {
+        GenerateError::Usage(report) => report.into(),
+        GenerateError::Io(path, error) => {
             let left = "what is finished stays; the same command goes on from there";
             Failure::denied(&format!("{}: {error}", path.display()), &error, left)
         }
-        Stopped::Held(holders) => Failure::running(format!(
+        GenerateError::Held(holders) => Failure::running(format!(
             "{}\n  all other shards are done; the same command checks again",
             holders.join("\n  ")
         )),
-        Stopped::Unhealthy(unfit) => Failure::running(format!(
+        GenerateError::Unhealthy(unfit) => Failure::running(format!(
             "{unfit}\n  finished shards stay; output.on_unhealthy = \"keep\" takes such samples into the dataset, \
              \"reject\" draws them again"
         )),
-        Stopped::Panicked(index, message) => Failure::running(format!(
+        GenerateError::Panicked(index, message) => Failure::running(format!(
             "sample {} (seed {seed}) brought gelsim down, which is a bug: {message}\n  finished shards stay; please \
              report it with the job",
             key(index),
         )),
-        Stopped::Interrupted => {
+        GenerateError::Interrupted => {
             Failure::stopped("stopped; finished shards stay, the same command goes on from there", signal)
         }
     }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{Failure, print, say};
-use crate::plan::usage;
+use crate::files::diagnostic::user_error;
 
 /// The job that `init` writes.
 pub const TEMPLATE: &str = include_str!("template.toml");
@@ -29,7 +29,7 @@ impl Init {
         let failed = |error: std::io::Error| Failure::running(format!("{}: {error}", path.display()));
         let mut file = match OpenOptions::new().write(true).create_new(true).open(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
-                return Err(usage(format!("{} exists already", path.display()), "choose another name").into());
+                return Err(user_error(format!("{} exists already", path.display()), "choose another name").into());
             }
             opened => opened.map_err(failed)?,
         };

@@ -6,11 +6,11 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 
 use super::{Failure, print};
-use crate::config::object::Unit;
-use crate::config::sensor::PRESETS;
 use crate::dataset::encode::json;
-use crate::inspect::findings::Severity;
-use crate::inspect::{Inspection, Pad, Report, inspect, text};
+use crate::files::sensor::PRESETS;
+use crate::job::config::object::Unit;
+use crate::lab::inspect::findings::Severity;
+use crate::lab::inspect::{InspectReport, Inspection, SensorPad, figures, inspect, text};
 
 /// Say what meshes are like and what a sensor would see of them: size and likely unit, holes and other flaws, each of
 /// the six sides against view and pad. Ends with status 1 if a mesh has an error.
@@ -45,7 +45,7 @@ fn presets() -> PossibleValuesParser {
 impl Inspect {
     pub(super) fn run(self) -> Result<(), Failure> {
         let failed = || Failure::running(format!("the preset {} cannot be read", self.sensor));
-        let pad = Pad::preset(&self.sensor).ok_or_else(failed)?;
+        let pad = SensorPad::preset(&self.sensor).ok_or_else(failed)?;
         let mut meshes = Vec::with_capacity(self.meshes.len());
         if !self.json {
             print(&text::heading(&pad))?;
@@ -59,7 +59,7 @@ impl Inspect {
         }
         let verdict = self.verdict(&meshes);
         if self.json {
-            let text = json(&Report { pad, meshes });
+            let text = json(&InspectReport { pad, meshes });
             print(&(String::from_utf8_lossy(&text) + "\n"))?;
         } else if meshes.len() > 1 {
             print(&text::summary(&meshes))?;
@@ -75,7 +75,10 @@ impl Inspect {
         let bad = meshes.iter().filter(|mesh| mesh.severity > bearable).count();
         match bad {
             0 => Ok(()),
-            _ => Err(Failure::running(format!("{what} in {bad} of {}", text::counted(meshes.len(), "mesh", "meshes")))),
+            _ => Err(Failure::running(format!(
+                "{what} in {bad} of {}",
+                figures::counted(meshes.len(), "mesh", "meshes")
+            ))),
         }
     }
 }

@@ -3,9 +3,9 @@
 use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
-use crate::config::sensor::{PRESETS, Sensor};
-use crate::effects::Effect;
-use crate::fidelity::Rung;
+use crate::core::effects::Effect;
+use crate::core::fidelity::Fidelity;
+use crate::files::sensor::{PRESETS, Sensor};
 
 /// The meshes in the project's `objects` folder.
 pub const OBJECTS: [&str; 27] = [
@@ -50,8 +50,9 @@ pub struct List {
 enum What {
     /// Sensor presets with their main values
     Sensors,
-    /// Rungs of the accuracy ladder and what they choose
-    Rungs,
+    /// Fidelity levels and what they choose
+    #[value(name = "rungs")]
+    Levels,
     /// Effects and what calls for them
     Effects,
     /// Meshes in the project's `objects` folder
@@ -75,20 +76,20 @@ impl List {
                 };
                 PRESETS.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
-            What::Rungs => {
-                let line = |rung: Rung| {
-                    let (choices, measured) = (rung.choices(false), rung.choices(true));
+            What::Levels => {
+                let line = |level: Fidelity| {
+                    let (choices, measured) = (level.models(false), level.models(true));
                     let failed = |error: serde_json::Error| Failure::running(error.to_string());
                     let gelpad = serde_json::to_string(&choices.gelpad).map_err(failed)?;
                     let optics = serde_json::to_string(&choices.optics).map_err(failed)?;
                     let measured = serde_json::to_string(&measured.optics).map_err(failed)?;
                     Ok(format!(
                         "{:<10} gelpad {gelpad}\n{:<10} optics {optics}, {measured} where measured",
-                        rung.name(),
+                        level.name(),
                         ""
                     ))
                 };
-                Rung::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
+                Fidelity::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
             What::Effects => {
                 Effect::ALL.into_iter().map(|effect| format!("{:<12} {}", effect.name(), effect.summary())).collect()

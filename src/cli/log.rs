@@ -59,7 +59,7 @@ impl Log {
         match (self.format, failure.text(false)) {
             (Format::Json, Some(message)) => {
                 say(&line("error", json!({ "status": failure.status, "message": message })));
-                Failure::said(failure.status)
+                Failure::reported(failure.status)
             }
             _ => failure,
         }

@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand, each from arguments to a library call to what is printed.
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::ops::Range;
@@ -7,10 +8,11 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::Overrides;
-use crate::fidelity::Rung;
-use crate::plan::{Plan, usage};
-use crate::tradeoff::choose::choose;
+use crate::core::fidelity::Fidelity;
+use crate::files::diagnostic::user_error;
+use crate::job::config::Overrides;
+use crate::job::plan::Plan;
+use crate::lab::tradeoff::choose::choose;
 
 mod augment;
 mod calibrate;
@@ -23,6 +25,7 @@ mod init;
 mod inspect;
 pub mod list;
 mod log;
+mod long_run;
 mod plan;
 mod preview;
 mod progress;
@@ -32,7 +35,6 @@ mod reproduce;
 mod schema;
 mod tradeoff;
 mod verify;
-mod watched;
 
 pub use failure::Failure;
 use log::Log;
@@ -52,11 +54,11 @@ enum Command {
     Generate(generate::Generate),
     /// Say what a job would do: effects and why, time, bytes; write nothing.
     Plan(plan::Plan),
-    /// Compare all rungs of the accuracy ladder on a job's samples: error and time.
+    /// Compare all fidelity levels on a job's samples: error and time.
     Tradeoff(tradeoff::Tradeoff),
     /// Measure how far simulated images are from real ones.
     Compare(compare::Compare),
-    /// Check that a dataset is whole, and name what is not.
+    /// Check that a dataset is valid and complete, and name what is not.
     Verify(verify::Verify),
     /// Describe a dataset of which all shards are there.
     Finalize(finalize::Finalize),
@@ -142,16 +144,17 @@ fn no_threads(error: &dyn std::fmt::Display) -> Failure {
     ))
 }
 
-/// A plan whose rung is known: one that the job leaves to be chosen is the recorded one, or is found by probing.
-fn settled(plan: Plan, recorded: Option<Rung>, log: Log) -> Result<Plan, Failure> {
+/// A plan whose fidelity level is known: one that the job leaves to be chosen is the recorded one, or is found by
+/// probing.
+fn settled(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Failure> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
-    if let Some(rung) = recorded {
-        log.note(&format!("fidelity {}, with which the dataset was begun", rung.name()));
-        return Ok(plan.at(rung));
+    if let Some(level) = recorded {
+        log.note(&format!("fidelity {}, with which the dataset was begun", level.name()));
+        return Ok(plan.at(level));
     }
     let chosen = choose(&plan, bound)?;
     log.note(&chosen.to_string());
-    Ok(plan.at(chosen.rung))
+    Ok(plan.at(chosen.level))
 }
 
 /// What changes a job from the command line.
@@ -163,9 +166,9 @@ struct JobOverrides {
     /// Seed of all randomness
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
-    /// Rung of the accuracy ladder; replaces the job's gelpad and optics
-    #[arg(long, value_name = "RUNG")]
-    fidelity: Option<Rung>,
+    /// Fidelity level; replaces the job's gelpad and optics
+    #[arg(long, value_name = "LEVEL", value_parser = fidelity_level())]
+    fidelity: Option<Fidelity>,
     /// Run every effect that the job and the sensor have, also where it changes nothing
     #[arg(long)]
     all_effects: bool,
@@ -220,7 +223,7 @@ impl Extent {
             && range.end > count
         {
             let message = format!("--shards {}..{} reaches beyond the job's {count} shards", range.start, range.end);
-            return Err(usage(message, format!("shards are numbered 0..{count}")).into());
+            return Err(user_error(message, format!("shards are numbered 0..{count}")).into());
         }
         let part = |(i, n): (u64, u64)| {
             let cut = |i: u64| (u128::from(count) * u128::from(i) / u128::from(n)) as u64;
@@ -233,10 +236,10 @@ impl Extent {
 /// A number of threads that a machine may have.
 fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, Failure> {
     match threads {
-        Some(0) => Err(usage("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
+        Some(0) => Err(user_error("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
         Some(threads) if threads > MOST_THREADS => {
             let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
-            Err(usage(format!("--threads {threads} are more than any machine has cores"), help).into())
+            Err(user_error(format!("--threads {threads} are more than any machine has cores"), help).into())
         }
         threads => Ok(threads),
     }
@@ -267,4 +270,10 @@ fn print(text: &str) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
+}
+
+/// Takes the name of a fidelity level.
+fn fidelity_level() -> impl TypedValueParser<Value = Fidelity> {
+    let values = Fidelity::ALL.map(|level| PossibleValue::new(level.name()).help(level.summary()));
+    PossibleValuesParser::new(values).map(|name| Fidelity::named(&name).expect("one of the possible values"))
 }

@@ -3,14 +3,14 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount};
 
 use super::{Extent, Failure, JobOverrides, Log, print, settled};
+use crate::core::effects::Effect;
 use crate::dataset::folder::recorded_rung;
-use crate::effects::Effect;
-use crate::forecast::{Forecast, forecast};
-use crate::plan;
+use crate::dataset::forecast::{Forecast, forecast};
+use crate::job::plan;
 
 /// Say what `generate` would do: which effects the samples call for and why, what they take, how long the run lasts and
 /// how large it gets. Renders some samples to find out, and writes nothing.
@@ -54,17 +54,17 @@ impl Plan {
 }
 
 fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
-    let [width, height] = plan.camera.resolution_px;
+    let [width, height] = plan.simulator.view().resolution_px;
     format!(
         "{}: {} samples of {width}x{height} px in {} shard{}; fidelity {}, gelpad {}, optics {}\n\
          probed: {} samples on {} thread{}{}\n\n",
-        plan.name,
+        plan.name(),
         HumanCount(forecast.samples),
         HumanCount(forecast.shards),
         if forecast.shards == 1 { "" } else { "s" },
-        plan.rung.name(),
-        plan.models.gelpad.name(),
-        plan.models.optics.name(),
+        plan.fidelity().name(),
+        plan.simulator.models().gelpad.name(),
+        plan.simulator.models().optics.name(),
         forecast.probed,
         forecast.threads,
         if forecast.threads == 1 { "" } else { "s" },
@@ -75,10 +75,10 @@ fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
     )
 }
 
-/// One line per effect: how often it ran, its share of the time, and the reasons, most frequent first.
+/// One line per effect: how often it ran, its fraction of the time, and the reasons, most frequent first.
 fn effects(forecast: &Forecast) -> String {
     let mut text = format!("{:<12} {:>10} {:>7}  {}\n", "effect", "called for", "time", "why");
-    let all = whole_s(forecast);
+    let all = total_s(forecast);
     for effect in Effect::ALL {
         let probed = &forecast.effects[effect];
         let mut reasons: Vec<(&String, &u64)> = probed.reasons.iter().map(|((_, why), count)| (why, count)).collect();
@@ -86,14 +86,14 @@ fn effects(forecast: &Forecast) -> String {
         let only = reasons.len() == 1;
         let named = |(why, count): &(&String, &u64)| if only { (*why).clone() } else { format!("{why} ({count})") };
         let why: Vec<String> = reasons.iter().map(named).collect();
-        let share = match (effect, probed.ran) {
+        let fraction = match (effect, probed.ran) {
             (_, 0) => String::from("-"),
             // Computed in the same loop.
             (Effect::Darkening, _) => String::from("shading"),
             _ => percent(probed.seconds / all),
         };
         let called = format!("{} / {}", probed.ran, forecast.probed);
-        let _ = writeln!(text, "{:<12} {called:>10} {share:>7}  {}", effect.name(), why.join("; "));
+        let _ = writeln!(text, "{:<12} {called:>10} {fraction:>7}  {}", effect.name(), why.join("; "));
     }
     text
 }
@@ -101,7 +101,7 @@ fn effects(forecast: &Forecast) -> String {
 /// One line per stage.
 fn stages(forecast: &Forecast) -> String {
     let mut text = format!("\n{:<12} {:>10} {:>7}\n", "stage", "CPU ms", "time");
-    let (s, all) = (&forecast.seconds, whole_s(forecast));
+    let (s, all) = (&forecast.seconds, total_s(forecast));
     let stages = s.stages().into_iter().chain([("write", forecast.write_s), ("all", all)]);
     for (name, seconds) in stages {
         let _ = writeln!(text, "{name:<12} {:>10.2} {:>7}", 1e3 * seconds, percent(seconds / all));
@@ -130,12 +130,12 @@ fn totals(forecast: &Forecast, root: &Path, free: Option<u64>) -> String {
     text + "\n"
 }
 
-fn whole_s(forecast: &Forecast) -> f64 {
+fn total_s(forecast: &Forecast) -> f64 {
     forecast.seconds.simulation() + forecast.seconds.encode + forecast.write_s
 }
 
-fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
+fn percent(fraction: f64) -> String {
+    format!("{:.1} %", 100.0 * fraction)
 }
 
 fn duration(seconds: f64) -> String {

@@ -7,12 +7,13 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::{Failure, JobOverrides, Log, say, settled};
+use crate::core::effects::Effect;
 use crate::dataset::recorded::Recorded;
-use crate::dataset::shard::write_whole;
-use crate::effects::Effect;
-use crate::plan::{Plan, usage};
-use crate::preview::effects::{self, Comparison, compare};
-use crate::preview::{Tile, sheet};
+use crate::files::diagnostic::user_error;
+use crate::files::write::write_whole;
+use crate::job::plan::Plan;
+use crate::lab::preview::effects::{self, EffectComparison, compare};
+use crate::lab::preview::{Tile, sheet};
 
 /// Draw a contact sheet: tactile image, depth and (where there is one) contact, with class and depth under each. Or show
 /// what each effect changes in a job's samples.
@@ -69,13 +70,13 @@ impl Preview {
     }
 
     /// What the effects change in the sample asked for, or in the first ones of the job.
-    fn comparisons(&self) -> Result<Vec<Comparison>, Failure> {
+    fn comparisons(&self) -> Result<Vec<EffectComparison>, Failure> {
         /// Samples that are searched for effects.
         const SEARCHED: u64 = 100;
         if self.source.is_dir() {
             let folder = self.source.display();
             let message = format!("--effects renders a job's samples anew, and {folder} is a folder");
-            return Err(usage(message, format!("if it is a dataset, preview its job: {folder}/job.toml")).into());
+            return Err(user_error(message, format!("if it is a dataset, preview its job: {folder}/job.toml")).into());
         }
         let plan = self.plan()?;
         let samples = plan.layout.samples();
@@ -91,7 +92,9 @@ impl Preview {
             several => format!("samples 0 to {}", several.len() - 1),
         };
         if found.is_empty() {
-            return Err(usage(format!("{of}: no effect is called for"), "preview the job without --effects").into());
+            return Err(
+                user_error(format!("{of}: no effect is called for"), "preview the job without --effects").into()
+            );
         }
         if !names.is_empty() {
             say(&format!("note: {of}: not called for are {}", names.join(", ")));
@@ -108,7 +111,7 @@ impl Preview {
     fn dataset_tiles(&self) -> Result<Vec<Tile>, Failure> {
         if self.overrides.any() {
             let message = "--samples, --seed, --fidelity and --set change a job, not a dataset that is there";
-            return Err(usage(message, "leave them out, or preview the job").into());
+            return Err(user_error(message, "leave them out, or preview the job").into());
         }
         let dataset = Recorded::open(&self.source)?;
         let indices = self.indices(dataset.layout.samples(), true)?;
@@ -121,7 +124,7 @@ impl Preview {
         if let Some(key) = self.key {
             if key >= samples {
                 let help = format!("samples are numbered 0 to {}", samples.saturating_sub(1));
-                return Err(usage(format!("there is no sample {key}"), help).into());
+                return Err(user_error(format!("there is no sample {key}"), help).into());
             }
             return Ok(vec![key]);
         }
@@ -130,9 +133,9 @@ impl Preview {
     }
 }
 
-/// Encodes a picture as small as PNG allows and writes it whole.
+/// Encodes a picture as small as PNG allows and writes it completely.
 fn write(path: &Path, picture: &RgbImage) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::running(format!("{}: {error}", path.display()));
-    let bytes = crate::dataset::png::encode_small(picture);
+    let bytes = crate::files::png::encode_small(picture);
     write_whole(path, &bytes).map_err(|error| failed(&error))
 }

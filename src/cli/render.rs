@@ -1,24 +1,25 @@
 //! `gelsim render`
 
 use std::io::{self, BufWriter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
 use super::{Failure, Log, MOST_THREADS, no_threads, say};
-use crate::config::Overrides;
-use crate::config::diagnostic::{Problem, Problems, Report};
-use crate::config::output::Layer;
-use crate::fidelity::Rung;
-use crate::frames::camera::{DepthCamera, Projection, Unit};
-use crate::frames::check::Reach;
-use crate::frames::poses::{self, Known};
-use crate::frames::read;
-use crate::frames::run::{Request, Stopped, check, run};
-use crate::frames::source::{Source, find};
-use crate::frames::stream::{Broken, stream};
-use crate::plan::frames::Frames;
-use crate::plan::{Plan, standalone, usage};
+use crate::core::fidelity::Fidelity;
+use crate::dataset::frames::camera::{DepthCamera, Projection, Unit};
+use crate::dataset::frames::check::Reach;
+use crate::dataset::frames::poses::{self, FrameMetadata};
+use crate::dataset::frames::read;
+use crate::dataset::frames::run::{RenderError, Request, check, run};
+use crate::dataset::frames::source::{Source, find};
+use crate::dataset::frames::stream::{StreamError, stream};
+use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::job::config::Overrides;
+use crate::job::layers::OutputLayer;
+use crate::job::plan::frames::Frames;
+use crate::job::plan::{Plan, standalone};
 
 /// Turn depth frames of a simulator (MuJoCo, PyBullet, Gazebo, Isaac) into tactile images: the object's distance from a
 /// camera that looks out of the sensor takes the place of a mesh, and all else is as in generate.
@@ -75,13 +76,12 @@ pub struct Render {
     /// Render also if no frame reaches the pad
     #[arg(long, conflicts_with = "stream")]
     no_contact_ok: bool,
-    /// Layers beside the tactile image: depth, surface, contact, normal, pressure, markers, reference
-    #[arg(long, value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = layer)]
+    #[arg(long, help = format!("Layers beside the tactile image: {}", layer_names()), value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = layer)]
     #[arg(conflicts_with = "stream")]
-    layers: Vec<Layer>,
-    /// Rung of the accuracy ladder
-    #[arg(long, value_name = "RUNG")]
-    fidelity: Option<Rung>,
+    layers: Vec<OutputLayer>,
+    /// Fidelity level
+    #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level())]
+    fidelity: Option<Fidelity>,
     /// Any key of a job, such as of its sensor, camera or markers: dotted.path=TOML-VALUE
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
@@ -116,21 +116,28 @@ enum ProjectionName {
     Perspective,
 }
 
-fn layer(name: &str) -> Result<Layer, String> {
-    let known = Layer::ALL.into_iter().find(|layer| layer.name() == name);
-    known.ok_or_else(|| format!("layers are {}", Layer::ALL.map(Layer::name).join(", ")))
+fn layer(name: &str) -> Result<OutputLayer, String> {
+    OutputLayer::named(name).ok_or_else(|| format!("layers are {}", layer_names()))
+}
+
+fn layer_names() -> String {
+    OutputLayer::ALL.map(OutputLayer::name).join(", ")
 }
 
 impl Render {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let mut problems = Problems::default();
+        let mut problems = Diagnostics::default();
         let camera = self.camera(&mut problems);
-        if self.stream { self.stream(camera, &problems) } else { self.files(camera, problems) }
+        match self.out.clone() {
+            // One of the two is always there.
+            Some(out) => self.files(&out, camera, problems),
+            None => self.stream(camera, &problems),
+        }
     }
 
     /// What the options say of the depth camera. Mistakes go to `problems`.
-    fn camera(&self, problems: &mut Problems) -> DepthCamera {
-        let mut wrong = |message: String, help: &str| problems.push(Problem::new(message).help(help));
+    fn camera(&self, problems: &mut Diagnostics) -> DepthCamera {
+        let mut wrong = |message: String, help: &str| problems.push(Diagnostic::new(message).help(help));
         let is_perspective = self.projection == ProjectionName::Perspective;
         if !(self.plane_mm.is_finite() && self.plane_mm >= 0.0 && (self.plane_mm > 0.0 || !is_perspective)) {
             let help = "it is a distance: above 0, or 0 where values are heights over the pad and rays are parallel";
@@ -189,7 +196,7 @@ impl Render {
     }
 
     /// The plan for a view of this size, or for what --set makes of it.
-    fn plan(&self, resolution_px: [usize; 2], known: &[Known]) -> Result<Plan, Report> {
+    fn plan(&self, resolution_px: [usize; 2], known: &[FrameMetadata]) -> Result<Plan, Report> {
         let set = self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         let overrides = Overrides { set, fidelity: self.fidelity };
         let classes: Vec<String> = known.iter().map(|known| known.class.clone()).collect();
@@ -198,42 +205,41 @@ impl Render {
             resolution_px,
             layers: &self.layers,
             classes: &classes,
-            moved: known.iter().any(Known::is_moved),
+            moved: known.iter().any(FrameMetadata::is_moved),
             overrides: &overrides,
         };
         let plan = frames.plan()?;
         match plan.open_choice() {
             None => Ok(plan),
             Some(_) => {
-                let help = "name a rung with --fidelity; gelsim tradeoff shows what each costs";
-                Err(usage("no rung can be chosen by frames: a bound is tried on a job's samples", help))
+                let help = "name a level with --fidelity; gelsim tradeoff shows what each costs";
+                Err(user_error("no fidelity level can be chosen by frames: a bound is tried on a job's samples", help))
             }
         }
     }
 
     /// The plan for frames of this size, which parallel rays make the view's.
-    fn plan_for(&self, size: Option<[usize; 2]>, known: &[Known]) -> Result<Plan, Report> {
+    fn plan_for(&self, size: Option<[usize; 2]>, known: &[FrameMetadata]) -> Result<Plan, Report> {
         let size = size.filter(|_| self.projection == ProjectionName::Orthographic);
         let plan = self.plan(size.map_or_else(|| standalone::resolution_px(&self.sensor), Ok)?, known)?;
         match size {
-            Some([width, height]) if [width, height] != plan.camera.resolution_px => {
+            Some([width, height]) if [width, height] != plan.simulator.view().resolution_px => {
                 let message = format!("the frames have {width}x{height} px, and --set gives the sensor other ones");
-                Err(usage(message, "leave sensor.resolution_px out: frames of parallel rays are the view"))
+                Err(user_error(message, "leave sensor.resolution_px out: frames of parallel rays are the view"))
             }
             _ => Ok(plan),
         }
     }
 
-    fn files(self, camera: DepthCamera, mut problems: Problems) -> Result<(), Failure> {
+    fn files(self, out: &Path, camera: DepthCamera, mut problems: Diagnostics) -> Result<(), Failure> {
         let log = Log::text(self.quiet);
-        let out = self.out.clone().unwrap_or_default();
         if out.exists() && !out.is_dir() {
             problems
-                .push(Problem::new(format!("{} is not a folder", out.display())).help("choose a folder with --out"));
+                .push(Diagnostic::new(format!("{} is not a folder", out.display())).help("choose a folder with --out"));
         }
         if self.threads.is_some_and(|threads| !(1..=MOST_THREADS).contains(&threads)) {
             let help = format!("give 1 to {MOST_THREADS}, or leave it out for all cores");
-            problems.push(Problem::new("--threads is out of range").help(help));
+            problems.push(Diagnostic::new("--threads is out of range").help(help));
         }
         let sources = find(&self.depth, &mut problems);
         let known = self.poses.as_ref().map(|path| poses::read(path, &sources)).transpose();
@@ -249,7 +255,7 @@ impl Render {
                 return Err(reports.fold(report, Report::and).into());
             }
         };
-        let request = Request { sources: &sources, camera, known, out: &out, no_contact_ok: self.no_contact_ok };
+        let request = Request { sources: &sources, camera, known, out, no_contact_ok: self.no_contact_ok };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build();
         let pool = pool.map_err(|error| no_threads(&error))?;
         let reaches = match (pool.install(|| check(&plan, &request)), report.is_empty()) {
@@ -258,13 +264,13 @@ impl Render {
             (Err(found), _) => return Err(report.and(found).into()),
         };
         log.notes(&plan.notes);
-        log.notes(&notes(&reaches, &sources, plan.thickness_mm));
+        log.notes(&notes(&reaches, &sources, plan.thickness_mm()));
         pool.install(|| run(&plan, &request)).map_err(|stopped| match stopped {
-            Stopped::Io(path, error) => Failure::at(&path, &error),
-            Stopped::Changed(path, reason) => {
+            RenderError::Io(path, error) => Failure::from_path(&path, &error),
+            RenderError::Changed(path, reason) => {
                 Failure::running(format!("{} has changed since it was checked: {reason}", path.display()))
             }
-            Stopped::Unhealthy(path, reason) => Failure::running(format!("{}: {reason}", path.display())),
+            RenderError::Unhealthy(path, reason) => Failure::running(format!("{}: {reason}", path.display())),
         })?;
         let touching = reaches.iter().filter(|reach| reach.touches()).count();
         if !self.quiet {
@@ -273,7 +279,7 @@ impl Render {
         Ok(())
     }
 
-    fn stream(self, camera: DepthCamera, problems: &Problems) -> Result<(), Failure> {
+    fn stream(self, camera: DepthCamera, problems: &Diagnostics) -> Result<(), Failure> {
         if !problems.is_empty() {
             return Err(Report::new(problems, &[]).into());
         }
@@ -284,8 +290,9 @@ impl Render {
             ProjectionName::Orthographic => self.plan(SMALL, &[])?,
             ProjectionName::Perspective => self.plan_for(None, &[])?,
         };
-        let is_known = plan.camera.resolution_px != SMALL;
-        let for_size = |size: [usize; 2]| match is_known && (self.is_perspective() || plan.camera.resolution_px == size)
+        let is_known = plan.simulator.view().resolution_px != SMALL;
+        let for_size = |size: [usize; 2]| match is_known
+            && (self.is_perspective() || plan.simulator.view().resolution_px == size)
         {
             true => Ok(plan),
             false => self.plan_for(Some(size), &[]),
@@ -298,10 +305,10 @@ impl Render {
                 }
                 Ok(())
             }
-            Err(Broken::Unread) => Ok(()),
-            Err(Broken::Plan(report)) => Err(report.into()),
-            Err(Broken::Io(error)) => Err(Failure::running(format!("standard output: {error}"))),
-            Err(Broken::Frame(number, problem)) => {
+            Err(StreamError::Unread) => Ok(()),
+            Err(StreamError::Plan(report)) => Err(report.into()),
+            Err(StreamError::Io(error)) => Err(Failure::running(format!("standard output: {error}"))),
+            Err(StreamError::Frame(number, problem)) => {
                 let help = problem.help.map_or(String::new(), |help| format!("; {help}"));
                 Err(Failure::running(format!("frame {number}: {}{help}", problem.message)))
             }

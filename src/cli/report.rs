@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{Failure, print, say};
-use crate::dataset::folder;
-use crate::dataset::names::REPORT;
-use crate::dataset::shard::{Lock, write_whole};
-use crate::plan::usage;
-use crate::report;
+use crate::dataset::cleanup::{self, REPORT};
+use crate::dataset::lock::Lock;
+use crate::files::diagnostic::user_error;
+use crate::files::write::write_whole;
+use crate::lab::report;
 
 /// Write one HTML page about a dataset: counts by class and split, distributions of contact, pose and brightness, effects,
 /// health, time, size, some samples, the configuration. It needs no network and no scripts.
@@ -36,7 +36,7 @@ impl Report {
         let html = out.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("html"));
         if !html || out.is_dir() {
             let message = format!("{} cannot be the page's name", out.display());
-            return Err(usage(message, "name a file that ends in .html with --out").into());
+            return Err(user_error(message, "name a file that ends in .html with --out").into());
         }
         let dataset = report::read(&self.dir)?;
         for warning in dataset.warnings() {
@@ -47,12 +47,13 @@ impl Report {
         print(&format!("{}\n", out.display()))
     }
 
-    /// Writes the page whole. Who finishes the dataset sweeps up partial files in its folder, so not at the same time.
+    /// Writes the complete page. Who finishes the dataset sweeps up partial files in its folder, so not at the same
+    /// time.
     fn write(&self, out: &Path, page: &[u8]) -> Result<(), Failure> {
         let failed = |path: &Path, error: std::io::Error| Failure::running(format!("{}: {error}", path.display()));
         let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        let lock = folder::lock(&self.dir);
+        let lock = cleanup::lock(&self.dir);
         let _alone = match same(folder, &self.dir) {
             true => Some(Lock::wait(&lock).map_err(|error| failed(&lock, error))?),
             false => None,

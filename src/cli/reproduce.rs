@@ -6,12 +6,15 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{Failure, Log, print};
-use crate::config::Overrides;
 use crate::dataset::archive::Files;
-use crate::dataset::encode::{Member, members};
+use crate::dataset::archive::Member;
+use crate::dataset::encode::members;
 use crate::dataset::recorded::Recorded;
-use crate::health::{Accepted, accept};
-use crate::plan::{Plan, usage};
+use crate::files::diagnostic::user_error;
+use crate::job::config::Overrides;
+use crate::job::plan::Plan;
+use crate::job::sample::Accepted;
+use crate::job::sample::accept;
 
 /// Render one sample of a dataset again, from the seed in its label, and say whether the bytes are the same. Exit status 1
 /// if they are not.
@@ -34,47 +37,47 @@ impl Reproduce {
         let samples = dataset.layout.samples();
         if self.key >= samples {
             let help = format!("samples are numbered 0 to {}", samples - 1);
-            return Err(usage(format!("there is no sample {}", self.key), help).into());
+            return Err(user_error(format!("there is no sample {}", self.key), help).into());
         }
-        let there = dataset.sample(self.key).map_err(Failure::running)?;
+        let written = dataset.sample(self.key).map_err(Failure::running)?;
         let plan = Plan::load(&self.dir.join("job.toml"), &Overrides::default())?;
         Log::text(false).notes(&plan.notes);
         let drawn = accept(&plan, self.key);
         let Accepted { sample, .. } =
             drawn.map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
-        let (text, same) = compare(&there, &members(&plan, &sample));
+        let (text, same) = compare(&written, &members(&plan, &sample));
         print(&text)?;
         // What differs has been said.
-        if same { Ok(()) } else { Err(Failure::said(1)) }
+        if same { Ok(()) } else { Err(Failure::reported(1)) }
     }
 }
 
 /// A line per file, and whether all are the same.
-fn compare(there: &Files, here: &[Member]) -> (String, bool) {
+fn compare(written: &Files, made: &[Member]) -> (String, bool) {
     let mut text = String::new();
-    let mut same = there.members.len() == here.len();
-    for member in here {
-        let bytes = member.bytes.len();
-        let _ = match there.member(&member.suffix) {
-            Some(old) if old == member.bytes => {
-                writeln!(text, "{}.{}: the same {bytes} bytes", there.key, member.suffix)
+    let mut same = written.members.len() == made.len();
+    for file in made {
+        let bytes = file.bytes.len();
+        let _ = match written.member(&file.suffix) {
+            Some(old) if old == file.bytes => {
+                writeln!(text, "{}.{}: the same {bytes} bytes", written.key, file.suffix)
             }
             other => {
                 same = false;
                 let how = match other {
                     None => String::from("is not in the shard"),
                     Some(old) => {
-                        let at = old.iter().zip(&member.bytes).take_while(|(old, new)| old == new).count();
+                        let at = old.iter().zip(&file.bytes).take_while(|(old, new)| old == new).count();
                         format!("differs from byte {at} on ({} bytes there, {bytes} here)", old.len())
                     }
                 };
-                writeln!(text, "{}.{}: {how}", there.key, member.suffix)
+                writeln!(text, "{}.{}: {how}", written.key, file.suffix)
             }
         };
     }
-    for (suffix, _) in &there.members {
-        if here.iter().all(|member| member.suffix != *suffix) {
-            let _ = writeln!(text, "{}.{suffix}: is not made by this job", there.key);
+    for (suffix, _) in &written.members {
+        if made.iter().all(|file| file.suffix != *suffix) {
+            let _ = writeln!(text, "{}.{suffix}: is not made by this job", written.key);
         }
     }
     text += if same { "the same sample\n" } else { "not the same sample\n" };

@@ -3,10 +3,10 @@
 use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
-use crate::augment::config::Augment;
-use crate::config::Job;
-use crate::config::sensor::Sensor;
-use crate::label::Label;
+use crate::files::sensor::Sensor;
+use crate::job::config::Job;
+use crate::job::label::Label;
+use crate::lab::augment::config::Augment;
 
 /// Print the JSON Schema of a file format.
 #[derive(Debug, Args)]

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{Failure, Log, print, say};
-use crate::config::Overrides;
-use crate::dataset::shard::write_whole;
-use crate::plan::{Plan, usage};
-use crate::tradeoff::{report, tradeoff};
+use crate::files::diagnostic::user_error;
+use crate::files::write::write_whole;
+use crate::job::config::Overrides;
+use crate::job::plan::Plan;
+use crate::lab::tradeoff::{plot, report, tradeoff};
 
-/// Render the same samples of a job at every rung of the ladder: error against the reference rung, and time. Prints a
+/// Render the same samples of a job at every fidelity level: error against the reference level, and time. Prints a
 /// table and writes tradeoff.csv, tradeoff.json, tradeoff.svg and tradeoff.png.
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -45,10 +46,10 @@ impl Tradeoff {
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         Log::text(self.quiet).notes(&plan.notes);
-        let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name)));
+        let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));
         if folder.exists() && !folder.is_dir() {
             let message = format!("{} is not a folder", folder.display());
-            return Err(usage(message, "choose a folder with --out").into());
+            return Err(user_error(message, "choose a folder with --out").into());
         }
         let failed =
             |path: &Path, error: &dyn std::fmt::Display| Failure::running(format!("{}: {error}", path.display()));
@@ -60,13 +61,13 @@ impl Tradeoff {
                 say(&format!("rendering: {what}"));
             }
         });
-        let plot = report::plot(&result);
+        let page = plot::draw(&result);
         let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
         let files = [
             ("tradeoff.csv", report::csv(&result).into_bytes()),
             ("tradeoff.json", json.into_bytes()),
-            ("tradeoff.svg", plot.svg().into_bytes()),
-            ("tradeoff.png", plot.png()),
+            ("tradeoff.svg", page.svg().into_bytes()),
+            ("tradeoff.png", page.png()),
         ];
         for (name, bytes) in files {
             let path = folder.join(name);

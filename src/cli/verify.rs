@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
-use indicatif::{HumanBytes, HumanCount};
 
 use super::{Failure, print};
-use crate::dataset::verify::{Depth, verify};
+use crate::dataset::verify::{CheckLevel, verify};
 
 /// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged shards,
 /// files that cannot be decoded, numbers that are not finite, labels that break the schema. Exit status 1 if there is any.
@@ -28,7 +28,7 @@ pub struct Verify {
 
 impl Verify {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let depth = if self.checksums { Depth::Checksums } else { Depth::Everything };
+        let depth = if self.checksums { CheckLevel::Checksums } else { CheckLevel::Everything };
         let verified = verify(&self.dir, depth)?;
         let mut text: String = verified.findings.iter().map(|finding| format!("{finding}\n")).collect();
         let count = verified.findings.len();
@@ -42,6 +42,6 @@ impl Verify {
         };
         print(&text)?;
         // What is wrong has been said.
-        if count == 0 { Ok(()) } else { Err(Failure::said(1)) }
+        if count == 0 { Ok(()) } else { Err(Failure::reported(1)) }
     }
 }

@@ -1,5 +1,6 @@
 //! A shard as a tar: written, and read back sample by sample.
 
+use crate::files::fail_point::Step;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
@@ -7,9 +8,23 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use super::encode::Member;
-use super::shard::{create_anew, same_file};
-use crate::plan::hex;
+use crate::files::hash::hex;
+use crate::files::write::{create_anew, same_file};
+
+/// One file of a sample.
+pub struct Member {
+    /// The end of its name, after key and dot.
+    pub suffix: String,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+impl Member {
+    /// Of a name's end and the content.
+    pub fn new(suffix: impl Into<String>, bytes: Vec<u8>) -> Self {
+        Self { suffix: suffix.into(), bytes }
+    }
+}
 
 /// A tar being written.
 pub struct Writer(tar::Builder<BufWriter<Hashed>>);
@@ -42,6 +57,7 @@ impl Writer {
         self.0.finish()?;
         let buffer = self.0.get_mut();
         buffer.flush()?;
+        Step::ShardWritten.reached(path);
         let hashed = buffer.get_mut();
         hashed.file.sync_all()?;
         if !same_file(&hashed.file, path) {

@@ -4,14 +4,14 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-use super::decode;
-use super::layout::Split;
 use super::manifest::Manifest;
 use super::recorded::Recorded;
-use crate::config::Job;
-use crate::config::output::{Coding, Container, Layer};
-use crate::label::Label;
-use crate::plan::view;
+use crate::job::config::Job;
+use crate::job::config::output::Container;
+use crate::job::label::Label;
+use crate::job::layers::{Coding, OutputLayer};
+use crate::job::layout::Split;
+use crate::job::plan::view;
 
 mod loading;
 
@@ -71,9 +71,9 @@ fn columns_of_tars(text: &mut String, job: &Job) {
     for layer in job.output.layers_in_order() {
         let kind = match layer.coding(format) {
             Coding::Png => "dtype: image".to_owned(),
-            Coding::Exr | Coding::Png16 => "dtype: binary".to_owned(),
+            Coding::Exr | Coding::Png16(_) => "dtype: binary".to_owned(),
             Coding::Npy => {
-                let channels = decode::channels(layer).len();
+                let channels = layer.channels().len();
                 let (axes, more) = if channels == 1 { (2, String::new()) } else { (3, format!(", {channels}")) };
                 format!(
                     "dtype:\n      array{axes}_d:\n        shape: [{height}, {width}{more}]\n        dtype: float32"
@@ -201,26 +201,18 @@ fn in_table(name: &str) -> String {
 }
 
 /// What a layer holds, and in what form.
-fn meaning(layer: Layer, coding: Coding) -> String {
-    let what = match layer {
-        Layer::Depth => "mm: how far the object reaches below the undeformed pad, 0 where it does not",
-        Layer::Surface => "mm: displacement of the pad's surface, positive into the pad",
-        Layer::Contact => "8-bit grey, 255 where the pad touches",
-        Layer::Normal => "unit normals of the surface towards the camera; a flat pad is (0, 0, -1)",
-        Layer::Pressure => "kPa: pressure between pad and object",
-        Layer::Markers => "rest and moved positions of the markers, px",
-        Layer::Reference => "the image without contact, 8-bit RGB",
-    };
-    let channels = decode::channels(layer).join(", ");
-    match (coding, layer) {
-        (Coding::Exr, _) if channels.len() == 1 => format!("channel {channels}, {what}"),
-        (Coding::Exr, _) => format!("channels {channels}: {what}"),
-        (Coding::Npy, _) if channels.len() == 1 => format!("float32, rows and columns, {what}"),
-        (Coding::Npy, _) => format!("float32, rows, columns and {channels}: {what}"),
-        (Coding::Png16, Layer::Surface) => {
-            format!("16-bit grey; less the label's `png16.surface_zero`, times `png16.surface_mm_per_step`, {what}")
+fn meaning(layer: OutputLayer, coding: Coding) -> String {
+    let (what, channels) = (layer.spec().said(), layer.channels().join(", "));
+    match coding {
+        Coding::Exr if channels.len() == 1 => format!("channel {channels}, {what}"),
+        Coding::Exr => format!("channels {channels}: {what}"),
+        Coding::Npy if channels.len() == 1 => format!("float32, rows and columns, {what}"),
+        Coding::Npy => format!("float32, rows, columns and {channels}: {what}"),
+        Coding::Png16(scale) => {
+            let zero = scale.zero_key().map_or(String::new(), |key| format!("less the label's `png16.{key}`, "));
+            let label = if zero.is_empty() { "the label's " } else { "" };
+            format!("16-bit grey; {zero}times {label}`png16.{}`, {what}", scale.step_key())
         }
-        (Coding::Png16, _) => format!("16-bit grey; times the label's `png16.depth_mm_per_step`, {what}"),
-        (Coding::Png | Coding::Json, _) => what.to_owned(),
+        Coding::Png | Coding::Json => what,
     }
 }

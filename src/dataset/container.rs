@@ -1,18 +1,19 @@
 //! What holds a shard's files, a tar ([`archive`]) or a folder ([`imagefolder`]), behind one set of verbs: created,
 //! appended to, finished, put in place; measured, checked, read.
 
+use crate::files::fail_point::Step;
 use std::fs;
 use std::io;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use super::archive::{self, Files, Head};
-use super::encode::Member;
-use super::layout::Shard;
-use super::names;
-use super::{imagefolder, stats};
-use crate::config::output::Container;
-use crate::label::key;
+use super::archive::{self, Files, Head, Member};
+use super::cleanup;
+use super::imagefolder;
+use crate::files::hash;
+use crate::job::config::output::Container;
+use crate::job::label::key;
+use crate::job::layout::Shard;
 
 /// A container being written.
 pub enum Writer {
@@ -60,7 +61,7 @@ impl Container {
             Self::Tar => archive::Writer::create(partial).map(Writer::Tar),
             Self::Folder => {
                 imagefolder::free_of_others(path)?;
-                names::remove(partial)?;
+                cleanup::remove(partial)?;
                 imagefolder::Writer::create(partial, &shard.name()).map(Writer::Folder)
             }
         }
@@ -71,14 +72,16 @@ impl Container {
     pub fn put_in_place(self, partial: &Path, path: &Path) -> io::Result<()> {
         let aside = aside(path);
         if self == Self::Folder {
-            names::remove(&aside)?;
+            cleanup::remove(&aside)?;
             match fs::rename(path, &aside) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
                 _ => {}
             }
+            Step::OldShardAside.reached(path);
         }
         fs::rename(partial, path)?;
-        if self == Self::Folder { names::remove(&aside) } else { Ok(()) }
+        Step::ShardRenamed.reached(path);
+        if self == Self::Folder { cleanup::remove(&aside) } else { Ok(()) }
     }
 
     /// Bytes of the shard at `path`.
@@ -92,7 +95,7 @@ impl Container {
     /// Bytes and SHA-256 of the shard at `path`: reads all of it.
     pub fn checksum(self, path: &Path) -> io::Result<(u64, String)> {
         match self {
-            Self::Tar => Ok((fs::metadata(path)?.len(), stats::sha256_of(path)?)),
+            Self::Tar => Ok((fs::metadata(path)?.len(), hash::sha256_of(path)?)),
             Self::Folder => imagefolder::checksum(path),
         }
     }
@@ -134,6 +137,6 @@ impl Container {
 
 /// Where the folder at `path` goes while another takes its place.
 fn aside(path: &Path) -> PathBuf {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = path.file_name().expect("a shard's path ends in its name").to_string_lossy();
     path.with_file_name(format!(".{name}.replaced.partial"))
 }

@@ -5,23 +5,17 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-use crate::config::output::Layer;
-use crate::gelpad::SURFACE_BORDER;
-use crate::grid::Grid;
-use crate::optics::normals::normals;
-use crate::plan::Plan;
-use crate::render::Sample;
+use crate::job::layers::OutputLayer;
+use crate::job::plan::Plan;
+use crate::job::sample::Sample;
 
-/// What one layer holds. Pixels are row-major, as many as the image has.
+/// What one layer holds, in the form that its row says. Pixels are row-major, as many as the image has; the values of a
+/// pixel stand together.
 pub enum Content<'a> {
-    /// A number per pixel.
+    /// Of a layer of floats.
     Floats(Vec<f32>),
-    /// A vector X, Y, Z per pixel.
-    Vectors(Vec<[f32; 3]>),
-    /// A byte per pixel.
-    Grey(Cow<'a, [u8]>),
-    /// Red, green and blue per pixel.
-    Rgb(&'a [u8]),
+    /// Of a layer of bytes.
+    Bytes(Cow<'a, [u8]>),
     /// The markers.
     Markers(Positions),
 }
@@ -36,43 +30,22 @@ pub struct Positions {
 }
 
 /// What `layer` of a sample of `plan` holds.
-pub fn content<'a>(plan: &'a Plan, sample: &'a Sample, layer: Layer) -> Content<'a> {
-    let (width, height) = (sample.image.width, sample.image.height);
-    let seen = |plane: Vec<f32>| match &sample.lens {
-        Some(lens) => lens.warp_plane(&Grid { width, height, data: plane }).data,
-        None => plane,
-    };
+pub fn content<'a>(plan: &'a Plan, sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
+    let impression = &sample.impression;
     match layer {
-        Layer::Depth => Content::Floats(seen(sample.depth.below_pad().data)),
-        Layer::Surface => Content::Floats(seen(sample.contact.surface.inner(SURFACE_BORDER).data)),
-        Layer::Normal => {
-            let mut normals = normals(&sample.contact, &plan.camera);
-            if sample.lens.is_some() {
-                let planes = [0, 1, 2].map(|k| seen(normals.iter().map(|normal| normal[k]).collect()));
-                for (i, normal) in normals.iter_mut().enumerate() {
-                    let [x, y, z] = planes.each_ref().map(|plane| plane[i]);
-                    // Interpolated normals are a little short.
-                    let length = (x * x + y * y + z * z).sqrt();
-                    *normal = [x / length, y / length, z / length];
-                }
-            }
-            Content::Vectors(normals)
+        OutputLayer::Depth => Content::Floats(impression.depth_mm()),
+        OutputLayer::Surface => Content::Floats(impression.surface_mm()),
+        OutputLayer::Normal => Content::Floats(impression.normals().into_flattened()),
+        OutputLayer::Pressure => {
+            // No job asks a model for pressure that knows none; where models are exchanged to compare them, there is none.
+            let none = || vec![0.0; impression.image.width * impression.image.height];
+            Content::Floats(impression.pressure_kpa().unwrap_or_else(none))
         }
-        Layer::Pressure => {
-            let pressure = sample.contact.pressure.as_ref().map(|pressure| seen(pressure.data.clone()));
-            Content::Floats(pressure.unwrap_or_else(|| vec![0.0; width * height]))
+        OutputLayer::Contact => Content::Bytes(impression.contact_mask().into()),
+        OutputLayer::Reference => Content::Bytes((&plan.simulator.untouched().rgb).into()),
+        OutputLayer::Markers => {
+            let (rest_px, moved_px) = impression.marker_positions().into_iter().unzip();
+            Content::Markers(Positions { rest_px, moved_px })
         }
-        Layer::Contact => Content::Grey(match &sample.lens {
-            Some(lens) => lens.warp_mask(&sample.contact.mask).data.into(),
-            None => (&sample.contact.mask.data).into(),
-        }),
-        Layer::Reference => Content::Rgb(&plan.ready.body.untouched.rgb),
-        Layer::Markers => Content::Markers(match &sample.ink {
-            Some(ink) => {
-                let (rest_px, moved_px) = ink.seen(sample.lens.as_ref(), [width, height]).unzip();
-                Positions { rest_px, moved_px }
-            }
-            None => Positions::default(),
-        }),
     }
 }

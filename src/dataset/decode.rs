@@ -1,30 +1,20 @@
 //! Float layers read back, whatever format they were written in: the inverse of [`super::encode`].
 
 use super::archive::Files;
-use super::exr::{self, Planes};
-use super::npy::{self, Numbers};
-use super::png16::Steps;
-use crate::config::output::{Coding, DepthFormat, Layer};
-use crate::grid::Grid;
-
-/// Names of a float layer's channels, in alphabetical order; none for the other layers.
-pub fn channels(layer: Layer) -> &'static [&'static str] {
-    match layer {
-        Layer::Depth | Layer::Surface => &["Z"],
-        Layer::Normal => &["X", "Y", "Z"],
-        Layer::Pressure => &["P"],
-        Layer::Contact | Layer::Markers | Layer::Reference => &[],
-    }
-}
+use crate::core::base::grid::Grid;
+use crate::files::exr::{self, Planes};
+use crate::files::npy::{self, Numbers};
+use crate::job::layers::{Coding, DepthFormat, OutputLayer};
+use crate::job::steps::Steps;
 
 /// Decodes a float layer; `steps` are the label's.
-pub fn planes(layer: Layer, coding: Coding, bytes: &[u8], steps: &Steps) -> Result<Planes, String> {
+pub fn planes(layer: OutputLayer, coding: Coding, bytes: &[u8], steps: &Steps) -> Result<Planes, String> {
     match coding {
         Coding::Exr => exr::planes(bytes),
-        Coding::Npy => array(channels(layer), npy::decode_numbers(bytes)?),
-        Coding::Png16 => {
-            let Grid { width, height, data } = steps.decode(layer, bytes)?;
-            Ok(Planes { width, height, channels: vec![(channels(layer).concat(), data)] })
+        Coding::Npy => array(layer.channels(), npy::decode_numbers(bytes)?),
+        Coding::Png16(scale) => {
+            let Grid { width, height, data } = steps.decode(scale, bytes)?;
+            Ok(Planes { width, height, channels: vec![(layer.channels().concat(), data)] })
         }
         Coding::Png | Coding::Json => Err(String::from("no layer of floats")),
     }
@@ -45,9 +35,9 @@ fn array(names: &[&str], Numbers { shape, values }: Numbers) -> Result<Planes, S
 /// The depth map of a sample, mm; `None` if it was written without it.
 pub fn depth_mm(files: &Files, steps: &Steps) -> Result<Option<Grid<f32>>, String> {
     for format in DepthFormat::ALL {
-        let suffix = Layer::Depth.suffix(format);
+        let suffix = OutputLayer::Depth.suffix(format);
         let Some(bytes) = files.member(&suffix) else { continue };
-        let planes = planes(Layer::Depth, Layer::Depth.coding(format), bytes, steps);
+        let planes = planes(OutputLayer::Depth, OutputLayer::Depth.coding(format), bytes, steps);
         let Planes { width, height, channels } =
             planes.map_err(|reason| format!("{}.{suffix}: {reason}", files.key))?;
         return match channels.into_iter().next() {
@@ -63,7 +53,7 @@ pub fn depth_mm(files: &Files, steps: &Steps) -> Result<Option<Grid<f32>>, Strin
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::output::{Compression, Exr, Pixel};
+    use crate::files::exr::{Compression, Exr, Pixel};
 
     #[test]
     fn every_format_gives_the_same_planes() {
@@ -71,9 +61,9 @@ mod tests {
         let plane = |k: usize| (0..width * height).map(|i| (i * 7 % 11 + k) as f32 * 0.125).collect::<Vec<f32>>();
         let planes_of = [plane(0), plane(1), plane(2)];
         let storage = Exr { pixel: Pixel::Float, compression: Compression::Zip };
-        for layer in [Layer::Depth, Layer::Surface, Layer::Normal, Layer::Pressure] {
+        for layer in OutputLayer::ALL.into_iter().filter(|layer| !layer.channels().is_empty()) {
             let named: Vec<(&str, &[f32])> =
-                channels(layer).iter().zip(&planes_of).map(|(name, plane)| (*name, plane.as_slice())).collect();
+                layer.channels().iter().zip(&planes_of).map(|(name, plane)| (*name, plane.as_slice())).collect();
             let written: Vec<&[f32]> = named.iter().map(|(_, plane)| *plane).collect();
             let from_exr = exr::encode(width, height, &named, storage);
             let from_npy = npy::encode(width, height, &written);
@@ -86,8 +76,8 @@ mod tests {
             }
         }
         let three = npy::encode(width, height, &planes_of.each_ref().map(Vec::as_slice));
-        let refused = planes(Layer::Depth, Coding::Npy, &three, &Steps::default()).err();
+        let refused = planes(OutputLayer::Depth, Coding::Npy, &three, &Steps::default()).err();
         assert_eq!(refused.as_deref(), Some("is of shape [3, 5, 3], not rows and columns of 1 values"));
-        assert!(planes(Layer::Contact, Coding::Png, b"", &Steps::default()).is_err());
+        assert!(planes(OutputLayer::Contact, Coding::Png, b"", &Steps::default()).is_err());
     }
 }

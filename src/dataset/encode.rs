@@ -5,63 +5,54 @@ use std::io;
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
-use crate::config::output::{Coding, Exr, Layer, Pixel};
+use crate::dataset::archive::Member;
 use crate::dataset::content::{Content, content};
-use crate::dataset::decode::channels;
-use crate::dataset::{exr, npy, png};
-use crate::plan::Plan;
-use crate::render::Sample;
-
-/// One file of a sample.
-pub struct Member {
-    /// The end of its name, after key and dot.
-    pub suffix: String,
-    /// Its content.
-    pub bytes: Vec<u8>,
-}
-
-impl Member {
-    fn new(suffix: impl Into<String>, bytes: Vec<u8>) -> Self {
-        Self { suffix: suffix.into(), bytes }
-    }
-}
+use crate::files::exr::Exr;
+use crate::files::{exr, npy, png};
+use crate::job::layers::{Coding, Form, OutputLayer};
+use crate::job::plan::Plan;
+use crate::job::sample::Sample;
 
 /// Encodes the tactile image, the layers and the label.
 pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
-    let image = &sample.image;
+    let image = &sample.impression.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
-    for layer in &plan.layers {
+    for layer in &plan.layers() {
         let bytes = match content(plan, sample, *layer) {
-            Content::Floats(plane) => float_layer(plan, sample, *layer, &[&plane]),
-            Content::Vectors(vectors) => {
-                let planes: [Vec<f32>; 3] = [0, 1, 2].map(|k| vectors.iter().map(|vector| vector[k]).collect());
-                float_layer(plan, sample, *layer, &planes.each_ref().map(Vec::as_slice))
-            }
-            Content::Grey(grey) => png::encode_grey(width, height, &grey),
-            Content::Rgb(rgb) => png::encode_rgb(width, height, rgb),
+            Content::Floats(values) => match layer.channels().len() {
+                0 | 1 => float_layer(plan, sample, *layer, &[&values]),
+                count => {
+                    let plane = |k: usize| values.iter().skip(k).step_by(count).copied().collect();
+                    let planes: Vec<Vec<f32>> = (0..count).map(plane).collect();
+                    float_layer(plan, sample, *layer, &planes.iter().map(Vec::as_slice).collect::<Vec<_>>())
+                }
+            },
+            Content::Bytes(bytes) => match layer.spec().form {
+                Form::Rgb => png::encode_rgb(width, height, &bytes),
+                _ => png::encode_grey(width, height, &bytes),
+            },
             Content::Markers(positions) => json(&positions),
         };
-        members.push(Member::new(layer.suffix(plan.job.output.depth_format), bytes));
+        members.push(Member::new(layer.suffix(plan.output().depth_format), bytes));
     }
     members.push(Member::new("json", json(&sample.label)));
     members
 }
 
 /// Encodes a layer of floats in the format that the job wants.
-fn float_layer(plan: &Plan, sample: &Sample, layer: Layer, planes: &[&[f32]]) -> Vec<u8> {
-    let (width, height) = (sample.image.width, sample.image.height);
-    match layer.coding(plan.job.output.depth_format) {
+fn float_layer(plan: &Plan, sample: &Sample, layer: OutputLayer, planes: &[&[f32]]) -> Vec<u8> {
+    let (width, height) = (sample.impression.image.width, sample.impression.image.height);
+    match layer.coding(plan.output().depth_format) {
         Coding::Npy => npy::encode(width, height, planes),
-        Coding::Png16 => sample.label.png16.encode(layer, width, height, planes[0]),
+        Coding::Png16(scale) => sample.label.png16.encode(scale, width, height, planes[0]),
         _ => {
-            let storage = match layer {
-                // Half floats end at 65504 kPa, which a stiff pad exceeds.
-                Layer::Pressure => Exr { pixel: Pixel::Float, ..plan.exr },
-                _ => plan.exr,
+            let pixel = match layer.spec().form {
+                Form::Floats { pixel, .. } => pixel.unwrap_or(plan.output().exr.pixel),
+                _ => plan.output().exr.pixel,
             };
-            let named: Vec<(&str, &[f32])> = channels(layer).iter().copied().zip(planes.iter().copied()).collect();
-            exr::encode(width, height, &named, storage)
+            let named: Vec<(&str, &[f32])> = layer.channels().iter().copied().zip(planes.iter().copied()).collect();
+            exr::encode(width, height, &named, Exr { pixel, ..plan.output().exr })
         }
     }
 }

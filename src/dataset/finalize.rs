@@ -2,22 +2,24 @@
 //!
 //! Whoever finishes last does it, and doing it again gives the same bytes.
 
+use crate::files::fail_point::Step;
 use std::fs;
 use std::io;
 use std::path::PathBuf;
 
 use super::card::card;
-use super::folder::{self, Refused};
+use super::cleanup::{self, DESCRIPTIONS};
+use super::folder;
+use super::lock::Lock;
 use super::manifest::Manifest;
 use super::recorded::Recorded;
-use super::shard::{Lock, write_whole};
+use super::refused::Refused;
 use super::stats::Stats;
-use super::verify::{Depth, Finding, look};
-use crate::config::diagnostic::Report;
-use crate::plan::{fingerprint, usage};
-
-/// Files that describe a whole dataset. They are there only while it is whole.
-pub const DESCRIPTIONS: [&str; 3] = ["dataset.json", "wids.json", "README.md"];
+use super::verify::{CheckLevel, Finding, look};
+use crate::files::diagnostic::Report;
+use crate::files::diagnostic::user_error;
+use crate::files::write::write_whole;
+use crate::job::plan::fingerprint;
 
 /// What became of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,7 +35,7 @@ pub enum Finalized {
 
 /// Describes the dataset if all its shards are there and, as far as `depth` looks, what was written. Otherwise it says
 /// what is wrong, and changes nothing.
-pub fn finalize(recorded: &Recorded, depth: Depth) -> Result<Finalized, Refused> {
+pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Refused> {
     let (mut stats, mut findings) = (Vec::new(), Vec::new());
     let fingerprint = fingerprint(&recorded.job);
     for looked in look(recorded, depth)? {
@@ -50,15 +52,17 @@ pub fn finalize(recorded: &Recorded, depth: Depth) -> Result<Finalized, Refused>
     if !findings.is_empty() {
         return Ok(Finalized::Wanting(findings));
     }
+    Step::DatasetChecked.reached(&recorded.root);
     let failed = |path: PathBuf| move |error| Refused::Io(path, error);
-    let lock = folder::lock(&recorded.root);
+    let lock = cleanup::lock(&recorded.root);
     let _alone = Lock::wait(&lock).map_err(failed(lock.clone()))?;
     // Another process may have raised the number of samples since.
     let samples = recorded.layout.samples();
     if folder::recorded_samples(&recorded.root) != Some(samples) {
         return Ok(Finalized::Wanting(vec![Finding::new("job.toml", format!("no longer says {samples} samples"))]));
     }
-    folder::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
+    cleanup::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
+    Step::DatasetSwept.reached(&recorded.root);
     let manifest = Manifest::new(recorded, &stats);
     let pretty = |value: &serde_json::Value| format!("{value:#}\n");
     let [dataset, index, readme] = DESCRIPTIONS.map(|name| recorded.root.join(name));
@@ -70,6 +74,7 @@ pub fn finalize(recorded: &Recorded, depth: Depth) -> Result<Finalized, Refused>
             write_whole(&path, text.as_bytes()).map_err(failed(path.clone()))?;
         }
     }
+    Step::DatasetDescribed.reached(&recorded.root);
     Ok(Finalized::Whole { bytes: stats.iter().map(|stats| stats.bytes).sum() })
 }
 
@@ -79,7 +84,7 @@ pub fn same_version(recorded: &Recorded) -> Result<(), Report> {
     match folder::recorded_version(&recorded.root) {
         Some(there) if there != here => {
             let message = format!("{} was made by gelsim {there}, this is {here}", recorded.root.display());
-            Err(usage(message, "use that version"))
+            Err(user_error(message, "use that version"))
         }
         _ => Ok(()),
     }

@@ -1,26 +1,18 @@
 //! The folder of a dataset: made, recognised, refused if another job made it.
 
+use crate::files::fail_point::Step;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::finalize::DESCRIPTIONS;
-use super::names::{self, FOLDERS, is_foreign};
-pub use super::names::{lock, sweep};
-use super::shard::{Lock, write_whole};
-use crate::config::diagnostic::Report;
-use crate::config::document::RESOLVED;
-use crate::fidelity::Rung;
-use crate::plan::{Plan, stem, usage};
-
-/// Why a folder could not be used.
-#[derive(Debug)]
-pub enum Refused {
-    /// The user has to decide something.
-    Usage(Report),
-    /// The disk said no.
-    Io(PathBuf, io::Error),
-}
+use super::cleanup::{self, DESCRIPTIONS, FOLDERS, is_foreign, lock};
+use super::lock::Lock;
+use super::refused::Refused;
+use crate::core::fidelity::Fidelity;
+use crate::files::diagnostic::user_error;
+use crate::files::write::write_whole;
+use crate::job::config::document::RESOLVED;
+use crate::job::plan::{Plan, stem};
 
 /// Makes `root` ready for `plan`: a new folder, an empty one, or one that the same job began. Nothing in it may be a
 /// link that leads out of it. A job that differs from the recorded one only in having more samples takes the folder
@@ -31,14 +23,14 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
         move |error| Refused::Io(path, error)
     };
     let failed = |(path, error)| Refused::Io(path, error);
-    let refused = |message: String, help: &str| Err(Refused::Usage(usage(message, help)));
+    let refused = |message: String, help: &str| Err(Refused::Usage(user_error(message, help)));
     if root.as_os_str().is_empty() {
         return refused(String::from("the output folder has no name"), "choose a new or empty folder with --out");
     }
     if root.symlink_metadata().is_ok() && !root.is_dir() {
         return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
     }
-    if let Some(strange) = names::strange(root).map_err(failed)? {
+    if let Some(strange) = cleanup::strange(root).map_err(failed)? {
         return refused(
             format!("{strange}, which is not what gelsim made there"),
             "remove it, or choose another folder with --out; gelsim writes nothing through a link",
@@ -55,7 +47,7 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
             Some(text) if text.starts_with(RESOLVED) => {
                 let differs = differences(&text, plan);
                 if overwrite {
-                    if let Err(writer) = names::clear(root).map_err(failed)? {
+                    if let Err(writer) = cleanup::clear(root).map_err(failed)? {
                         let message = format!("{} cannot be replaced: {writer}", root.display());
                         return refused(message, "wait until it is done, or stop it");
                     }
@@ -81,14 +73,17 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
         let path = root.join(folder);
         fs::create_dir_all(&path).map_err(io(&path))?;
     }
+    Step::FoldersMade.reached(root);
     let lock = lock(root);
     let _alone = Lock::wait(&lock).map_err(io(&lock))?;
+    Step::DatasetLocked.reached(root);
     let grown_from = recorded_samples(root).filter(|there| *there < plan.layout.samples());
     if !job_path.exists() || grown_from.is_some() {
         // First, so that none ever stands beside a job that asks for more.
-        for name in DESCRIPTIONS.into_iter().chain([names::REPORT]) {
+        for name in DESCRIPTIONS.into_iter().chain([cleanup::REPORT]) {
             let path = root.join(name);
-            names::remove(&path).map_err(io(&path))?;
+            cleanup::remove(&path).map_err(io(&path))?;
+            Step::OldFileRemoved.reached(&path);
         }
         let text = match resolved_job(root, plan).map_err(io(&job_path))? {
             Ok(text) => text,
@@ -110,11 +105,11 @@ fn recorded_text(root: &Path) -> Option<String> {
     plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(RESOLVED))
 }
 
-/// The rung that the dataset in `root` was begun with, if there is one.
-pub fn recorded_rung(root: &Path) -> Option<Rung> {
+/// The fidelity level that the dataset in `root` was begun with, if there is one.
+pub fn recorded_rung(root: &Path) -> Option<Fidelity> {
     let job: toml::Table = recorded_text(root)?.parse().ok()?;
     let name = job.get("fidelity")?.as_str()?;
-    Rung::ALL.into_iter().find(|rung| rung.name() == name)
+    Fidelity::ALL.into_iter().find(|level| level.name() == name)
 }
 
 /// The number of samples that the dataset in `root` has or is to have.
@@ -128,19 +123,19 @@ fn samples(job: &toml::Table) -> Option<u64> {
 
 /// The version of gelsim that made the dataset in `root`.
 pub fn recorded_version(root: &Path) -> Option<String> {
-    Some(version(&recorded_text(root)?).to_owned())
+    version(&recorded_text(root)?).map(str::to_owned)
 }
 
-fn version(job: &str) -> &str {
-    let first = job.lines().next().unwrap_or_default();
-    first.strip_prefix(RESOLVED).unwrap_or_default().trim().trim_end_matches('.')
+/// What the first line of a resolved job says; `None` of another text.
+fn version(job: &str) -> Option<&str> {
+    Some(job.lines().next()?.strip_prefix(RESOLVED)?.trim().trim_end_matches('.'))
 }
 
 /// The text of `job.toml`: every default written out, paths relative to `root`, which must exist. The inner error is a
 /// path that no text can hold.
 fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>> {
     let root = root.canonicalize()?;
-    let mut job = plan.job.clone();
+    let mut job = plan.job().clone();
     for path in job.paths_mut() {
         match relative(path, &root)?.into_os_string().into_string() {
             Ok(text) => *path = if cfg!(windows) { text.replace('\\', "/") } else { text },
@@ -164,14 +159,17 @@ fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {
 /// What differs between the job of a dataset and the plan's, more samples aside, by dotted key and, where a file changed, by its name;
 /// folders aside, because contents have hashes.
 fn differences(there: &str, plan: &Plan) -> Vec<String> {
-    let version = version(there);
-    if version != env!("CARGO_PKG_VERSION") {
-        return vec![format!("gelsim {version} made it, this is {}", env!("CARGO_PKG_VERSION"))];
+    match version(there) {
+        Some(env!("CARGO_PKG_VERSION")) => {}
+        version => {
+            let version = version.unwrap_or("of another time");
+            return vec![format!("gelsim {version} made it, this is {}", env!("CARGO_PKG_VERSION"))];
+        }
     }
     let Ok(there) = there.parse::<toml::Table>() else {
         return vec![String::from("its job.toml is not valid TOML")];
     };
-    let Ok(here) = toml::Table::try_from(&plan.job) else { return Vec::new() };
+    let Ok(here) = toml::Table::try_from(plan.job()) else { return Vec::new() };
     let mut found = Vec::new();
     compare("", &toml::Value::Table(there), &toml::Value::Table(here), &mut found);
     if found.len() > MOST_NAMED {

@@ -5,6 +5,7 @@
 //! names: `(cd data/train-000000 && LC_ALL=C sha256sum *) | sha256sum`. Only files with names of ours count, and nothing
 //! in it is opened through a link.
 
+use crate::files::fail_point::Step;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
 use std::ops::ControlFlow;
@@ -13,10 +14,9 @@ use std::path::Path;
 use rustix::fs::{AtFlags, CWD, Dir, FileType, Mode, OFlags, openat, statat, unlinkat};
 use sha2::{Digest, Sha256};
 
-use super::archive::{Files, Head};
-use super::encode::Member;
-use super::shard::same_file;
-use crate::plan::hex;
+use super::archive::{Files, Head, Member};
+use crate::files::hash::hex;
+use crate::files::write::{same_file, sync_all_in};
 
 mod rows;
 
@@ -65,7 +65,8 @@ impl Writer {
     /// Brings to disk what was begun at `path`, which must still be there. Its bytes and checksum.
     pub fn finish(&mut self, path: &Path) -> io::Result<(u64, String)> {
         self.metadata.flush()?;
-        sync(&self.folder)?;
+        Step::ShardWritten.reached(path);
+        sync_all_in(&self.folder)?;
         if !same_file(&self.folder, path) {
             return Err(io::Error::other("another process has replaced it"));
         }
@@ -73,18 +74,6 @@ impl Writer {
         self.sums.add(METADATA, self.metadata_bytes, hash.as_slice());
         Ok(std::mem::take(&mut self.sums).finish())
     }
-}
-
-/// Brings a folder and all its files to disk: one call, where as many as there are files would take far longer.
-pub fn sync(folder: &File) -> io::Result<()> {
-    #[cfg(target_os = "linux")]
-    rustix::fs::syncfs(folder)?;
-    #[cfg(not(target_os = "linux"))]
-    {
-        rustix::fs::sync();
-        folder.sync_all()?;
-    }
-    Ok(())
 }
 
 /// What `sha256sum` would print, and the sum of the lengths.
@@ -249,7 +238,7 @@ pub fn read(
     for names in samples.chunk_by(|a, b| a[..9] == b[..9]) {
         let mut files = Files { key: names[0][..9].to_owned(), members: Vec::new() };
         for name in names {
-            let (key, suffix) = name.split_once('.').unwrap_or_default();
+            let (key, suffix) = name.split_once('.').ok_or_else(|| format!("{name} is not named KEY.LAYER"))?;
             let mut file = old_file(&folder, name).map_err(|error| format!("{name}: {error}"))?;
             let bytes = file.metadata().map_err(said)?.len();
             if wanted(Head { key, suffix, bytes }) {

@@ -7,13 +7,14 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::layout::Split;
 use super::recorded::{Recorded, RecordedObject};
 use super::stats::Stats;
 use super::versioned::Versioned;
-use crate::config::output::{Container, DepthFormat};
-use crate::label::SCHEMA_VERSION;
-use crate::plan::{classes, fingerprint, rung};
+use crate::job::config::output::Container;
+use crate::job::label::SCHEMA_VERSION;
+use crate::job::layers::DepthFormat;
+use crate::job::layout::Split;
+use crate::job::plan::{classes, fingerprint, level};
 
 /// Version of the manifest's keys and their meaning.
 pub const MANIFEST_VERSION: u32 = 1;
@@ -35,7 +36,7 @@ pub struct Manifest {
     pub seed: u64,
     /// Number of samples.
     pub samples: u64,
-    /// Rung of the accuracy ladder.
+    /// Fidelity level.
     pub fidelity: String,
     /// Layers beside the tactile image.
     pub layers: Vec<String>,
@@ -122,13 +123,13 @@ impl Manifest {
         });
         Self {
             manifest_version: MANIFEST_VERSION,
-            name: job.dataset.name.clone().unwrap_or_default(),
+            name: recorded.name().to_owned(),
             generator: Generator { name: "gelsim".to_owned(), version: env!("CARGO_PKG_VERSION").to_owned() },
             fingerprint: fingerprint(job),
             label_schema_version: SCHEMA_VERSION,
             seed: job.dataset.seed,
             samples: layout.samples(),
-            fidelity: rung(job).name().to_owned(),
+            fidelity: level(job).name().to_owned(),
             layers: output.layers_in_order().iter().map(|layer| layer.suffix(output.depth_format)).collect(),
             depth_format: output.depth_format,
             container: output.container,

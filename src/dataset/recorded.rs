@@ -4,12 +4,14 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use super::archive::{Files, Head};
-use super::layout::{Layout, Shard};
-use super::shard::Paths;
-use crate::config::diagnostic::{Problems, Report};
-use crate::config::{self, Job, Overrides};
-use crate::label::key;
-use crate::plan::{ids, stem, usage};
+use super::paths::Paths;
+use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Diagnostics, Report};
+use crate::job::config::object::Object;
+use crate::job::config::{self, Job, Overrides};
+use crate::job::label::key;
+use crate::job::layout::{Layout, Shard};
+use crate::job::plan::{ids, stem};
 
 /// A dataset's folder.
 pub struct Recorded {
@@ -31,18 +33,38 @@ pub struct RecordedObject {
     pub sha256: String,
 }
 
+const RESOLVED: &str = "a resolved job has a name, and of each object path and hash";
+
+/// The first key that every resolved job has and this one does not.
+fn missing(job: &Job) -> Option<String> {
+    let object = |(i, object): (usize, &Object)| match (&object.path, &object.sha256) {
+        (None, _) => Some(format!("object.{i}.path")),
+        (_, None) => Some(format!("object.{i}.sha256")),
+        _ => None,
+    };
+    let name = job.dataset.name.is_none().then(|| String::from("dataset.name"));
+    name.or_else(|| job.object.iter().enumerate().find_map(object))
+}
+
 impl Recorded {
     /// Opens the dataset at `root`.
     pub fn open(root: &Path) -> Result<Self, Report> {
         let path = root.join("job.toml");
         if !path.exists() {
             let message = format!("{} is no dataset: there is no job.toml in it", root.display());
-            return Err(usage(message, "name the folder that `gelsim generate` wrote, the one with data/ and stats/"));
+            return Err(user_error(
+                message,
+                "name the folder that `gelsim generate` wrote, the one with data/ and stats/",
+            ));
         }
-        let mut problems = Problems::default();
+        let mut problems = Diagnostics::default();
         let written = config::read(&path, &Overrides::default(), &mut problems)?;
         if !problems.is_empty() {
             return Err(Report::new(&problems, &written.document.sources));
+        }
+        if let Some(key) = missing(&written.job) {
+            let message = format!("{} has no `{key}`, as every dataset's job has", path.display());
+            return Err(user_error(message, "take back the job.toml that `gelsim generate` wrote"));
         }
         Ok(Self::new(root, written.job))
     }
@@ -52,13 +74,18 @@ impl Recorded {
         Self { root: root.to_owned(), layout: Layout::of(&job.dataset), job }
     }
 
+    /// Its name.
+    pub fn name(&self) -> &str {
+        self.job.dataset.name.as_deref().expect(RESOLVED)
+    }
+
     /// The objects, in the order of the job.
     pub fn objects(&self) -> Vec<RecordedObject> {
         let entries = &self.job.object;
-        let ids = ids(entries.iter().map(|entry| stem(entry.path.as_deref().unwrap_or_default())).collect());
+        let ids = ids(entries.iter().map(|entry| stem(entry.path.as_deref().expect(RESOLVED))).collect());
         let objects = entries.iter().zip(ids).map(|(entry, id)| RecordedObject {
             class: entry.class.clone().unwrap_or_else(|| id.clone()),
-            sha256: entry.sha256.clone().unwrap_or_default(),
+            sha256: entry.sha256.clone().expect(RESOLVED),
             id,
         });
         objects.collect()

@@ -1,21 +1,17 @@
 //! What is known of a finished shard: its `stats/NAME.json`, written last, which marks the shard as complete.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read};
-use std::path::Path;
+use std::io;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
-use super::layout::Shard;
-use super::shard::Paths;
+use super::paths::Paths;
 use super::versioned::Versioned;
-use crate::config::output::Container;
-use crate::effects::{Effect, PerEffect};
-use crate::label::Label;
-use crate::plan::hex;
-use crate::render::Seconds;
+use crate::core::base::clock::Seconds;
+use crate::core::effects::{Effect, PerEffect};
+use crate::job::config::output::Container;
+use crate::job::label::Label;
+use crate::job::layout::Shard;
 
 /// Version of the keys of stats and their meaning.
 pub const STATS_VERSION: u32 = 1;
@@ -153,17 +149,5 @@ impl Stats {
     /// True if the shard is the one that was written, byte for byte: reads all of it.
     pub fn vouches_for(&self, paths: &Paths) -> io::Result<bool> {
         Ok(self.measures(paths)? && paths.container.checksum(&paths.data)?.1 == self.sha256)
-    }
-}
-
-/// SHA-256 of a file's bytes, in lower-case hexadecimal digits.
-pub fn sha256_of(path: &Path) -> io::Result<String> {
-    let (mut file, mut hash) = (File::open(path)?, Sha256::new());
-    let mut bytes = vec![0; 1 << 18];
-    loop {
-        match file.read(&mut bytes)? {
-            0 => return Ok(hex(&hash.finalize())),
-            count => hash.update(&bytes[..count]),
-        }
     }
 }

@@ -14,21 +14,24 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::archive::{self, Files};
-use super::folder::Refused;
-use super::layout::{Shard, Split};
 use super::manifest::Manifest;
-use super::png16::Steps;
+use super::paths::Paths;
 use super::recorded::Recorded;
-use super::shard::Paths;
+use super::refused::Refused;
 use super::stats::Stats;
 use super::versioned::Versioned;
-use super::{decode, exr, imagefolder, npy, png, png16};
-use crate::config::output::{Coding, Container, Layer};
-use crate::label::{Label, SCHEMA_VERSION, key};
+use super::{decode, imagefolder};
+use crate::files::{exr, npy, png};
+use crate::job::config::output::Container;
+use crate::job::label::{Label, SCHEMA_VERSION, key};
+use crate::job::layers::{Coding, Form, OutputLayer, Scale};
+use crate::job::layout::{Shard, Split};
+use crate::job::steps;
+use crate::job::steps::Steps;
 
 /// How thoroughly to look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Depth {
+pub enum CheckLevel {
     /// Sizes only.
     Sizes,
     /// Checksums.
@@ -87,7 +90,7 @@ pub struct Looked {
 }
 
 /// Looks at every file of the dataset at `root`. Refuses a folder that is no dataset, or a newer gelsim's.
-pub fn verify(root: &Path, depth: Depth) -> Result<Verified, Refused> {
+pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
     let recorded = Recorded::open(root).map_err(Refused::Usage)?;
     let path = root.join("dataset.json");
     let manifest = Manifest::read(&path)?;
@@ -124,12 +127,12 @@ fn exchanged(one: &Looked, all: &[Looked], container: Container) -> Option<Findi
 }
 
 /// Checks every shard of a dataset and its stats.
-pub fn look(recorded: &Recorded, depth: Depth) -> Result<Vec<Looked>, Refused> {
+pub fn look(recorded: &Recorded, depth: CheckLevel) -> Result<Vec<Looked>, Refused> {
     let shards: Vec<Shard> = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number)).collect();
     shards.into_par_iter().map(|shard| look_at(recorded, shard, depth)).collect()
 }
 
-fn look_at(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Refused> {
+fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looked, Refused> {
     let paths = recorded.paths(&shard);
     let (file, stats_name) = (paths.container.file(&shard), format!("stats/{}.json", shard.name()));
     let stats = Stats::read(&paths.stats)?;
@@ -146,16 +149,20 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Re
     }
     let (mut sha256, mut bytes) = (None, None);
     let measured = match depth {
-        Depth::Sizes => paths.container.measure(&paths.data).map(|length| (length, None)),
+        CheckLevel::Sizes => paths.container.measure(&paths.data).map(|length| (length, None)),
         _ => paths.container.checksum(&paths.data).map(|(length, found)| (length, Some(found))),
     };
     match measured {
         Ok((length, found)) => {
             let same = |stats: &&Stats| found.as_ref().is_none_or(|found| stats.sha256 == *found);
             if let Some(stats) = stats.as_ref().filter(|stats| stats.bytes != length || !same(stats)) {
-                let with = |hash: &str| if found.is_some() { format!(" with SHA-256 {hash}") } else { String::new() };
-                let there = format!("it has {length} bytes{}", with(found.as_deref().unwrap_or_default()));
-                let written = format!("{} bytes{} were written", stats.bytes, with(&stats.sha256));
+                let with = |hash: &str| format!(" with SHA-256 {hash}");
+                let [of_this, of_that] = match &found {
+                    Some(found) => [with(found), with(&stats.sha256)],
+                    None => Default::default(),
+                };
+                let there = format!("it has {length} bytes{of_this}");
+                let written = format!("{} bytes{of_that} were written", stats.bytes);
                 wrong(&file, format!("is not what was written: {there}, {written}"));
             }
             (sha256, bytes) = (found, Some(length));
@@ -171,7 +178,7 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: Depth) -> Result<Looked, Re
         }
         Err(error) => wrong(&file, error.to_string()),
     }
-    if depth == Depth::Everything && bytes.is_some() {
+    if depth == CheckLevel::Everything && bytes.is_some() {
         check_files(&paths, recorded, shard).into_iter().for_each(|what| wrong(&file, what));
     }
     Ok(Looked { shard, stats, sha256, bytes, findings })
@@ -246,7 +253,7 @@ fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, fo
     }
     let format = recorded.job.output.depth_format;
     let layers = recorded.job.output.layers_in_order();
-    let suffixes: Vec<(String, Layer)> = layers.into_iter().map(|layer| (layer.suffix(format), layer)).collect();
+    let suffixes: Vec<(String, OutputLayer)> = layers.into_iter().map(|layer| (layer.suffix(format), layer)).collect();
     let of_layers = suffixes.iter().map(|(suffix, _)| suffix.as_str());
     let (expected, there): (BTreeSet<&str>, BTreeSet<&str>) = (
         of_layers.chain(["tactile.png", "json"]).collect(),
@@ -257,12 +264,12 @@ fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, fo
     let size = recorded.job.sensor.resolution_px.map(|px| px as usize);
     for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix.as_str())) {
         let layer = suffixes.iter().find(|(of, _)| of == suffix).map(|(_, layer)| *layer);
-        let checked = match layer {
+        let checked = match layer.map(|layer| (layer, layer.spec().form)) {
             None if suffix == "json" => check_label(bytes, recorded, split, index),
-            None | Some(Layer::Reference) => check_png(bytes, size, image::ColorType::Rgb8),
-            Some(Layer::Contact) => check_png(bytes, size, image::ColorType::L8),
-            Some(Layer::Markers) => check_markers(bytes),
-            Some(layer) => check_floats(layer, layer.coding(format), bytes, size),
+            None | Some((_, Form::Rgb)) => check_png(bytes, size, image::ColorType::Rgb8),
+            Some((_, Form::Grey)) => check_png(bytes, size, image::ColorType::L8),
+            Some((_, Form::Positions)) => check_markers(bytes),
+            Some((layer, Form::Floats { least, .. })) => check_floats(layer, layer.coding(format), least, bytes, size),
         };
         found.extend(checked.err().map(|what| format!("{key}.{suffix}: {what}")));
     }
@@ -277,9 +284,15 @@ fn check_png(bytes: &[u8], [width, height]: [usize; 2], color: image::ColorType)
     png::decode(bytes).map(|_| ())
 }
 
-/// A layer of floats is what belongs there, and finite.
-fn check_floats(layer: Layer, coding: Coding, bytes: &[u8], [width, height]: [usize; 2]) -> Result<(), String> {
-    let channels = decode::channels(layer);
+/// A layer of floats is what belongs there, finite, and nowhere below `least`.
+fn check_floats(
+    layer: OutputLayer,
+    coding: Coding,
+    least: f32,
+    bytes: &[u8],
+    [width, height]: [usize; 2],
+) -> Result<(), String> {
+    let channels = layer.channels();
     match coding {
         Coding::Exr => {
             // Before it is unpacked.
@@ -290,9 +303,9 @@ fn check_floats(layer: Layer, coding: Coding, bytes: &[u8], [width, height]: [us
             }
         }
         Coding::Npy => npy::check_float32(bytes)?,
-        _ => return check_steps(layer, bytes, [width, height]),
+        Coding::Png16(scale) => return check_steps(scale, bytes, [width, height]),
+        Coding::Png | Coding::Json => {}
     }
-    let least = if matches!(layer, Layer::Depth | Layer::Pressure) { 0.0 } else { f32::NEG_INFINITY };
     let planes = decode::planes(layer, coding, bytes, &Steps::default())?;
     if [planes.width, planes.height] != [width, height] {
         return Err(format!("is {}x{} px, not {width}x{height}", planes.width, planes.height));
@@ -306,9 +319,9 @@ fn check_floats(layer: Layer, coding: Coding, bytes: &[u8], [width, height]: [us
 }
 
 /// A layer in 16-bit steps is a picture of that kind, and has no value that stands for what is not finite.
-fn check_steps(layer: Layer, bytes: &[u8], size: [usize; 2]) -> Result<(), String> {
+fn check_steps(scale: Scale, bytes: &[u8], size: [usize; 2]) -> Result<(), String> {
     check_png(bytes, size, image::ColorType::L16)?;
-    let none = png16::values(bytes)?.data.iter().position(|value| layer == Layer::Surface && *value == 0);
+    let none = steps::values(bytes)?.data.iter().position(|value| scale.zero_key().is_some() && *value == 0);
     match none {
         Some(at) => Err(format!("is not finite in column {}, row {}", at % size[0], at / size[0])),
         None => Ok(()),

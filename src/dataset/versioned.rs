@@ -8,8 +8,8 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::folder::Refused;
-use crate::plan::usage;
+use super::refused::Refused;
+use crate::files::diagnostic::user_error;
 
 /// The version of the newer gelsim that wrote a file.
 #[derive(Debug)]
@@ -32,7 +32,7 @@ pub trait Versioned: DeserializeOwned {
         };
         Self::parse(&text).map_err(|Newer(version)| {
             let message = format!("{} was written by gelsim {version}, which is newer than this one", path.display());
-            Refused::Usage(usage(message, "use that version, or another folder"))
+            Refused::Usage(user_error(message, "use that version, or another folder"))
         })
     }
 

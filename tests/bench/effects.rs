@@ -10,11 +10,11 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 #[path = "../physics/plan.rs"]
 mod plan;
 
-use gelsim::effects::Gate;
-use gelsim::fidelity::Rung;
-use gelsim::metrics::statistics::median;
-use gelsim::plan::Plan;
-use gelsim::render::render;
+use gelsim::core::effects::EffectPolicy;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::lab::metrics::statistics::median;
 
 /// Renders of each plan.
 const ROUNDS: u64 = 25;
@@ -108,7 +108,7 @@ fn extent() {
     let none = of("cube", "mm", "depth_mm = 0.7\nno_contact = 1.0");
     let tenth = of("cube", "mm", "depth_mm = 0.7");
     let all = of("flat_face", "cm", "depth_mm = 0.7");
-    for rung in Rung::ALL {
+    for rung in Fidelity::ALL {
         let plans = [none.at(rung), tenth.at(rung), all.at(rung)];
         let ms = medians(&[&plans[0], &plans[1], &plans[2]]);
         let shares = (ms[0] / ms[1], ms[1] / ms[2]);
@@ -126,12 +126,12 @@ fn extent() {
 fn saved() {
     println!("\n{:<12} {:>12} {:>12} {:>9}", "job", "called for", "everywhere", "saved");
     for name in ["quickstart", "elementary", "randomized"] {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("configs/{name}.toml"));
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/{name}.toml"));
         let called = match Plan::load(&path, &Default::default()) {
             Ok(plan) => plan,
             Err(report) => panic!("{report}"),
         };
-        let everywhere = called.with_gate(Gate::All);
+        let everywhere = called.with_policy(EffectPolicy::All);
         let count = called.layout.samples().min(48);
         let step = called.layout.samples() / count;
         let mut ms = [0.0; 2];

@@ -10,30 +10,32 @@ mod plan;
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use gelsim::calibrate::{self, Geometry};
-use gelsim::camera::Shot;
-use gelsim::config::Overrides;
-use gelsim::config::output::{Compression, Exr, Pixel};
-use gelsim::dataset::{encode, exr, npy, png};
-use gelsim::depth::{self, Camera, Placement, Window};
-use gelsim::effects::{Gate, Ledger};
-use gelsim::frames::camera::{DepthCamera, Projection, Unit};
-use gelsim::frames::read;
-use gelsim::frames::run::sample;
-use gelsim::gelpad::Pad;
-use gelsim::gelpad::mean_blur::MeanBlur;
-use gelsim::grid::Rect;
-use gelsim::object::clusters::Clusters;
-use gelsim::object::mesh::Mesh;
-use gelsim::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
-use gelsim::optics::calibrated::{Calibrated, Shader, Table};
-use gelsim::plan::Plan;
-use gelsim::plan::frames::Frames;
-use gelsim::render::render;
-use gelsim::rng::{Stage, stream};
-use gelsim::scene::Scene;
+use gelsim::core::base::grid::Rect;
+use gelsim::core::base::rng::stream;
+use gelsim::core::base::view::View;
+use gelsim::core::depth::{self, Window};
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::gelpad::Pad;
+use gelsim::core::gelpad::mean_blur::MeanBlur;
+use gelsim::core::mesh::cleaning::Mesh;
+use gelsim::core::mesh::clusters::Clusters;
+use gelsim::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
+use gelsim::core::optics::calibrated::{Calibrated, Shader, Table};
+use gelsim::core::pose::Placement;
+use gelsim::dataset::encode;
+use gelsim::dataset::frames::camera::{DepthCamera, Projection, Unit};
+use gelsim::dataset::frames::read;
+use gelsim::dataset::frames::run::sample;
+use gelsim::files::exr::{Compression, Exr, Pixel};
+use gelsim::files::{exr, npy, png};
+use gelsim::job::config::Overrides;
+use gelsim::job::plan::Plan;
+use gelsim::job::plan::frames::Frames;
+use gelsim::job::sample::render;
+use gelsim::job::scene::Scene;
+use gelsim::lab::calibrate::{self, Geometry};
 
-const CAMERA: Camera = Camera { resolution_px: [640, 480], mm_per_px: [0.03125, 0.03125] };
+const CAMERA: View = View { resolution_px: [640, 480], mm_per_px: [0.03125, 0.03125] };
 
 /// What the default model of the pad asks for at a depth of 0.7 mm.
 const WINDOW: Window = Window { margin_px: 144, above_mm: 0.28 };
@@ -79,7 +81,7 @@ fn capture(c: &mut Criterion) {
     for name in ["dots", "sphere"] {
         let plan = plan(name);
         let pose = Scene::draw(&plan, 0, 0).pose.placement();
-        let object = &plan.objects[0].clusters;
+        let object = &plan.sampling.objects[0].clusters;
         group.bench_function(BenchmarkId::new("bundled", name), |b| {
             b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, WINDOW, 3.0));
         });
@@ -87,13 +89,13 @@ fn capture(c: &mut Criterion) {
     let plan = plan("dots");
     let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0, 0).pose.placement() };
     group.bench_function(BenchmarkId::new("bundled", "out of reach"), |b| {
-        b.iter(|| depth::capture(black_box(&plan.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
+        b.iter(|| depth::capture(black_box(&plan.sampling.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
     });
     group.finish();
 }
 
-fn ledger() -> Ledger {
-    Ledger::new(Gate::CalledFor)
+fn ledger() -> EffectLog {
+    EffectLog::new(EffectPolicy::WhereNeeded)
 }
 
 fn stages(c: &mut Criterion) {
@@ -102,24 +104,33 @@ fn stages(c: &mut Criterion) {
     for name in ["dots", "sphere", "flat_face"] {
         let plan = plan(name);
         let sample = render(&plan, 0);
-        group.bench_function(BenchmarkId::new("mean_blur", name), |b| b.iter(|| blur.press(black_box(&sample.depth))));
-        group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| plan.ready.shader.shade(black_box(&sample.contact), &plan.reference, &mut ledger()));
+        group.bench_function(BenchmarkId::new("mean_blur", name), |b| {
+            b.iter(|| blur.press(black_box(&sample.impression.depth)))
         });
-        let light = plan.ready.shader.shade(&sample.contact, &plan.reference, &mut ledger());
-        let shot = Shot::resting(&plan.job.camera);
+        group.bench_function(BenchmarkId::new("phong", name), |b| {
+            b.iter(|| {
+                plan.simulator.shader().shade(
+                    black_box(&sample.impression.contact),
+                    plan.simulator.background(),
+                    &mut ledger(),
+                )
+            });
+        });
+        let light =
+            plan.simulator.shader().shade(&sample.impression.contact, plan.simulator.background(), &mut ledger());
+        let shot = plan.job().camera.resting();
         group.bench_function(BenchmarkId::new("expose", name), |b| {
-            b.iter(|| plan.ready.body.expose(black_box(light.clone()), None, &shot, &mut ledger()));
+            b.iter(|| plan.simulator.camera().expose(black_box(light.clone()), None, &shot, &mut ledger()));
         });
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| render(black_box(&plan), 0)));
         group.bench_function(BenchmarkId::new("png", name), |b| {
-            b.iter(|| png::encode_rgb(640, 480, black_box(&sample.image.rgb)));
+            b.iter(|| png::encode_rgb(640, 480, black_box(&sample.impression.image.rgb)));
         });
         for (pixel, compression) in
             [(Pixel::Half, Compression::Zip), (Pixel::Half, Compression::Rle), (Pixel::Float, Compression::Zip)]
         {
             let storage = Exr { pixel, compression };
-            let depth = sample.depth.below_pad();
+            let depth = sample.impression.depth.below_pad();
             let id = BenchmarkId::new(format!("exr_{pixel:?}_{compression:?}").to_lowercase(), name);
             group.bench_function(id, |b| b.iter(|| exr::encode(640, 480, &[("Z", black_box(&depth.data))], storage)));
         }
@@ -135,7 +146,7 @@ fn stages(c: &mut Criterion) {
 
 /// Light as a calibration gives it, with as many units as one has; the weights are drawn.
 fn measured() -> Table {
-    let mut random = stream(1, Stage::Calibration, 0);
+    let mut random = stream(1, "calibration", 0);
     let mut weight = || (0.2 * random.normal()) as f32;
     let hidden: Vec<_> = (0..36).map(|_| std::array::from_fn(|_| weight())).collect();
     let outputs = (0..OUTPUTS).map(|_| (0..hidden.len() + INPUTS + 1).map(|_| weight()).collect()).collect();
@@ -148,7 +159,7 @@ fn measured() -> Table {
 fn light(c: &mut Criterion) {
     let mut group = c.benchmark_group("light");
     let (plan, table) = (plan("sphere"), measured());
-    let ball = render(&plan, 0).contact;
+    let ball = render(&plan, 0).impression.contact;
     let mut waves = ball.clone();
     let width = waves.surface.width;
     for (k, w) in waves.surface.data.iter_mut().enumerate() {
@@ -158,13 +169,13 @@ fn light(c: &mut Criterion) {
     waves.region = Rect::whole(width, waves.surface.height);
     for (name, contact) in [("ball", &ball), ("bent everywhere", &waves)] {
         group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| plan.ready.shader.shade(black_box(contact), &plan.reference, &mut ledger()));
+            b.iter(|| plan.simulator.shader().shade(black_box(contact), plan.simulator.background(), &mut ledger()));
         });
         for spacing_mm in [Calibrated::default().spacing_mm, 0.125, 0.0625] {
             let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
             let id = BenchmarkId::new(format!("calibrated_{spacing_mm}_mm"), name);
             group.bench_function(id, |b| {
-                b.iter(|| shader.shade(black_box(contact), &plan.reference, &mut ledger()));
+                b.iter(|| shader.shade(black_box(contact), plan.simulator.background(), &mut ledger()));
             });
         }
     }
@@ -197,22 +208,27 @@ fn frames(c: &mut Criterion) {
     };
     let heights = |bytes: &[u8]| {
         let frame = read::decode(bytes).unwrap_or_else(|reason| panic!("{reason}"));
-        camera.heights(frame, &plan.camera).unwrap_or_else(|problem| panic!("{problem:?}"))
+        camera.heights(frame, plan.simulator.view()).unwrap_or_else(|problem| panic!("{problem:?}"))
     };
     for name in ["dots", "sphere", "flat_face"] {
         let pressed = self::plan(name);
         let scene = Scene::draw(&pressed, 0, 0);
-        let seen = depth::pressed(&pressed, &scene, &plan.camera, Window { margin_px: 0, above_mm: 50.0 });
+        let seen = depth::captured(
+            &scene.indenter(&pressed),
+            plan.simulator.view(),
+            Window { margin_px: 0, above_mm: 50.0 },
+            pressed.thickness_mm(),
+        );
         let distances: Vec<f32> = seen.overlap.data.iter().map(|mm| 10.0 - mm).collect();
         let bytes = npy::encode(320, 240, &[&distances]);
         group.bench_function(BenchmarkId::new("whole", name), |b| {
             b.iter(|| {
-                let image = sample(&plan, 0, "frame", heights(black_box(&bytes)), None).image;
+                let image = sample(&plan, 0, "frame", heights(black_box(&bytes)), None).impression.image;
                 npy::encode_rgb(image.width, image.height, &image.rgb)
             });
         });
         if name == "sphere" {
-            let image = sample(&plan, 0, "frame", heights(&bytes), None).image;
+            let image = sample(&plan, 0, "frame", heights(&bytes), None).impression.image;
             group.bench_function(BenchmarkId::new("floor", name), |b| {
                 b.iter(|| (heights(black_box(&bytes)), npy::encode_rgb(image.width, image.height, &image.rgb)));
             });

@@ -3,8 +3,8 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use gelsim::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
-use gelsim::simd::wide;
+use gelsim::core::base::simd::simd_dispatch;
+use gelsim::core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
 
 const SIZE: [usize; 2] = [640, 480];
 const BINS: usize = 125;
@@ -33,7 +33,7 @@ fn colours(c: &mut Criterion) {
         group.bench_function(name, |b| {
             b.iter(|| {
                 let [red, green, blue] = &mut planes;
-                wide(
+                simd_dispatch(
                     #[inline(always)]
                     || {
                         for y in 0..SIZE[1] {

@@ -13,8 +13,8 @@ mod plan;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use gelsim::generate::{Request, Watch, generate};
-use gelsim::plan::Plan;
+use gelsim::dataset::generate::{Request, Watch, generate};
+use gelsim::job::plan::Plan;
 
 /// A job with one object in many poses at one rung.
 fn job(rung: &str, object: &str, resolution: [u32; 2], samples: u64) -> String {

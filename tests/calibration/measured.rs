@@ -3,22 +3,22 @@
 
 use std::sync::LazyLock;
 
-use gelsim::calibrate::run::{Calibration, Request, run};
-use gelsim::calibrate::train::Settings;
-use gelsim::config::sensor::Sensor;
+use gelsim::core::base::light::Light;
+use gelsim::core::base::simd;
+use gelsim::core::effects::EffectPolicy;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::Contact;
+use gelsim::core::optics::calibrated::Table;
 use gelsim::dataset::encode::json;
-use gelsim::effects::Gate;
-use gelsim::fidelity::Rung;
-use gelsim::gelpad::Contact;
-use gelsim::optics::Light;
-use gelsim::optics::calibrated::Table;
-use gelsim::render::render;
-use gelsim::simd;
+use gelsim::files::sensor::Sensor;
+use gelsim::job::sample::render;
+use gelsim::lab::calibrate::run::{Calibration, Request, run};
+use gelsim::lab::calibrate::train::Settings;
 use image::RgbImage;
 
+use super::recovery::GOOD;
+use super::sensor::{BACKGROUND, BALLS, CAMERA, UNSEEN, light, presses, rest, session, surface};
 use crate::plan::plan;
-use crate::recovery::GOOD;
-use crate::sensor::{BACKGROUND, BALLS, CAMERA, UNSEEN, light, presses, rest, session, surface};
 
 /// Distances of the pixels between which light is interpolated, mm: the rungs', a wide one, none.
 const SPACINGS_MM: [f64; 3] = [0.25, 0.6, 0.0];
@@ -26,7 +26,7 @@ const SPACINGS_MM: [f64; 3] = [0.25, 0.6, 0.0];
 static TABLE: LazyLock<Table> = LazyLock::new(|| GOOD.table.clone());
 
 fn picture(light: &Light) -> RgbImage {
-    gelsim::calibrate::picture(light, &rest())
+    gelsim::lab::calibrate::picture(light, &rest())
 }
 
 /// Some presses of every object.
@@ -39,7 +39,7 @@ fn a_flat_pad_is_the_background_byte_for_byte() {
     let flat = &presses("sphere", "", "0.3\nindentation.no_contact = 1.0", 1)[0].contact;
     assert!(flat.surface.data.iter().all(|w| *w == 0.0));
     for spacing_mm in SPACINGS_MM {
-        for gate in [Gate::CalledFor, Gate::All] {
+        for gate in [EffectPolicy::WhereNeeded, EffectPolicy::All] {
             assert!(picture(&light(&TABLE, spacing_mm, flat, gate)) == *BACKGROUND, "{spacing_mm} mm {gate:?}");
         }
     }
@@ -49,7 +49,7 @@ fn a_flat_pad_is_the_background_byte_for_byte() {
 fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
     let like = &BALLS[0].contact;
     let wide = like.surface.width as f32;
-    let mut random = gelsim::rng::stream(8, gelsim::rng::Stage::Relief, 0);
+    let mut random = gelsim::core::base::rng::stream(8, "relief", 0);
     let rough: Vec<f32> = like.surface.data.iter().map(|_| 3.5 * random.unit() as f32).collect();
     let surfaces = [
         ("all pressed down to the shell", surface(like, |_, _| 3.5)),
@@ -63,7 +63,7 @@ fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
     ];
     for (name, contact) in &surfaces {
         for spacing_mm in SPACINGS_MM {
-            let light = light(&TABLE, spacing_mm, contact, Gate::All);
+            let light = light(&TABLE, spacing_mm, contact, EffectPolicy::All);
             let at_rest = rest().light(light.region);
             let values = light.planes.iter().flatten().zip(at_rest.planes.iter().flatten());
             let most = values.map(|(value, rest)| (value - rest).abs()).fold(0.0, |most, change| {
@@ -90,7 +90,8 @@ fn what_is_left_out_beyond_the_press_is_less_than_a_level() {
     for contact in contacts().cloned().chain(dents) {
         let contact = &contact;
         for spacing_mm in SPACINGS_MM {
-            let [some, all] = [Gate::CalledFor, Gate::All].map(|gate| light(&TABLE, spacing_mm, contact, gate));
+            let [some, all] =
+                [EffectPolicy::WhereNeeded, EffectPolicy::All].map(|gate| light(&TABLE, spacing_mm, contact, gate));
             left_out += all.region.area() - some.region.area();
             let most = picture(&some).iter().zip(picture(&all).iter()).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(most <= Some(1), "{most:?} levels at {spacing_mm} mm");
@@ -104,9 +105,9 @@ fn processors_without_wide_vectors_give_the_same_bits() {
     for contact in contacts() {
         for spacing_mm in SPACINGS_MM {
             let bits = |light: Light| light.planes.map(|plane| plane.into_iter().map(f32::to_bits).collect::<Vec<_>>());
-            let shade = || bits(light(&TABLE, spacing_mm, contact, Gate::CalledFor));
+            let shade = || bits(light(&TABLE, spacing_mm, contact, EffectPolicy::WhereNeeded));
             let own = shade();
-            assert!(!own[0].is_empty() && own == simd::narrow(shade), "{spacing_mm} mm");
+            assert!(!own[0].is_empty() && own == simd::scalar_only(shade), "{spacing_mm} mm");
         }
     }
 }
@@ -121,7 +122,8 @@ fn the_number_of_threads_moves_no_bit_of_a_table() {
     };
     let (one, many) = (on(1), on(5));
     assert!(one.table == many.table && one.geometry == many.geometry);
-    let pictures = |found: &Calibration| found.unseen.iter().map(|unseen| unseen.simulated.clone()).collect::<Vec<_>>();
+    let pictures =
+        |found: &Calibration| found.held_out.iter().map(|held_out| held_out.simulated.clone()).collect::<Vec<_>>();
     assert!(pictures(&one) == pictures(&many));
 }
 
@@ -148,10 +150,10 @@ fn every_rung_runs_and_nears_the_reference() {
          pose = {{ x_mm = [-3.0, 3.0], y_mm = [-2.0, 2.0] }}\noutput.layers = []\n",
         path("sensor.toml").display()
     ));
-    assert_eq!((plan.models.optics.name(), plan.camera), ("calibrated", CAMERA));
-    let reference = plan.at(Rung::Reference);
-    // In the order of `Rung::ALL`, levels.
-    for (rung, bound) in Rung::ALL.into_iter().zip([20.0, 5.0, 3.0, 2.0, 0.0]) {
+    assert_eq!((plan.simulator.models().optics.name(), *plan.simulator.view()), ("calibrated", CAMERA));
+    let reference = plan.at(Fidelity::Reference);
+    // In the order of `Fidelity::ALL`, levels.
+    for (rung, bound) in Fidelity::ALL.into_iter().zip([20.0, 5.0, 3.0, 2.0, 0.0]) {
         let plan = plan.at(rung);
         let errors = (0..plan.layout.samples()).map(|index| {
             let (sample, best) = (render(&plan, index), render(&reference, index));
@@ -159,7 +161,10 @@ fn every_rung_runs_and_nears_the_reference() {
             let [x0, y0, x1, y1] = best.label.contact.bbox_px.map(|px| px as usize);
             let at = |x: usize, y: usize| 3 * (y * CAMERA.resolution_px[0] + x);
             let rows = (y0..y1).flat_map(|y| at(x0, y)..at(x1, y));
-            let levels = rows.clone().map(|k| f64::from(sample.image.rgb[k].abs_diff(best.image.rgb[k]))).sum::<f64>();
+            let levels = rows
+                .clone()
+                .map(|k| f64::from(sample.impression.image.rgb[k].abs_diff(best.impression.image.rgb[k])))
+                .sum::<f64>();
             levels / rows.count().max(1) as f64
         });
         let error = errors.sum::<f64>() / plan.layout.samples() as f64;

@@ -4,13 +4,13 @@
 
 use std::sync::LazyLock;
 
-use gelsim::calibrate::run::{Calibration, Request, run};
-use gelsim::calibrate::train::Settings;
-use gelsim::calibrate::{Seen, Session};
-use gelsim::optics::calibrated::Table;
-use gelsim::rng::{Stage, stream};
+use gelsim::core::base::rng::stream;
+use gelsim::core::optics::calibrated::Table;
+use gelsim::lab::calibrate::run::{Calibration, Request, run};
+use gelsim::lab::calibrate::train::Settings;
+use gelsim::lab::calibrate::{Observation, Session};
 
-use crate::sensor::{
+use super::sensor::{
     BACKGROUND, BALLS, CONTACT_OVER_DISC, Press, THICKNESS_MM, mean_error, presses, session, simulated, uncalibrated,
 };
 
@@ -37,9 +37,9 @@ fn calibrated(session: Session, request: &Request) -> Calibration {
 
 /// Errors on unseen presses of each object, printed; none over its bound.
 fn assert_errors(what: &str, table: &Table, bounds: [f64; 4]) {
-    let errors = crate::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |c| simulated(table, c)));
+    let errors = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |c| simulated(table, c)));
     println!("{what}: {errors:.2?}");
-    for ((error, bound), (name, _)) in errors.iter().zip(bounds).zip(&*crate::sensor::UNSEEN) {
+    for ((error, bound), (name, _)) in errors.iter().zip(bounds).zip(&*super::sensor::UNSEEN) {
         assert!(*error <= bound, "{what}, {name}: {error:.2} levels, at most {bound}");
     }
 }
@@ -53,46 +53,48 @@ fn good_presses_teach_the_light_of_unseen_presses_and_shapes() {
     let (found, table) = (&*GOOD, GOOD.table.clone());
     println!("{:?}, cross-validated {:?}", found.geometry, found.errors());
     assert!((found.geometry.contact_over_disc - CONTACT_OVER_DISC).abs() <= 0.031, "{:?}", found.geometry);
-    let bare = crate::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |_| BACKGROUND.clone()));
-    let phong = crate::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, uncalibrated));
+    let bare = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |_| BACKGROUND.clone()));
+    let phong = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, uncalibrated));
     println!("ball, cylinder, cone, dots: background alone {bare:.2?}, not calibrated {phong:.2?}");
     assert_errors("calibrated", &table, [2.1, 1.9, 10.0, 3.1]);
-    for ((name, presses), other) in crate::sensor::UNSEEN.iter().zip(bare.iter().zip(&phong)) {
+    for ((name, presses), other) in super::sensor::UNSEEN.iter().zip(bare.iter().zip(&phong)) {
         let error = mean_error(presses, |contact| simulated(&table, contact));
         let (bare, phong) = other;
         assert!(error < 0.5 * bare && error < 0.3 * phong, "{name}: {error} levels, {bare} and {phong} without");
     }
-    let doubted = names(found.session.seen.iter().map(|seen| &seen.file).zip(&found.suspicions));
+    let doubted =
+        names(found.session.observations.iter().map(|observation| &observation.file).zip(&found.outlier_reasons));
     assert!(doubted.len() <= 1, "{doubted:?}");
 }
 
 #[test]
 fn circles_that_are_off_by_two_pixels_cost_little() {
     let mut session = session(BALLS.iter());
-    for (k, seen) in session.seen.iter_mut().enumerate() {
-        let mut random = stream(1, Stage::X, k as u64);
+    for (k, observation) in session.observations.iter_mut().enumerate() {
+        let mut random = stream(1, "x", k as u64);
         let (sin, cos) = (std::f64::consts::TAU * random.unit()).sin_cos();
-        let [x, y] = seen.circle.centre_px;
-        seen.circle.centre_px = [x + 2.0 * cos, y + 2.0 * sin];
+        let [x, y] = observation.circle.centre_px;
+        observation.circle.centre_px = [x + 2.0 * cos, y + 2.0 * sin];
     }
     assert_errors("2 px off", &calibrated(session, &told()).table, [2.7, 2.1, 10.6, 3.3]);
 }
 
 /// Three of thirty presses are wrong: a circle elsewhere, one too large, one too small.
-fn spoil(seen: &mut [Seen]) -> [String; 3] {
-    let [x, y] = seen[4].circle.centre_px;
-    seen[4].circle.centre_px = [x + if x > 100.0 { -30.0 } else { 30.0 }, y];
-    seen[11].circle.radius_px *= 1.6;
-    seen[23].circle.radius_px *= 0.55;
-    [4, 11, 23].map(|k| seen[k].file.clone())
+fn spoil(observations: &mut [Observation]) -> [String; 3] {
+    let [x, y] = observations[4].circle.centre_px;
+    observations[4].circle.centre_px = [x + if x > 100.0 { -30.0 } else { 30.0 }, y];
+    observations[11].circle.radius_px *= 1.6;
+    observations[23].circle.radius_px *= 0.55;
+    [4, 11, 23].map(|k| observations[k].file.clone())
 }
 
 #[test]
 fn bad_presses_are_named_and_left_out_if_that_is_wished() {
     let mut session = session(BALLS.iter());
-    let bad = spoil(&mut session.seen);
+    let bad = spoil(&mut session.observations);
     let kept = calibrated(session.clone(), &told());
-    let doubted = names(kept.session.seen.iter().map(|seen| &seen.file).zip(&kept.suspicions));
+    let doubted =
+        names(kept.session.observations.iter().map(|observation| &observation.file).zip(&kept.outlier_reasons));
     println!("doubted {doubted:?}");
     assert!(bad.iter().all(|file| doubted.contains(&file.as_str())), "{doubted:?}");
     assert!(doubted.len() <= bad.len() + 1 && kept.dropped.is_empty(), "{doubted:?}");
@@ -103,7 +105,7 @@ fn bad_presses_are_named_and_left_out_if_that_is_wished() {
     println!("dropped {dropped:?}");
     assert!(bad.iter().all(|file| dropped.contains(&file.as_str())), "{dropped:?}");
     // Two good ones went with them when this was written: beside the one that is left, they look odd.
-    assert!(dropped.len() <= bad.len() + 2 && left.session.seen.len() + dropped.len() == 30, "{dropped:?}");
+    assert!(dropped.len() <= bad.len() + 2 && left.session.observations.len() + dropped.len() == 30, "{dropped:?}");
     assert_errors("bad presses left out", &left.table, [2.1, 1.9, 10.4, 3.1]);
 }
 

@@ -3,27 +3,28 @@
 
 use std::sync::LazyLock;
 
-use gelsim::calibrate::{Seen, Session, picture};
-use gelsim::config::sensor::Sensor;
-use gelsim::depth::Camera;
-use gelsim::effects::{Gate, Ledger};
-use gelsim::fidelity::Rung;
-use gelsim::gelpad::Contact;
-use gelsim::grid::Rect;
-use gelsim::label::Label;
-use gelsim::metrics::image::mae;
-use gelsim::optics::background::Reference;
-use gelsim::optics::calibrated::{self, Calibrated, Table};
-use gelsim::optics::{Light, Shader};
-use gelsim::presses::Circle;
-use gelsim::render::render;
-use gelsim::rng::{Stage, stream};
+use gelsim::core::base::grid::Rect;
+use gelsim::core::base::light::Light;
+use gelsim::core::base::rng::stream;
+use gelsim::core::base::view::View;
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::Contact;
+use gelsim::core::optics::Shader;
+use gelsim::core::optics::background::BackgroundImage;
+use gelsim::core::optics::calibrated::{self, Calibrated, Table};
+use gelsim::files::sensor::Sensor;
+use gelsim::job::label::Label;
+use gelsim::job::sample::render;
+use gelsim::lab::calibrate::{Observation, Session, picture};
+use gelsim::lab::metrics::image::mae;
+use gelsim::lab::presses::Circle;
 use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
 use crate::plan::plan;
 
-pub const CAMERA: Camera = Camera { resolution_px: [200, 150], mm_per_px: [0.08; 2] };
+pub const CAMERA: View = View { resolution_px: [200, 150], mm_per_px: [0.08; 2] };
 pub const THICKNESS_MM: f64 = 3.5;
 pub const CONTACT_OVER_DISC: f64 = 0.95;
 const NOISE_LEVELS: f64 = 1.5;
@@ -85,8 +86,8 @@ pub fn presses(object: &str, pose: &str, depth_mm: &str, count: u64) -> Vec<Pres
         let centre_px = [0, 1].map(|k| (CAMERA.resolution_px[k] as f64 - 1.0) / 2.0 + at[k] / CAMERA.mm_per_px[k]);
         let contact_px = (sample.label.contact.area_mm2 / std::f64::consts::PI).sqrt() / CAMERA.mm_per_px[0];
         Press {
-            image: rgb(&sample.image.rgb),
-            contact: sample.contact,
+            image: rgb(&sample.impression.image.rgb),
+            contact: sample.impression.contact,
             disc: Circle { centre_px, radius_px: contact_px / CONTACT_OVER_DISC },
             label: sample.label,
         }
@@ -100,7 +101,7 @@ fn rgb(bytes: &[u8]) -> RgbImage {
 }
 
 fn noisy(image: &RgbImage, levels: f64, seed: u64) -> RgbImage {
-    let mut random = stream(seed, Stage::Noise, 0);
+    let mut random = stream(seed, "noise", 0);
     let mut picture = image.clone();
     for value in picture.iter_mut() {
         *value = (f64::from(*value) + levels * random.normal()).round().clamp(0.0, 255.0) as u8;
@@ -132,7 +133,7 @@ pub static BACKGROUND: LazyLock<RgbImage> = LazyLock::new(|| {
 
 /// What the user has of presses.
 pub fn session<'a>(presses: impl IntoIterator<Item = &'a Press>) -> Session {
-    let seen = |(k, press): (usize, &Press)| Seen {
+    let observation = |(k, press): (usize, &Press)| Observation {
         file: format!("{k:02}.png"),
         image: noisy(&press.image, NOISE_LEVELS, k as u64),
         circle: press.disc,
@@ -144,32 +145,32 @@ pub fn session<'a>(presses: impl IntoIterator<Item = &'a Press>) -> Session {
         field_of_view_mm: [0, 1].map(|k| CAMERA.resolution_px[k] as f64 * CAMERA.mm_per_px[k]),
         ..Sensor::default()
     };
-    let seen = presses.into_iter().enumerate().map(seen).collect();
-    Session { sensor, camera: CAMERA, background: BACKGROUND.clone(), seen }
+    let observations = presses.into_iter().enumerate().map(observation).collect();
+    Session { sensor, camera: CAMERA, background: BACKGROUND.clone(), observations }
 }
 
 /// The picture of the untouched pad as shaders take it.
-pub fn rest() -> Reference {
+pub fn rest() -> BackgroundImage {
     let [width, height] = CAMERA.resolution_px;
-    Reference::new(width, height, BACKGROUND.as_raw().clone())
+    BackgroundImage::new(width, height, BACKGROUND.as_raw().clone())
 }
 
 /// A table's light of a surface.
-pub fn light(table: &Table, spacing_mm: f64, contact: &Contact, gate: Gate) -> Light {
+pub fn light(table: &Table, spacing_mm: f64, contact: &Contact, gate: EffectPolicy) -> Light {
     let shader = calibrated::Shader::new(Calibrated { spacing_mm }, Some(table), &CAMERA);
-    shader.shade(contact, &rest(), &mut Ledger::new(gate))
+    shader.shade(contact, &rest(), &mut EffectLog::new(gate))
 }
 
 /// A table's picture of a surface.
 pub fn simulated(table: &Table, contact: &Contact) -> RgbImage {
-    picture(&light(table, Calibrated::default().spacing_mm, contact, Gate::CalledFor), &rest())
+    picture(&light(table, Calibrated::default().spacing_mm, contact, EffectPolicy::WhereNeeded), &rest())
 }
 
 /// The picture of a surface by those who do not calibrate.
 pub fn uncalibrated(contact: &Contact) -> RgbImage {
-    let model = Rung::Standard.choices(false).optics;
-    let shader = Shader::new(&model, None, &session([]).sensor, &CAMERA, None);
-    picture(&shader.shade(contact, &rest(), &mut Ledger::new(Gate::CalledFor)), &rest())
+    let model = Fidelity::Standard.models(false).optics;
+    let shader = Shader::new(&model, None, &session([]).sensor.illumination(), &CAMERA, None);
+    picture(&shader.shade(contact, &rest(), &mut EffectLog::new(EffectPolicy::WhereNeeded)), &rest())
 }
 
 /// Mean absolute error around the contact, levels: in the box that holds it.

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use crate::support::{Folder, assert_same_files, edited, members};
 
-/// The "real" sensor: other lamps, another pad, noise.
+/// The "real" sensor: other LEDs, another pad, noise.
 const REAL: &str = r#"
 [dataset]
 name = "real"
@@ -469,7 +469,7 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     lines[8] += ",more";
     folder.write("real/labels.csv", lines.join("\n"));
     folder.write("real/images/000000008.png", &folder.read_bytes("real/images/000000008.png")[..90]);
-    let other = gelsim::dataset::png::encode_rgb(20, 10, &[7; 600]);
+    let other = gelsim::files::png::encode_rgb(20, 10, &[7; 600]);
     folder.write("real/images/000000009.png", other);
     let wrong = edited(
         RECIPE,
@@ -548,19 +548,19 @@ fn an_image_that_cannot_be_unpacked_ends_the_run_and_nothing_is_left_of_it() {
     assert!(left.is_empty(), "{left:?}");
 }
 
-/// The lamps of the "real" sensor, as a recipe has them.
-fn lamps() -> &'static str {
+/// The LEDs of the "real" sensor, as a recipe has them.
+fn leds() -> &'static str {
     let from = REAL.find("[[sensor.led]]").expect("lamps");
     &REAL[from..REAL.find("[[object]]").expect("objects")]
 }
 
 #[test]
-fn twins_are_made_of_samples_whose_object_is_known_and_lie_where_the_image_is_not_where_a_wrong_label_says() {
+fn counterparts_are_made_of_samples_whose_object_is_known_and_lie_where_the_image_is_not_where_a_wrong_label_says() {
     let folder = with_table();
     let objects = "[[object]]\npath = \"cube.obj\"\n[[object]]\npath = \"cone.obj\"\n";
     let recipe = format!(
         "[input]\npath = \"real\"\nbackground = \"background.png\"\n{}{objects}[paired]\n[pose]\nanchor = \"origin\"\n",
-        lamps()
+        leds()
     );
     folder.write("augment.toml", recipe);
     let offset = |out: &str| {
@@ -607,7 +607,7 @@ fn twins_are_made_of_samples_whose_object_is_known_and_lie_where_the_image_is_no
 }
 
 #[test]
-fn a_quaternion_in_the_labels_turns_a_twin_whatever_side_faces_the_pad() {
+fn a_quaternion_in_the_labels_turns_a_counterpart_whatever_side_faces_the_pad() {
     let any_side = [
         ("yaw_deg = [0.0, 90.0]", "face = \"any\"\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 20.0]"),
         ("read_noise_levels = 1.5", "read_noise_levels = 0.0"),
@@ -617,19 +617,19 @@ fn a_quaternion_in_the_labels_turns_a_twin_whatever_side_faces_the_pad() {
     let objects = "[[object]]\npath = \"cube.obj\"\n[[object]]\npath = \"cone.obj\"\n";
     folder.write(
         "augment.toml",
-        format!("[input]\npath = \"out/real\"\nbackground = \"rendered\"\n{}{objects}[paired]\n", lamps()),
+        format!("[input]\npath = \"out/real\"\nbackground = \"rendered\"\n{}{objects}[paired]\n", leds()),
     );
     folder.succeed("augment augment.toml --out larger --quiet");
-    let mut twins = 0;
+    let mut counterparts = 0;
     for (_, members) in folder.samples("larger") {
         let label: Value = serde_json::from_slice(&members["json"]).expect("JSON");
         if label["source"] == "twin" {
             let done: Value = serde_json::from_str(label["augmentation"].as_str().expect("text")).expect("JSON");
             assert!(done["correlation"].as_f64().expect("a number") > 0.99, "{label}");
-            twins += 1;
+            counterparts += 1;
         }
     }
-    assert_eq!(twins, 24);
+    assert_eq!(counterparts, 24);
 
     // Without one part the rotation is not known.
     folder.write("augment.toml", folder.read("augment.toml") + "[input.columns]\nquaternion_w = \"health.reason\"\n");

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use image::{Rgb, RgbImage};
 use sha2::{Digest, Sha256};
 
-use crate::calibrated::{SIZE_PX, add_sensor, rest};
+use super::calibrated::{SIZE_PX, add_sensor, rest};
 use crate::support::{Folder, assert_same_files, json};
 
 /// Column, row and radius of circles.
@@ -162,15 +162,21 @@ fn calibrated(folder: &Folder, threads: &str) -> (BTreeMap<String, Vec<u8>>, Str
     (written, text(&output.stdout), text(&output.stderr))
 }
 
-/// One test, because a fit takes half a minute.
+/// One test, because a fit takes half a minute; two fits side by side.
 #[test]
 fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
-    let folder = good();
-    // The first circle is left to be found, the last is wrong.
-    let table = folder.read("presses.csv").replace("\n0.png,30,25,8,", "\n0.png,,,,");
-    folder.write("presses.csv", table.replace("\n6.png,72,22,", "\n6.png,40,60,"));
-    let (files, shown, said) = calibrated(&folder, "3");
-    let (again, shown_again, said_again) = calibrated(&folder, "1");
+    let fit = |threads: &str| {
+        let folder = good();
+        // The first circle is left to be found, the last is wrong.
+        let table = folder.read("presses.csv").replace("\n0.png,30,25,8,", "\n0.png,,,,");
+        folder.write("presses.csv", table.replace("\n6.png,72,22,", "\n6.png,40,60,"));
+        let made = calibrated(&folder, threads);
+        (folder, made)
+    };
+    let ((folder, (files, shown, said)), (_, (again, shown_again, said_again))) = std::thread::scope(|scope| {
+        let alone = scope.spawn(|| fit("1"));
+        (fit("3"), alone.join().expect("a fit"))
+    });
     assert_same_files(&files, &again);
     assert!((shown.as_str(), said.as_str()) == (shown_again.as_str(), said_again.as_str()), "{said}\n{said_again}");
 

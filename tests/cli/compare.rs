@@ -21,7 +21,7 @@ fn save(folder: &Folder, name: &str, picture: &RgbImage) {
     picture.save(path).expect("an image");
 }
 
-/// Two real images with a table, one without contact, and their flat twins, 3 and 5 levels bluer.
+/// Two real images with a table, one without contact, and their flat counterparts, 3 and 5 levels bluer.
 fn pairs() -> Folder {
     let folder = Folder::new();
     for (name, radius, blue) in [("1", 12.0, 3), ("2", 9.0, 5)] {

@@ -1,51 +1,53 @@
-//! Rungs, models and bounds: what each makes and says of itself, how a bound chooses a rung, how long that choice
-//! lasts, and that nothing of one sample is left in the next.
+//! Fidelity levels, models and bounds: what each makes and says of itself, how a bound chooses a fidelity level, how
+//! long that choice lasts, and that nothing of one sample is left in the next.
 
 use std::fs;
 
-use gelsim::config::output::Layer;
-use gelsim::config::{self, Overrides, diagnostic::Problems};
-use gelsim::fidelity::{Fidelity, Rung};
-use gelsim::gelpad::Model;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
-use gelsim::tradeoff::choose::{choose, spread};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::Model;
+use gelsim::files::diagnostic::Diagnostics;
+use gelsim::job::config::fidelity::FidelityChoice;
+use gelsim::job::config::{self, Overrides};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
+use gelsim::lab::tradeoff::choose::{choose, spread};
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, assert_same_files, edited, exr_planes, json, repository};
 
-/// [`JOB`] with a bound in the place of a rung.
+/// [`JOB`] with a bound in the place of a fidelity level.
 fn bounded(bound: &str) -> Folder {
     Folder::with_job(&edited(JOB, &[("\n[dataset]", &format!("\nfidelity = {{ {bound} }}\n[dataset]"))]))
 }
 
-/// The rung that the dataset `name` was made with, as its job says.
+/// The level that the dataset `name` was made with, as its job says.
 fn recorded(folder: &Folder, name: &str) -> String {
     let job: toml::Table = folder.read(&format!("{name}/job.toml")).parse().expect("TOML");
     job["fidelity"].as_str().expect("the name of a rung").to_owned()
 }
 
-/// True if a run said that it chose a rung.
+/// True if a run said that it chose a fidelity level.
 fn chose(said: &str) -> bool {
     said.contains("note: fidelity ") && said.contains(" chosen: ")
 }
 
 fn plan(text: &str) -> Plan {
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let folder = repository().join("objects");
     let written = config::read_text("job.toml", text.to_owned(), &folder, &Overrides::default(), &mut problems);
     Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"))
 }
 
 #[test]
-fn every_rung_names_itself_and_its_models_in_labels_and_job() {
+fn every_level_names_itself_and_its_models_in_labels_and_job() {
     let folder = Folder::with_job(JOB);
-    for rung in Rung::ALL {
-        let name = rung.name();
+    for level in Fidelity::ALL {
+        let name = level.name();
         folder.succeed(&format!("generate job.toml --quiet --out {name} --fidelity {name}"));
         assert_eq!(recorded(&folder, name), name);
         let job: toml::Table = folder.read(&format!("{name}/job.toml")).parse().expect("TOML");
-        let choices = rung.choices(false);
+        let choices = level.models(false);
         assert_eq!(job["gelpad"], toml::Value::try_from(&choices.gelpad).expect("TOML"));
         assert_eq!(job["optics"], toml::Value::try_from(&choices.optics).expect("TOML"));
         for label in folder.labels(name).values() {
@@ -58,19 +60,19 @@ fn every_rung_names_itself_and_its_models_in_labels_and_job() {
 }
 
 #[test]
-fn the_rung_of_a_job_is_the_same_as_that_of_the_command_line() {
+fn the_level_of_a_job_is_the_same_as_that_of_the_command_line() {
     let folder = Folder::with_job(JOB);
-    for rung in ["paper", "draft"] {
-        folder.write("own.toml", edited(JOB, &[("\n[dataset]", &format!("\nfidelity = \"{rung}\"\n[dataset]"))]));
-        folder.succeed(&format!("generate own.toml --quiet --out own-{rung}"));
-        folder.succeed(&format!("generate job.toml --quiet --out flag-{rung} --fidelity {rung}"));
+    for level in ["paper", "draft"] {
+        folder.write("own.toml", edited(JOB, &[("\n[dataset]", &format!("\nfidelity = \"{level}\"\n[dataset]"))]));
+        folder.succeed(&format!("generate own.toml --quiet --out own-{level}"));
+        folder.succeed(&format!("generate job.toml --quiet --out flag-{level} --fidelity {level}"));
         assert_same_files(
-            &folder.lasting_files(&format!("own-{rung}")),
-            &folder.lasting_files(&format!("flag-{rung}")),
+            &folder.lasting_files(&format!("own-{level}")),
+            &folder.lasting_files(&format!("flag-{level}")),
         );
     }
     folder.succeed("generate job.toml --quiet --out silent");
-    assert_eq!(recorded(&folder, "silent"), Rung::default().name(), "a job that says nothing");
+    assert_eq!(recorded(&folder, "silent"), Fidelity::default().name(), "a job that says nothing");
 }
 
 #[test]
@@ -96,7 +98,7 @@ fn every_model_names_itself_and_knows_force_and_pressure_or_says_null() {
 }
 
 #[test]
-fn every_model_that_is_left_out_of_no_rung_makes_another_surface() {
+fn every_model_that_is_left_out_of_no_level_makes_another_surface() {
     let folder = Folder::with_job(&edited(JOB, &[("[\"depth\", \"contact\"]", "[\"surface\"]")]));
     let models = ["none", "mean_blur", "gaussian", "elastic"];
     for model in models {
@@ -117,9 +119,9 @@ fn the_pressure_layer_adds_up_to_the_force_and_reaches_the_peak() {
         .enumerate()
     {
         let folder = Folder::with_job(&job);
-        for rung in ["draft", "standard", "high", "reference"] {
-            let out = format!("{rung}-{number}");
-            let flags = format!("--out {out} --fidelity {rung}{sensor}");
+        for level in ["draft", "standard", "high", "reference"] {
+            let out = format!("{level}-{number}");
+            let flags = format!("--out {out} --fidelity {level}{sensor}");
             folder.succeed(&format!("generate job.toml --quiet --set output.exr.pixel=\"float\" {flags}"));
             let mut pressed = 0;
             for members in folder.samples(&out).values() {
@@ -141,7 +143,7 @@ fn the_pressure_layer_adds_up_to_the_force_and_reaches_the_peak() {
                 pressed += u32::from(force > 0.0);
                 // A solver's grid that is coarser than the image misses a tip between its points: contact without force.
                 let in_contact = label["contact"]["in_contact"] == true;
-                assert!(in_contact == (force > 0.0) || in_contact && matches!(rung, "draft" | "standard"), "{label}");
+                assert!(in_contact == (force > 0.0) || in_contact && matches!(level, "draft" | "standard"), "{label}");
             }
             assert!((1..8).contains(&pressed), "samples with and without force must have been seen");
         }
@@ -149,31 +151,32 @@ fn the_pressure_layer_adds_up_to_the_force_and_reaches_the_peak() {
 }
 
 #[test]
-fn a_bound_chooses_the_cheapest_rung_that_keeps_it() {
+fn a_bound_chooses_the_cheapest_level_that_keeps_it() {
     let plan = plan(JOB);
     let indices: Vec<u64> = (0..plan.layout.samples()).collect();
-    let samples = |rung| indices.iter().map(|index| render(&plan.at(rung), *index)).collect::<Vec<Sample>>();
-    let exact = samples(Rung::Reference);
+    let samples = |level| indices.iter().map(|index| render(&plan.at(level), *index)).collect::<Vec<Sample>>();
+    let exact = samples(Fidelity::Reference);
     // In 64 bits, over the surface and its border; the worst sample counts.
-    let worst = |rung| {
+    let worst = |level| {
         let rms = |(sample, exact): (&Sample, &Sample)| {
-            let (a, b) = (&sample.contact.surface.data, &exact.contact.surface.data);
+            let (a, b) = (&sample.impression.contact.surface.data, &exact.impression.contact.surface.data);
             let squares = a.iter().zip(b).map(|(a, b)| (1e3 * (f64::from(*a) - f64::from(*b))).powi(2));
             (squares.sum::<f64>() / a.len() as f64).sqrt()
         };
-        samples(rung).iter().zip(&exact).map(rms).fold(0.0, f64::max)
+        samples(level).iter().zip(&exact).map(rms).fold(0.0, f64::max)
     };
-    let errors = Rung::ALL.map(worst);
+    let errors = Fidelity::ALL.map(worst);
     assert_eq!(errors[4], 0.0);
     let mut chosen = Vec::new();
     for bound in errors.iter().flat_map(|um| [um * 0.999, um * 1.001]).chain([1e-3, 1e5]).filter(|um| *um > 0.0) {
-        let expected = Rung::ALL.into_iter().zip(errors).find(|(_, um)| *um <= bound).expect("the reference keeps any");
-        let found = choose(&plan, Fidelity::MaxErrorUm(bound)).unwrap_or_else(|report| panic!("{report}"));
-        assert_eq!(found.rung, expected.0, "{bound} um of {errors:?}");
+        let expected =
+            Fidelity::ALL.into_iter().zip(errors).find(|(_, um)| *um <= bound).expect("the reference keeps any");
+        let found = choose(&plan, FidelityChoice::MaxErrorUm(bound)).unwrap_or_else(|report| panic!("{report}"));
+        assert_eq!(found.level, expected.0, "{bound} um of {errors:?}");
         assert!((found.error_um - expected.1).abs() <= 1e-9 * expected.1, "{} um", found.error_um);
-        chosen.push(found.rung);
+        chosen.push(found.level);
     }
-    chosen.sort_by_key(|rung| rung.name());
+    chosen.sort_by_key(|level| level.name());
     chosen.dedup();
     assert!(chosen.len() >= 4, "the bounds must tell rungs apart: {chosen:?}");
 }
@@ -199,7 +202,7 @@ fn samples_are_probed_all_over_the_job_and_not_in_step_with_its_objects() {
 }
 
 #[test]
-fn the_chosen_rung_is_recorded_and_makes_the_bytes_that_the_rung_makes_by_name() {
+fn the_chosen_level_is_recorded_and_makes_the_bytes_that_the_level_makes_by_name() {
     for (bound, expected) in
         [("max_error_um = 1e5", "paper"), ("max_error_um = 0.001", "reference"), ("max_ms = 1e6", "reference")]
     {
@@ -233,7 +236,7 @@ fn a_bound_leaves_the_light_that_the_job_names() {
 }
 
 #[test]
-fn a_run_that_goes_on_keeps_the_rung_it_began_with_and_does_not_choose_again() {
+fn a_run_that_goes_on_keeps_the_level_it_began_with_and_does_not_choose_again() {
     let folder = bounded("max_error_um = 1e5");
     assert!(chose(&folder.succeed("generate job.toml --out whole")));
     folder.succeed("generate job.toml --quiet --out out");
@@ -241,7 +244,7 @@ fn a_run_that_goes_on_keeps_the_rung_it_began_with_and_does_not_choose_again() {
     let said = folder.succeed("generate job.toml --out out");
     assert!(!chose(&said) && said.contains(" in 1 shard,"), "{said}");
     assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
-    // A folder that was begun with a rung that the bound would not choose.
+    // A folder that was begun with a fidelity level that the bound would not choose.
     folder.succeed("generate job.toml --quiet --out draft --fidelity draft --shards 0..1");
     let said = folder.succeed("generate job.toml --out draft");
     assert!(!chose(&said) && said.contains("1 shard was there already"), "{said}");
@@ -279,41 +282,41 @@ fn parts_cannot_choose_but_may_go_on_with_what_was_chosen() {
         assert!(!chose(&folder.succeed(&format!("generate job.toml --out parts {part}"))));
     }
     assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("parts"));
-    // Named, a rung needs no choice.
+    // Named, a fidelity level needs no choice.
     folder.succeed("generate job.toml --quiet --out named --fidelity paper --partition 0/2");
     folder.succeed("generate job.toml --quiet --out named --fidelity paper --partition 1/2");
     assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("named"));
 }
 
 #[test]
-fn a_rung_on_the_command_line_replaces_a_bound_without_probing() {
+fn a_level_on_the_command_line_replaces_a_bound_without_probing() {
     let folder = bounded("max_ms = 0.001");
-    for rung in ["paper", "high"] {
-        let said = folder.succeed(&format!("generate job.toml --out {rung} --fidelity {rung}"));
+    for level in ["paper", "high"] {
+        let said = folder.succeed(&format!("generate job.toml --out {level} --fidelity {level}"));
         assert!(!chose(&said), "{said}");
-        assert_eq!(recorded(&folder, rung), rung);
+        assert_eq!(recorded(&folder, level), level);
     }
     let said = folder.succeed("generate job.toml --out set --set fidelity=\"draft\"");
     assert!(!chose(&said) && recorded(&folder, "set") == "draft", "{said}");
-    // And a bound on the command line replaces a rung.
+    // And a bound on the command line replaces a fidelity level.
     let folder = Folder::with_job(&edited(JOB, &[("\n[dataset]", "\nfidelity = \"high\"\n[dataset]")]));
     let said = folder.succeed("generate job.toml --out out --set fidelity={max_error_um=99999}");
     assert!(chose(&said) && recorded(&folder, "out") == "paper", "{said}");
 }
 
 #[test]
-fn a_time_that_no_rung_keeps_is_refused_with_what_was_measured() {
+fn a_time_that_no_level_keeps_is_refused_with_what_was_measured() {
     let folder = bounded("max_ms = 0.001");
     for command in ["generate job.toml", "generate job.toml --quiet", "preview job.toml --out sheet.png"] {
         let text = folder.fail(command, 2);
-        assert!(text.contains("error: no rung renders a sample of this job in 0.001 ms"), "{text}");
-        for rung in Rung::ALL {
+        assert!(text.contains("error: no fidelity level renders a sample of this job in 0.001 ms"), "{text}");
+        for level in Fidelity::ALL {
             let figures =
-                text.split_once(&format!(" {} ", rung.name())).unwrap_or_else(|| panic!("{rung:?}: {text}")).1;
+                text.split_once(&format!(" {} ", level.name())).unwrap_or_else(|| panic!("{level:?}: {text}")).1;
             let (ms, rest) = figures.split_once(" ms, ").expect("a time");
             let (um, _) = rest.split_once(" um").expect("an error");
             let (ms, um): (f64, f64) = (ms.parse().expect("ms"), um.parse().expect("um"));
-            assert!(ms >= 0.0 && (um > 0.0) == (rung != Rung::Reference), "{text}");
+            assert!(ms >= 0.0 && (um > 0.0) == (level != Fidelity::Reference), "{text}");
         }
         assert!(!folder.path("out").exists() && !folder.path("sheet.png").exists(), "nothing may be written");
     }
@@ -323,7 +326,7 @@ fn a_time_that_no_rung_keeps_is_refused_with_what_was_measured() {
 }
 
 #[test]
-fn a_rung_that_lacks_a_layer_is_not_chosen() {
+fn a_level_that_lacks_a_layer_is_not_chosen() {
     let job = edited(
         JOB,
         &[("\n[dataset]", "\nfidelity = { max_error_um = 1e5 }\n[dataset]"), ("\"contact\"]", "\"pressure\"]")],
@@ -331,12 +334,12 @@ fn a_rung_that_lacks_a_layer_is_not_chosen() {
     let folder = Folder::with_job(&job);
     folder.succeed("generate job.toml --quiet --out out");
     assert_eq!(recorded(&folder, "out"), "draft");
-    let first = Rung::ALL.into_iter().find(|rung| rung.choices(false).gelpad.gives(Layer::Pressure));
-    assert_eq!(first, Some(Rung::Draft));
+    let first = Fidelity::ALL.into_iter().find(|level| level.models(false).gelpad.knows_pressure());
+    assert_eq!(first, Some(Fidelity::Draft));
 }
 
 #[test]
-fn a_preview_of_a_job_with_a_bound_shows_the_rung_that_it_chooses() {
+fn a_preview_of_a_job_with_a_bound_shows_the_level_that_it_chooses() {
     let folder = bounded("max_error_um = 1e5");
     let said = folder.succeed("preview job.toml --key 1 --out own.png");
     assert!(chose(&said), "{said}");
@@ -348,12 +351,12 @@ fn a_preview_of_a_job_with_a_bound_shows_the_rung_that_it_chooses() {
 }
 
 #[test]
-fn tars_of_elastic_rungs_are_the_same_for_every_division_of_the_work() {
+fn tars_of_elastic_levels_are_the_same_for_every_division_of_the_work() {
     let layers = ("[\"depth\", \"contact\"]", "[\"surface\", \"pressure\", \"normal\"]");
     let folder = Folder::with_job(&edited(JOB, &[layers]));
-    for rung in ["draft", "standard", "high"] {
+    for level in ["draft", "standard", "high"] {
         let run = |out: &str, flags: &str| {
-            let flags = format!("--samples 24 --fidelity {rung} --out {rung}-{out} {flags}");
+            let flags = format!("--samples 24 --fidelity {level} --out {level}-{out} {flags}");
             folder.succeed(&format!("generate job.toml --quiet {flags}"));
         };
         run("one", "--threads 1");
@@ -361,9 +364,9 @@ fn tars_of_elastic_rungs_are_the_same_for_every_division_of_the_work() {
         for part in [2, 0, 1] {
             run("parts", &format!("--threads 2 --partition {part}/3"));
         }
-        let one = folder.lasting_files(&format!("{rung}-one"));
+        let one = folder.lasting_files(&format!("{level}-one"));
         for other in ["two", "parts"] {
-            assert_same_files(&one, &folder.lasting_files(&format!("{rung}-{other}")));
+            assert_same_files(&one, &folder.lasting_files(&format!("{level}-{other}")));
         }
     }
 }
@@ -371,9 +374,9 @@ fn tars_of_elastic_rungs_are_the_same_for_every_division_of_the_work() {
 /// Everything of a sample that is written, as bits.
 fn bits(sample: &Sample) -> (Vec<u8>, Vec<u32>, Vec<u32>, String) {
     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<u32>>();
-    let pressure = sample.contact.pressure.as_ref().map_or(Vec::new(), |pressure| bits(&pressure.data));
+    let pressure = sample.impression.contact.pressure.as_ref().map_or(Vec::new(), |pressure| bits(&pressure.data));
     let label = serde_json::to_string(&sample.label).expect("JSON");
-    (sample.image.rgb.clone(), bits(&sample.contact.surface.data), pressure, label)
+    (sample.impression.image.rgb.clone(), bits(&sample.impression.contact.surface.data), pressure, label)
 }
 
 #[test]
@@ -383,8 +386,8 @@ fn nothing_of_a_sample_is_left_in_the_next_one() {
     let long = ("[48, 36]", "[96, 8]\nfield_of_view_mm = [20.0, 3.0]\ngelpad_poisson_ratio = 0.3");
     let objects = ("\"cube.obj\"", "\"sphere.obj\"\n[[object]]\npath = \"dots.obj\"");
     let plans = [variant(&[]), variant(&[coarse, objects]), variant(&[long, objects])];
-    let rungs = [Rung::High, Rung::Draft, Rung::Standard, Rung::Paper];
-    let plans: Vec<Plan> = plans.iter().flat_map(|plan| rungs.map(|rung| plan.at(rung))).collect();
+    let levels = [Fidelity::High, Fidelity::Draft, Fidelity::Standard, Fidelity::Paper];
+    let plans: Vec<Plan> = plans.iter().flat_map(|plan| levels.map(|level| plan.at(level))).collect();
     // Alone: on a thread that has rendered nothing yet.
     let alone = |plan: &Plan, index| {
         std::thread::scope(|scope| scope.spawn(|| bits(&render(plan, index))).join().expect("a sample"))
@@ -394,28 +397,28 @@ fn nothing_of_a_sample_is_left_in_the_next_one() {
         for plan in &plans {
             let sample = render(plan, index);
             pressed += u32::from(sample.label.contact.force_n > Some(0.0));
-            assert!(bits(&sample) == alone(plan, index), "sample {index} at {}", plan.rung.name());
+            assert!(bits(&sample) == alone(plan, index), "sample {index} at {}", plan.fidelity().name());
         }
     }
     assert!(pressed > 30, "{pressed} samples with force");
 }
 
 #[test]
-fn the_list_of_rungs_tells_what_each_chooses_from_cheap_to_exact() {
+fn the_list_of_levels_tells_what_each_chooses_from_cheap_to_exact() {
     let assert = Folder::new().gelsim("list rungs").assert().success().stderr("");
     let listed = String::from_utf8(assert.get_output().stdout.clone()).expect("UTF-8");
     let lines: Vec<&str> = listed.lines().filter(|line| !line.starts_with(' ')).collect();
-    assert_eq!(lines.len(), Rung::ALL.len(), "{listed}");
-    for (line, rung) in lines.iter().zip(Rung::ALL) {
+    assert_eq!(lines.len(), Fidelity::ALL.len(), "{listed}");
+    for (line, level) in lines.iter().zip(Fidelity::ALL) {
         let (name, gelpad) = line.split_once(" gelpad ").expect("a model");
-        assert_eq!(name.trim_end(), rung.name());
+        assert_eq!(name.trim_end(), level.name());
         let model: Model = serde_json::from_str(gelpad).expect("the model as a job has it");
-        assert_eq!(model, rung.choices(false).gelpad);
+        assert_eq!(model, level.models(false).gelpad);
     }
 }
 
 #[test]
-fn pads_and_pixels_at_the_ends_of_their_ranges_are_rendered_at_every_rung() {
+fn pads_and_pixels_at_the_ends_of_their_ranges_are_rendered_at_every_level() {
     for edit in [
         // Far thinner than a pixel is wide, and thin with many pixels to the thickness.
         "gelpad_thickness_mm = 0.05",
@@ -433,9 +436,9 @@ fn pads_and_pixels_at_the_ends_of_their_ranges_are_rendered_at_every_rung() {
                     [("[48, 36]", format!("{size}\n{edit}")), ("{ log_uniform = [0.3, 1.2] }", depth.to_owned())];
                 let edits: Vec<(&str, &str)> = edits.iter().map(|(from, to)| (*from, to.as_str())).collect();
                 let plan = plan(&edited(JOB, &edits));
-                for rung in Rung::ALL {
-                    let label = render(&plan.at(rung), 1).label;
-                    assert!(label.health.finite, "{edit}, {size} px, {depth} mm at {}", rung.name());
+                for level in Fidelity::ALL {
+                    let label = render(&plan.at(level), 1).label;
+                    assert!(label.health.finite, "{edit}, {size} px, {depth} mm at {}", level.name());
                     let force = label.contact.force_n;
                     assert!(force.is_none_or(|n| n.is_finite() && n >= 0.0), "{force:?}");
                 }

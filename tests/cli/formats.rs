@@ -6,12 +6,14 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use gelsim::config::output::{Container, DepthFormat, Layer};
 use gelsim::dataset::archive::Files;
-use gelsim::dataset::encode::Member;
+use gelsim::dataset::archive::Member;
 use gelsim::dataset::recorded::Recorded;
-use gelsim::dataset::{decode, npy, png, verify};
-use gelsim::label::Label;
+use gelsim::dataset::{decode, verify};
+use gelsim::files::{npy, png};
+use gelsim::job::config::output::Container;
+use gelsim::job::label::Label;
+use gelsim::job::layers::{DepthFormat, OutputLayer};
 
 use crate::support::{Folder, JOB, assert_same_files, edited, json, members};
 
@@ -52,7 +54,7 @@ fn label(files: &Files) -> Label {
 }
 
 /// The planes of a sample's float layer.
-fn planes(files: &Files, layer: Layer, format: DepthFormat) -> Vec<(String, Vec<f32>)> {
+fn planes(files: &Files, layer: OutputLayer, format: DepthFormat) -> Vec<(String, Vec<f32>)> {
     let bytes = files.member(&layer.suffix(format)).unwrap_or_else(|| panic!("{}: no {layer:?}", files.key));
     let planes = decode::planes(layer, layer.coding(format), bytes, &label(files).png16).expect("readable");
     assert_eq!((planes.width, planes.height), (48, 36));
@@ -79,7 +81,7 @@ fn every_format_holds_the_layers_of_the_floats_and_is_verified_reproduced_and_sh
     }
     assert_eq!(folder.read_bytes("exr.png"), folder.read_bytes("npy.png"), "the same picture");
 
-    let floats = [Layer::Depth, Layer::Surface, Layer::Normal, Layer::Pressure];
+    let floats = [OutputLayer::Depth, OutputLayer::Surface, OutputLayer::Normal, OutputLayer::Pressure];
     let (mut deepest, mut clear) = (0.0, 0);
     for exact in samples(&folder, "exr") {
         let index = exact.key.parse().expect("a number");
@@ -90,8 +92,8 @@ fn every_format_holds_the_layers_of_the_floats_and_is_verified_reproduced_and_sh
                 let expected = planes(&exact, layer, DepthFormat::Exr);
                 let found = planes(&other, layer, format);
                 let half_step = match (format, layer) {
-                    (DepthFormat::Png16, Layer::Depth) => 0.5 * steps.depth_mm_per_step,
-                    (DepthFormat::Png16, Layer::Surface) => 0.5 * steps.surface_mm_per_step,
+                    (DepthFormat::Png16, OutputLayer::Depth) => 0.5 * steps.depth_mm_per_step,
+                    (DepthFormat::Png16, OutputLayer::Surface) => 0.5 * steps.surface_mm_per_step,
                     _ => 0.0,
                 };
                 // 3 mm in 65535 steps, or in 32767 above 0.

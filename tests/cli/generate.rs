@@ -408,7 +408,7 @@ fn a_job_overrides_single_keys_of_the_tables_of_its_sensor() {
     let folder = Folder::with_job(&edited(JOB, &edits));
     folder.succeed("generate job.toml --quiet");
     let resolved: toml::Table = folder.read("out/small/job.toml").parse().expect("TOML");
-    let preset: toml::Table = gelsim::config::sensor::PRESETS[3].1.parse().expect("TOML");
+    let preset: toml::Table = gelsim::files::sensor::PRESETS[3].1.parse().expect("TOML");
     let (look, expected) = (&resolved["sensor"]["rendered_background"], &preset["rendered_background"]);
     assert_eq!(look["grain"].as_float(), Some(0.5));
     assert_eq!(look["color"], expected["color"]);
@@ -439,7 +439,7 @@ fn what_stands_nearer_to_the_user_overrides_what_is_further_away() {
 }
 
 #[test]
-fn the_rung_of_the_command_line_replaces_the_models_of_the_job() {
+fn the_level_of_the_command_line_replaces_the_models_of_the_job() {
     let job = edited(JOB, &[("[dataset]", "[gelpad.mean_blur]\npasses = 1\n[dataset]")]);
     let folder = Folder::with_job(&job);
     folder.succeed("generate job.toml --quiet --out own");

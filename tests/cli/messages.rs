@@ -7,7 +7,7 @@ use crate::support::{Folder, JOB, edited};
 
 /// One paragraph of a report.
 #[derive(Debug)]
-struct Problem {
+struct Diagnostic {
     title: String,
     /// File, line and column as they are printed.
     place: String,
@@ -16,11 +16,11 @@ struct Problem {
     help: String,
 }
 
-fn parse_report(text: &str) -> Vec<Problem> {
+fn parse_report(text: &str) -> Vec<Diagnostic> {
     text.trim_end().split("\n\n").map(parse_problem).collect()
 }
 
-fn parse_problem(paragraph: &str) -> Problem {
+fn parse_problem(paragraph: &str) -> Diagnostic {
     let lines: Vec<&str> = paragraph.lines().collect();
     let title = lines[0].strip_prefix("error: ").unwrap_or_else(|| panic!("no title in\n{paragraph}")).to_owned();
     let after = |mark: &str| lines.iter().find_map(|line| line.trim_start().strip_prefix(mark)).map(str::to_owned);
@@ -30,7 +30,12 @@ fn parse_problem(paragraph: &str) -> Problem {
         let length = lines[at].chars().filter(|c| *c == '^').count();
         lines[at - 1].chars().skip(start).take(length).collect()
     });
-    Problem { title, place: after("--> ").unwrap_or_default(), underlined, help: after("= help: ").unwrap_or_default() }
+    Diagnostic {
+        title,
+        place: after("--> ").unwrap_or_default(),
+        underlined,
+        help: after("= help: ").unwrap_or_default(),
+    }
 }
 
 /// The marked places of a text (line, column, words), and the text without its marks.
@@ -60,7 +65,7 @@ fn listing(folder: &Folder) -> BTreeSet<String> {
 
 /// Runs `gelsim generate job.toml FLAGS` in `folder` and expects status 2, nothing written, and of each expected
 /// problem its words in title and help.
-fn refused(folder: &Folder, flags: &str, expected: &[(&str, &str)]) -> Vec<Problem> {
+fn refused(folder: &Folder, flags: &str, expected: &[(&str, &str)]) -> Vec<Diagnostic> {
     let before = listing(folder);
     let arguments = format!("generate job.toml {flags}");
     let text = folder.fail(arguments.trim_end(), 2);
@@ -84,7 +89,7 @@ fn refused_at_marks(folder: &Folder, marked: &str, flags: &str, expected: &[(&st
     assert_places(&problems, "job.toml", &places);
 }
 
-fn assert_places(problems: &[Problem], file: &str, places: &[(usize, usize, String)]) {
+fn assert_places(problems: &[Diagnostic], file: &str, places: &[(usize, usize, String)]) {
     assert_eq!(problems.len(), places.len());
     for (problem, (line, column, words)) in problems.iter().zip(places) {
         assert_eq!(problem.place, format!("{file}:{line}:{column}"), "{problem:#?}");
@@ -400,7 +405,7 @@ fn a_press_beyond_linear_theory_is_noted_where_the_pad_is_elastic() {
 #[test]
 fn a_bound_beside_a_gelpad_is_one_problem_at_the_gelpad() {
     let title = "`gelpad` leaves nothing to choose for `fidelity`";
-    let help = "leave `gelpad` out, or name a rung in `fidelity`";
+    let help = "leave `gelpad` out, or name a level in `fidelity`";
     for bound in ["max_error_um = 5.0", "max_ms = 20"] {
         let name = format!("\nfidelity = {{ {bound} }}\ngelpad = «\"elastic\"»\n[dataset]");
         one_mistake("\n[dataset]", &name, title, help);
@@ -752,7 +757,7 @@ fn effects_out_of_range_are_refused_where_they_are_written() {
 #[test]
 fn a_height_map_with_another_content_than_the_job_says_is_refused() {
     let folder = Folder::new();
-    folder.write("skin.png", gelsim::dataset::png::encode_grey(2, 2, &[0, 60, 120, 180]));
+    folder.write("skin.png", gelsim::files::png::encode_grey(2, 2, &[0, 60, 120, 180]));
     let to = "[texture]\npatterns = [{ image = { path = \"skin.png\", sha256 = «\"00\"» } }]\n[output]";
     one_mistake_in(&folder, "[output]", to, "the height map skin.png has changed", "restore the file");
 }

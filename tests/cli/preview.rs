@@ -154,6 +154,6 @@ fn the_bundled_job_of_effects_calls_for_every_effect() {
     let said = folder
         .succeed(&format!("preview {} --effects --out effects.png --set sensor.resolution_px=[64,48]", job.display()));
     assert_eq!(said, "");
-    let rows = gelsim::effects::Effect::ALL.len() as u32;
+    let rows = gelsim::core::effects::Effect::ALL.len() as u32;
     assert_eq!(picture(&folder, "effects.png").height(), 18 + 6 + rows * (48 + 18 + 6));
 }

@@ -1,17 +1,17 @@
 //! Jobs nobody thought of: random valid ones render, random values are accepted or refused, random text is read or
 //! refused, and nothing panics. In the process itself, so that a panic shows where it comes from.
 
-use gelsim::config::diagnostic::{Problems, Report};
-use gelsim::config::{self, Overrides};
-use gelsim::plan::Plan;
-use gelsim::render::render;
+use gelsim::files::diagnostic::{Diagnostics, Report};
+use gelsim::job::config::{self, Overrides};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
 use proptest::prelude::*;
 
 use crate::support::repository;
 
 /// Resolves a job whose meshes are relative to `objects/`.
 fn resolve(text: &str, set: Vec<(String, String)>) -> Result<Plan, Report> {
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let overrides = Overrides { set, fidelity: None };
     let folder = repository().join("objects");
     let written = config::read_text("job.toml", text.to_owned(), &folder, &overrides, &mut problems);
@@ -375,24 +375,24 @@ proptest! {
         for index in 0..plan.layout.samples() {
             let sample = render(&plan, index);
             prop_assert!(sample.label.health.finite, "sample {} of\n{}", index, text);
-            prop_assert_eq!((sample.image.width, sample.image.height), (24, 18));
-            prop_assert_eq!(sample.image.rgb.len(), 24 * 18 * 3);
+            prop_assert_eq!((sample.impression.image.width, sample.impression.image.height), (24, 18));
+            prop_assert_eq!(sample.impression.image.rgb.len(), 24 * 18 * 3);
             let json = serde_json::to_value(&sample.label).expect("JSON");
             let nulls = ["/contact/force_n", "/contact/peak_pressure_kpa", "/numerics/residual_um", "/numerics/model_error_um"];
             let count = nulls.iter().filter(|path| json.pointer(path).is_some_and(|value| value.is_null())).count();
             prop_assert_eq!(json.to_string().matches("null").count(), count, "NaN is written as null: {}", json);
             let depth = sample.label.contact.max_depth_mm;
-            prop_assert!((0.0..=plan.thickness_mm).contains(&depth), "{} mm deep in\n{}", depth, text);
+            prop_assert!((0.0..=plan.thickness_mm()).contains(&depth), "{} mm deep in\n{}", depth, text);
         }
     }
 
     #[test]
     fn the_resolved_job_resolves_to_itself(text in job()) {
         let plan = resolve(&text, Vec::new()).unwrap_or_else(|report| panic!("{report}\nin\n{text}"));
-        let resolved = toml::to_string(&plan.job).expect("a job is TOML");
+        let resolved = toml::to_string(plan.job()).expect("a job is TOML");
         let again = resolve(&resolved, Vec::new()).unwrap_or_else(|report| panic!("{report}\nin\n{resolved}"));
         prop_assert_eq!(&plan.fingerprint, &again.fingerprint);
-        prop_assert_eq!(resolved, toml::to_string(&again.job).expect("a job is TOML"));
+        prop_assert_eq!(resolved, toml::to_string(again.job()).expect("a job is TOML"));
     }
 
     #[test]
@@ -406,7 +406,7 @@ proptest! {
         match resolve(PLAIN, set.clone()) {
             Ok(plan) => {
                 prop_assert!(plan.layout.shard_count() > 0, "{set:?}");
-                prop_assert!(!plan.objects.is_empty());
+                prop_assert!(!plan.sampling.objects.is_empty());
             }
             Err(report) => assert_sound(&report),
         }

@@ -4,13 +4,13 @@ use std::io::{Read, Write};
 use std::process::{Command, Stdio};
 use std::thread;
 
-use gelsim::config::Overrides;
-use gelsim::config::output::{Compression, Exr, Pixel};
-use gelsim::dataset::{exr, npy, png};
-use gelsim::depth::{self, Window};
-use gelsim::grid::Grid;
-use gelsim::plan::Plan;
-use gelsim::scene::Scene;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::depth::{self, Window};
+use gelsim::files::exr::{Compression, Exr, Pixel};
+use gelsim::files::{exr, npy, png};
+use gelsim::job::config::Overrides;
+use gelsim::job::plan::Plan;
+use gelsim::job::scene::Scene;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, assert_same_files, edited, json};
@@ -35,7 +35,7 @@ fn job() -> String {
 fn seen(plan: &Plan, index: u64) -> Grid<f64> {
     let scene = Scene::draw(plan, index, 0);
     let window = Window { margin_px: 0, above_mm: 80.0 };
-    let overlap = depth::pressed(plan, &scene, &plan.camera, window).overlap;
+    let overlap = depth::captured(&scene.indenter(plan), plan.simulator.view(), window, plan.thickness_mm()).overlap;
     let data = overlap.data.iter().map(|mm| PLANE_MM - f64::from(*mm)).collect();
     Grid { width: overlap.width, height: overlap.height, data }
 }
@@ -267,7 +267,7 @@ fn what_cannot_be_right_is_refused_with_the_likely_fix_and_nothing_is_written() 
         ("frames/a.npy", "--layers depth,colour", &["layers are depth, surface"]),
         ("frames/a.npy", "--threads 0", &["--threads is out of range"]),
         ("frames/a.npy", "--set sensor.gelpad_thickness_mm=-1", &["out of range"]),
-        ("frames/a.npy", "--set fidelity={max_ms=4}", &["no rung can be chosen by frames"]),
+        ("frames/a.npy", "--set fidelity={max_ms=4}", &["no fidelity level can be chosen by frames"]),
         ("frames/a.npy", "--set sensor.resolution_px=[24,18]", &["the frames have 48x36 px"]),
         ("frames/cut.npy none.npy", "--pixel-offset=1", &["two numbers", "cut.npy", "none.npy"]),
     ] {
@@ -342,6 +342,25 @@ fn poses_go_into_labels_and_move_markers() {
     let said = folder.fail(&format!("{frames} {HERE} {options}"), 2);
     for part in ["unknown column `clas`", "is `class` meant?", "poses.csv:1:6", "no row is about the frame `b`"] {
         assert!(said.contains(part), "{part}: {said}");
+    }
+}
+
+/// No frame becomes one of the first class because nobody named its own.
+#[test]
+fn a_frame_without_a_class_among_others_with_one_is_told_with_its_cell() {
+    let folder = pressed(&[("b.npy", doubles(&ball(0.5)))]);
+    let render = format!("render --depth frames --depth-unit mm {HERE} --poses poses.csv");
+    folder.write("poses.csv", "file,id,class\nb.npy,marble,ball\na,die,\n");
+    let said = folder.fail(&render, 2);
+    for part in ["`class` is empty, and other rows name theirs", "poses.csv:3:7", "name a class in every row"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    assert!(!folder.path("out").exists());
+    folder.write("poses.csv", "file,id,class\nb.npy,marble,\na,die,\n");
+    folder.succeed(&render);
+    for name in ["a", "b"] {
+        let object = &json(&folder, &format!("out/{name}.json"))["object"];
+        assert_eq!((&object["class"], &object["class_index"]), (&"".into(), &0.into()));
     }
 }
 

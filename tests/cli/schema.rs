@@ -1,16 +1,17 @@
 //! What is committed agrees with the program: schemas, bundled jobs, sensors and meshes, the examples of the help.
 //!
-//! `UPDATE=1 cargo test --test cli schema` writes the schemas anew.
+//! `UPDATE=1 cargo test --test program cli::schema` writes the schemas anew.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::CommandFactory;
 use gelsim::cli::Arguments;
-use gelsim::config::diagnostic::{Problems, Report};
-use gelsim::config::{self, Overrides, sensor};
-use gelsim::fidelity::Rung;
-use gelsim::gelpad::Model;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::Model;
+use gelsim::files::diagnostic::{Diagnostics, Report};
+use gelsim::files::sensor;
+use gelsim::job::config::{self, Overrides};
 
 use crate::support::{Folder, repository};
 
@@ -40,7 +41,7 @@ fn the_committed_schemas_are_what_the_program_prints() {
         let committed = fs::read_to_string(&path).unwrap_or_default();
         assert!(
             committed == printed,
-            "docs/schema/{format}.json is out of date: UPDATE=1 cargo test --test cli schema"
+            "docs/schema/{format}.json is out of date: UPDATE=1 cargo test --test program cli::schema"
         );
         let schema: serde_json::Value = serde_json::from_str(&printed).expect("JSON");
         assert!(schema["properties"].is_object() && schema["$schema"].is_string(), "{format}");
@@ -63,7 +64,7 @@ fn every_key_in_a_schema_is_described() {
 }
 
 fn assert_no_problems_of_form(path: &Path) {
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let written = config::read(path, &Overrides::default(), &mut problems).expect("a job");
     assert!(problems.is_empty(), "{}", Report::new(&problems, &written.document.sources));
 }
@@ -106,12 +107,12 @@ fn every_default_that_init_shows_is_the_default() {
         .collect();
     let text = open.join("\n").replace("\npreset", "\n[sensor]\npreset");
     let read = |text: &str| {
-        let mut problems = Problems::default();
+        let mut problems = Diagnostics::default();
         let written = config::read_text("init", text.to_owned(), Path::new(""), &Overrides::default(), &mut problems);
         assert!(problems.is_empty(), "{}", Report::new(&problems, &written.document.sources));
         let mut job = toml::Table::try_from(&written.job).expect("a table");
-        let rung = job.remove("fidelity").map_or(Rung::default().name().into(), |rung| rung);
-        assert_eq!(rung.as_str(), Some(Rung::default().name()), "the rung that init shows");
+        let level = job.remove("fidelity").map_or(Fidelity::default().name().into(), |level| level);
+        assert_eq!(level.as_str(), Some(Fidelity::default().name()), "the level that init shows");
         let sensor = job["sensor"].as_table_mut().expect("a table");
         sensor.remove("preset");
         job
@@ -164,7 +165,7 @@ fn list_names_the_effects_of_the_labels() {
 }
 
 #[test]
-fn the_schema_takes_every_rung_bound_and_model_that_the_program_takes_and_no_other() {
+fn the_schema_takes_every_level_bound_and_model_that_the_program_takes_and_no_other() {
     let schema: serde_json::Value = serde_json::from_str(&stdout("schema job")).expect("JSON");
     let property = |key: &str| schema["properties"][key]["anyOf"][0]["$ref"].as_str().expect("a definition").to_owned();
     let forms = |key: &str| {
@@ -173,7 +174,7 @@ fn the_schema_takes_every_rung_bound_and_model_that_the_program_takes_and_no_oth
     };
     let fidelity = forms("fidelity");
     let names: Vec<&str> = fidelity.iter().filter_map(|form| form["const"].as_str()).collect();
-    assert_eq!(names, Rung::ALL.map(Rung::name));
+    assert_eq!(names, Fidelity::ALL.map(Fidelity::name));
     let bounds: Vec<&serde_json::Value> = fidelity.iter().filter(|form| form["type"] == "object").collect();
     for (form, key) in bounds.iter().zip(["max_error_um", "max_ms"]) {
         assert_eq!(form["properties"][key]["type"], "number", "{form}");

@@ -5,9 +5,10 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use assert_cmd::Command;
 use exr::prelude::{ReadChannels, ReadLayers};
 use tempfile::TempDir;
+
+use crate::command::Command;
 
 /// A job of 8 small samples; every test that needs another one edits it.
 pub const JOB: &str = r#"

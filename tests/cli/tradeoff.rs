@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use gelsim::config::{self, Overrides, diagnostic::Problems};
-use gelsim::fidelity::Rung;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::files::diagnostic::Diagnostics;
+use gelsim::job::config::{self, Overrides};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, edited, json, repository};
@@ -55,11 +57,11 @@ const FIGURES: [(&str, bool); 9] = [
     ("cpu_ms_p95", false),
 ];
 
-/// One row per rung in their order, every figure a number, the reference without error; the rows.
+/// One row per level in their order, every figure a number, the reference without error; the rows.
 fn sound(folder: &Folder, name: &str) -> Vec<BTreeMap<String, String>> {
     let rows = rows(folder, &format!("{name}/tradeoff.csv"));
     let names: Vec<&str> = rows.iter().map(|row| row["rung"].as_str()).collect();
-    assert_eq!(names, Rung::ALL.map(Rung::name));
+    assert_eq!(names, Fidelity::ALL.map(Fidelity::name));
     for row in &rows {
         let reference = row["rung"] == "reference";
         for (column, is_error) in FIGURES {
@@ -116,7 +118,7 @@ fn four_files_and_a_table_are_the_result() {
     let svg = folder.read("out/small-tradeoff/tradeoff.svg");
     let document = roxmltree::Document::parse(&svg).expect("the SVG is XML");
     let texts: Vec<&str> = document.descendants().filter_map(|node| node.text()).collect();
-    for word in Rung::ALL.map(Rung::name).into_iter().chain(["small", "sphere"]) {
+    for word in Fidelity::ALL.map(Fidelity::name).into_iter().chain(["small", "sphere"]) {
         assert!(texts.iter().any(|text| text.contains(word)), "{word} in {texts:?}");
     }
     let png = image::open(folder.path("out/small-tradeoff/tradeoff.png")).expect("a PNG").into_rgb8();
@@ -127,7 +129,7 @@ fn four_files_and_a_table_are_the_result() {
 }
 
 #[test]
-fn errors_fall_from_rung_to_rung_on_a_smooth_object() {
+fn errors_fall_from_level_to_level_on_a_smooth_object() {
     let folder = Folder::with_job(&smooth());
     folder.succeed("tradeoff job.toml --samples 4 --out out");
     let rows = sound(&folder, "out");
@@ -143,7 +145,7 @@ fn errors_fall_from_rung_to_rung_on_a_smooth_object() {
     assert_eq!(rows[0]["force_error_percent"], "");
     let force: Vec<f64> = rows[1..].iter().map(|row| number(row, "force_error_percent")).collect();
     assert!(force.is_sorted_by(|a, b| a > b) && force[3] == 0.0, "{force:?}");
-    // Of the stages only the pad's differs by rung, and it costs most where it is solved most exactly.
+    // Of the stages only the pad's differs by level, and it costs most where it is solved most exactly.
     assert!(number(&rows[4], "gelpad_ms") > number(&rows[1], "gelpad_ms"));
 }
 
@@ -152,17 +154,17 @@ fn the_figures_are_those_of_the_samples_themselves() {
     let folder = Folder::with_job(JOB);
     folder.succeed("tradeoff job.toml --samples 8 --out out");
     let rows = sound(&folder, "out");
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let written = config::read(&folder.path("job.toml"), &Overrides::default(), &mut problems).expect("a job");
     let plan = Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"));
-    let samples = |rung| (0..8).map(|index| render(&plan.at(rung), index)).collect::<Vec<Sample>>();
-    let exact = samples(Rung::Reference);
+    let samples = |level| (0..8).map(|index| render(&plan.at(level), index)).collect::<Vec<Sample>>();
+    let exact = samples(Fidelity::Reference);
     for row in &rows[..4] {
-        let rung = Rung::ALL.into_iter().find(|rung| rung.name() == row["rung"]).expect("a rung");
-        let own = samples(rung);
+        let level = Fidelity::ALL.into_iter().find(|level| level.name() == row["rung"]).expect("a rung");
+        let own = samples(level);
         let pairs = || own.iter().zip(&exact);
         let heights = pairs().flat_map(|(own, exact)| {
-            let pairs = own.contact.surface.data.iter().zip(&exact.contact.surface.data);
+            let pairs = own.impression.contact.surface.data.iter().zip(&exact.impression.contact.surface.data);
             pairs.map(|(a, b)| 1e3 * (f64::from(*a) - f64::from(*b)).abs())
         });
         let (mut squares, mut count, mut max) = (0.0, 0.0, 0.0_f64);
@@ -176,7 +178,7 @@ fn the_figures_are_those_of_the_samples_themselves() {
         assert!(close(number(row, "height_max_um"), max), "{row:?}");
         let levels = || {
             pairs().flat_map(|(own, exact)| {
-                own.image.rgb.iter().zip(&exact.image.rgb).map(|(a, b)| f64::from(a.abs_diff(*b)))
+                own.impression.image.rgb.iter().zip(&exact.impression.image.rgb).map(|(a, b)| f64::from(a.abs_diff(*b)))
             })
         };
         let count = levels().count() as f64;
@@ -194,9 +196,9 @@ fn csv_and_json_say_the_same() {
     let json = json(&folder, "out/tradeoff.json");
     assert_eq!(json["job"], "small");
     assert_eq!(json["samples"].as_array().map(Vec::len), Some(5));
-    let rungs = json["rungs"].as_array().expect("rows");
-    assert_eq!(rungs.len(), rows.len());
-    for (row, there) in rows.iter().zip(rungs) {
+    let levels = json["rungs"].as_array().expect("rows");
+    assert_eq!(levels.len(), rows.len());
+    for (row, there) in rows.iter().zip(levels) {
         for (column, text) in row {
             // Stages are seconds in JSON.
             if let Some(seconds) = column.strip_suffix("_ms").and_then(|stage| there["seconds"][stage].as_f64()) {
@@ -211,14 +213,14 @@ fn csv_and_json_say_the_same() {
             }
         }
     }
-    // Each object has the whole ladder, and their samples are those of all.
+    // Each object has all fidelity levels, and their samples are those of all.
     let objects = json["objects"].as_array().expect("objects");
     let names: Vec<&str> = objects.iter().filter_map(|object| object["object"].as_str()).collect();
     assert_eq!(names, ["cube", "cone"]);
     for object in objects {
-        assert_eq!(object["rungs"].as_array().map(Vec::len), Some(Rung::ALL.len()));
+        assert_eq!(object["rungs"].as_array().map(Vec::len), Some(Fidelity::ALL.len()));
     }
-    for k in 0..Rung::ALL.len() {
+    for k in 0..Fidelity::ALL.len() {
         let max = |rows: &Value| rows[k]["height_max_um"].as_f64().expect("a number");
         let worst = objects.iter().map(|object| max(&object["rungs"])).fold(0.0, f64::max);
         assert_eq!(worst, max(&json["rungs"]), "the worst of all is the worst of one object");

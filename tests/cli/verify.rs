@@ -153,9 +153,9 @@ fn behind_right_checksums_a_file_that_is_not_what_it_should_be_is_still_found() 
         assert!(text.contains(from), "{from} in {text}");
         Some(text.replace(from, to).into_bytes())
     };
-    let not_a_number = gelsim::dataset::exr::encode(48, 36, &[("Z", &[f32::NAN; 48 * 36])], Default::default());
-    let below = gelsim::dataset::exr::encode(48, 36, &[("Z", &[-0.5; 48 * 36])], Default::default());
-    let small = gelsim::dataset::png::encode_rgb(2, 1, &[0; 6]);
+    let not_a_number = gelsim::files::exr::encode(48, 36, &[("Z", &[f32::NAN; 48 * 36])], Default::default());
+    let below = gelsim::files::exr::encode(48, 36, &[("Z", &[-0.5; 48 * 36])], Default::default());
+    let small = gelsim::files::png::encode_rgb(2, 1, &[0; 6]);
     type Change<'a> = Box<dyn Fn(&str, &[u8]) -> Option<Vec<u8>> + 'a>;
     let for_files = |ending: &'static str, new: Vec<u8>| -> Change<'_> {
         Box::new(move |name, bytes| Some(if name.ends_with(ending) { new.clone() } else { bytes.to_vec() }))

@@ -4,13 +4,14 @@
 //! 1882): the press of the one must be that of the other, but for the terms of fourth order in the contact's radius r,
 //! which widen the gap by a share of 3 r^2 / (4 R D). What a curved layer itself does otherwise is not measured here.
 
-use gelsim::config::sensor::Sensor;
-use gelsim::depth::{Camera, Depth};
-use gelsim::gelpad::elastic::{Elastic, Pad};
-use gelsim::gelpad::rest::{self, Dome, RestShape};
-use gelsim::grid::{Grid, Rect};
+use gelsim::core::base::grid::{Grid, Rect};
+use gelsim::core::base::view::View;
+use gelsim::core::depth::Depth;
+use gelsim::core::depth::rest::{self, RestSurface};
+use gelsim::core::gelpad::elastic::{Elastic, Pad};
+use gelsim::files::sensor::Sensor;
 
-const CAMERA: Camera = Camera { resolution_px: [200, 150], mm_per_px: [0.06; 2] };
+const CAMERA: View = View { resolution_px: [200, 150], mm_per_px: [0.06; 2] };
 
 /// A press: radius of the contact, mm, from its area; force, N; largest pressure, kPa.
 struct Press {
@@ -27,7 +28,7 @@ fn press(radius_mm: f64, depth_mm: f64, dome_mm: Option<f64>) -> Press {
         field_of_view_mm: std::array::from_fn(|k| CAMERA.resolution_px[k] as f64 * CAMERA.mm_per_px[k]),
         ..Sensor::default()
     };
-    let pad = Pad::new(&Elastic { tolerance_um: 0.1, ..Elastic::default() }, &sensor, &CAMERA);
+    let pad = Pad::new(&Elastic { tolerance_um: 0.1, ..Elastic::default() }, &sensor.material(), &CAMERA);
     let margin_px = pad.window(depth_mm).margin_px;
     let mut overlap = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
     for row in 0..overlap.height {
@@ -42,7 +43,7 @@ fn press(radius_mm: f64, depth_mm: f64, dome_mm: Option<f64>) -> Press {
     let mut depth = Depth { overlap, margin_px, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
     depth.measure();
     if let Some(radius_mm) = dome_mm {
-        let drop_mm = rest::drop_mm(&RestShape::Dome(Dome { radius_mm }), None, &CAMERA);
+        let drop_mm = rest::drop_mm(&RestSurface::Dome { radius_mm }, &CAMERA);
         rest::lower(&mut depth, &drop_mm, f64::INFINITY);
     }
     let contact = pad.press(&depth);

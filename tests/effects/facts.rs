@@ -1,7 +1,8 @@
 //! What is known of each effect whatever else happens: what it can only lower, what it keeps, how large it is.
 
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 
 use crate::plan::plan;
 
@@ -22,7 +23,7 @@ fn sample(press: &str, more: &str) -> (Plan, Sample) {
 }
 
 fn image(press: &str, more: &str) -> Vec<u8> {
-    sample(press, more).1.image.rgb
+    sample(press, more).1.impression.image.rgb
 }
 
 fn mean(values: &[u8]) -> f64 {
@@ -48,10 +49,10 @@ fn light_is_only_lost_to_shadows_darkening_ink_and_vignette() {
     assert_darker(&image(PRESS, "markers = {}"), &image(PRESS, ""), "ink");
     assert_darker(&image(PRESS, "camera.vignette = 0.5"), &image(PRESS, ""), "a vignette");
     let (plan, deep) = sample(PRESS, "optics.phong = { shadows = 'none', darkening = 1.0 }");
-    let surface = deep.contact.surface.inner(1);
-    for (at, value) in deep.image.rgb.iter().enumerate() {
+    let surface = deep.impression.contact.surface.inner(1);
+    for (at, value) in deep.impression.image.rgb.iter().enumerate() {
         let pressed = surface.data[at / 3] > 0.0;
-        assert!(if pressed { *value <= plain[at] } else { *value >= plain[at] }, "{at} of {:?}", plan.camera);
+        assert!(if pressed { *value <= plain[at] } else { *value >= plain[at] }, "{at} of {:?}", plan.simulator.view());
     }
 }
 
@@ -102,7 +103,7 @@ fn defocus_keeps_the_light_and_smooths_it() {
 
 #[test]
 fn texture_and_curvature_never_deepen() {
-    let flat = sample(PRESS, "").1.depth.below_pad();
+    let flat = sample(PRESS, "").1.impression.depth.below_pad();
     for lines in [
         "texture = { patterns = ['noise'], amplitude_mm = 0.3 }",
         "texture = { patterns = ['woven'], amplitude_mm = 0.05, scale_mm = 1.0 }",
@@ -110,7 +111,7 @@ fn texture_and_curvature_never_deepen() {
         "sensor.rest_shape.dome.radius_mm = 13.0",
         "sensor.rest_shape.dome.radius_mm = 200.0",
     ] {
-        let less = sample(PRESS, lines).1.depth.below_pad();
+        let less = sample(PRESS, lines).1.impression.depth.below_pad();
         assert!(less.data.iter().zip(&flat.data).all(|(a, b)| (0.0..=*b).contains(a)), "{lines} deepens");
         assert!(less != flat, "{lines} changes nothing");
     }
@@ -122,9 +123,9 @@ fn markers_follow_the_object_and_are_told_where_they_are_seen() {
     for shift_mm in ["0.0", "0.1", "0.3"] {
         let lens = "camera.distortion_k1 = 0.1";
         let (plan, sample) = sample(PRESS, &format!("markers.pitch_mm = 0.8\nshear.x_mm = {shift_mm}\n{lens}"));
-        let (label, size) = (&sample.label.markers, plan.camera.resolution_px);
-        let ink = sample.ink.as_ref().expect("the pad has markers");
-        let seen: Vec<_> = ink.seen(sample.lens.as_ref(), size).collect();
+        let (label, size) = (&sample.label.markers, plan.simulator.view().resolution_px);
+        let ink = sample.impression.markers.as_ref().expect("the pad has markers");
+        let seen: Vec<_> = ink.in_view(sample.impression.lens.as_ref(), size).collect();
         assert_eq!(seen.len(), label.count as usize);
         // 25 columns and 18 rows at 0.8 mm on 20 mm x 15 mm; a barrel-shaped picture shows some from beyond.
         assert!((400..600).contains(&label.count), "{} markers", label.count);

@@ -6,16 +6,17 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-use gelsim::effects::{Effect, Gate, Ledger, PerEffect};
-use gelsim::gelpad::SURFACE_BORDER;
-use gelsim::grid::Grid;
-use gelsim::label::Label;
-use gelsim::optics::normals::normals;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::effects::{Effect, EffectLog, EffectPolicy, PerEffect};
+use gelsim::core::optics::normals::normals;
+use gelsim::job::label::Label;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use crate::jobs::{job, photograph};
+use super::jobs::{job, photograph};
 use crate::plan::plan;
 
 /// What the halo that is cut changes at most, grey levels; see `src/optics/visible.rs`.
@@ -50,10 +51,10 @@ struct Cut {
 /// What is known of a sample but for its image and its effects: all bits of every layer.
 fn layers(plan: &Plan, sample: &Sample) -> (Vec<Vec<u32>>, Grid<u8>) {
     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-    let contact = &sample.contact;
+    let contact = &sample.impression.contact;
     let pressure = contact.pressure.as_ref().map_or(Vec::new(), |pressure| bits(&pressure.data));
-    let normals = bits(normals(contact, &plan.camera).as_flattened());
-    let floats = vec![bits(&sample.depth.below_pad().data), bits(&contact.surface.data), pressure, normals];
+    let normals = bits(normals(contact, plan.simulator.view()).as_flattened());
+    let floats = vec![bits(&sample.impression.depth.below_pad().data), bits(&contact.surface.data), pressure, normals];
     (floats, contact.mask.clone())
 }
 
@@ -68,14 +69,18 @@ fn described(sample: &Sample, exact: bool) -> Label {
 
 /// True if the surface is flat and at rest at every pixel that was not shaded.
 fn flat_beyond_light(plan: &Plan, sample: &Sample) -> bool {
-    let light = plan.ready.shader.shade(&sample.contact, &plan.reference, &mut Ledger::new(Gate::CalledFor));
+    let light = plan.simulator.shader().shade(
+        &sample.impression.contact,
+        plan.simulator.background(),
+        &mut EffectLog::new(EffectPolicy::WhereNeeded),
+    );
     assert!(light.planes.iter().flatten().all(|value| value.is_finite()), "the light is finite");
-    let (lit, surface) = (light.region, &sample.contact.surface);
+    let (lit, surface) = (light.region, &sample.impression.contact.surface);
     let flat = |x: usize, y: usize| {
         let at = |dx: usize, dy: usize| surface.at(x + dx, y + dy);
         at(0, 1) == at(2, 1) && at(1, 0) == at(1, 2) && at(1, 1) == 0.0
     };
-    let [width, height] = plan.camera.resolution_px;
+    let [width, height] = plan.simulator.view().resolution_px;
     assert_eq!((surface.width, surface.height), (width + 2 * SURFACE_BORDER, height + 2 * SURFACE_BORDER));
     let unlit = |x: usize, y: usize| !(lit.x0..lit.x1).contains(&x) || !(lit.y0..lit.y1).contains(&y);
     (0..height).all(|y| (0..width).all(|x| !unlit(x, y) || flat(x, y)))
@@ -91,22 +96,24 @@ fn allowed(label: &Label) -> u8 {
 }
 
 fn differences<'a>(a: &'a Sample, b: &'a Sample) -> impl Iterator<Item = u8> + 'a {
-    a.image.rgb.iter().zip(&b.image.rgb).map(|(a, b)| a.abs_diff(*b)).filter(|levels| *levels > 0)
+    a.impression.image.rgb.iter().zip(&b.impression.image.rgb).map(|(a, b)| a.abs_diff(*b)).filter(|levels| *levels > 0)
 }
 
 /// Compares a job's samples with the effects that they call for and with all.
 fn compare(job: &str, tally: &mut Tally) -> Result<(), String> {
     let gated = plan(job);
-    let everything = gated.with_gate(Gate::All);
+    let everything = gated.with_policy(EffectPolicy::All);
     for index in 0..gated.layout.samples() {
         let (sample, oracle) = (render(&gated, index), render(&everything, index));
         let wrong = |what: String| Err(format!("sample {index}: {what} in\n{job}"));
-        if layers(&gated, &sample) != layers(&everything, &oracle) || sample.ink != oracle.ink {
+        if layers(&gated, &sample) != layers(&everything, &oracle)
+            || sample.impression.markers != oracle.impression.markers
+        {
             return wrong(String::from("another layer"));
         }
         let exact = flat_beyond_light(&gated, &sample);
         let (label, other) = (described(&sample, exact), described(&oracle, exact));
-        if label != other || sample.lens != oracle.lens {
+        if label != other || sample.impression.lens != oracle.impression.lens {
             return wrong(format!("{label:?} is not {other:?}"));
         }
         if !label.health.finite {
@@ -142,7 +149,7 @@ impl Tally {
         let moved = differences(sample, oracle).count() as u64;
         cut.halo += 1;
         cut.moved += u32::from(moved > 0);
-        cut.values += sample.image.rgb.len() as u64;
+        cut.values += sample.impression.image.rgb.len() as u64;
         cut.values_moved += moved;
         cut.most = cut.most.max(differences(sample, oracle).max().unwrap_or(0));
     }

@@ -2,14 +2,14 @@
 
 use std::cell::RefCell;
 
-use gelsim::config::Job;
-use gelsim::config::quantity::Quantity;
-use gelsim::effects::{Effect, Gate};
-use gelsim::plan::Plan;
-use gelsim::render::render;
+use gelsim::core::effects::{Effect, EffectPolicy};
+use gelsim::files::sensor::quantity::Quantity;
+use gelsim::job::config::Job;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use crate::jobs::job;
+use super::jobs::job;
 use crate::plan::plan;
 
 /// Presses of every kind of pad, and none.
@@ -29,7 +29,7 @@ fn plan_of(press: &str, more: &str) -> Plan {
 }
 
 fn image(press: &str, more: &str) -> Vec<u8> {
-    render(&plan_of(press, more), 0).image.rgb
+    render(&plan_of(press, more), 0).impression.image.rgb
 }
 
 /// Lines of a job that ask for an effect at strength zero, and those without which it is none.
@@ -101,11 +101,11 @@ fn an_effect_that_is_left_out_is_as_one_that_the_job_does_not_have() {
     for press in PRESSES {
         for (effect, lines) in cases {
             let (with, none) = (plan_of(press, lines), image(press, ""));
-            let left_out = render(&with.with_gate(Gate::Without(effect)), 0);
-            assert!(left_out.image.rgb == none, "{} in\n{press}", effect.name());
+            let left_out = render(&with.with_policy(EffectPolicy::Without(effect)), 0);
+            assert!(left_out.impression.image.rgb == none, "{} in\n{press}", effect.name());
             let texture_on_nothing = effect == Effect::Texture && press.contains("no_contact");
             assert_eq!(
-                render(&with, 0).image.rgb != none,
+                render(&with, 0).impression.image.rgb != none,
                 !texture_on_nothing,
                 "{} is seen in\n{press}",
                 effect.name()
@@ -149,10 +149,10 @@ fn a_pad_that_nothing_touches_is_the_untouched_pad() {
     let result = TestRunner::new(config).run(&job(), |job| {
         let job = without_contact(&job);
         let gated = plan(&job);
-        if constant(&gated.job) {
+        if constant(gated.job()) {
             *tried.borrow_mut() += 1;
-            for plan in [gated.with_gate(Gate::All), gated] {
-                let (image, untouched) = (render(&plan, 0).image, &plan.ready.body.untouched);
+            for plan in [gated.with_policy(EffectPolicy::All), gated] {
+                let (image, untouched) = (render(&plan, 0).impression.image, &plan.simulator.untouched());
                 let counts = (image.clipped_px, image.saturated_px) == (untouched.clipped_px, untouched.saturated_px);
                 if image.rgb != untouched.rgb || !counts {
                     return Err(TestCaseError::fail(job));

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::rig::{assert_like_whole, assert_swept, with_whole};
+use super::rig::{assert_like_whole, assert_swept, with_whole};
 use crate::support::{Folder, JOB, assert_same_files, edited};
 
 /// A job that reads a file of every kind.

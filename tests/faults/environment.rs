@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime};
 
-use crate::rig::{assert_like_whole, said, shell, with_whole};
+use super::rig::{assert_like_whole, said, shell, with_whole};
 use crate::support::{Folder, JOB};
 
 #[test]

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::rig::{
+use super::rig::{
     assert_like_whole, assert_swept, assert_whole_or_absent, in_folders, said, shell, shell_with_mounts, with_whole,
 };
 use crate::support::{Folder, JOB, assert_same_files};

@@ -1,168 +1,241 @@
-//! SIGKILL at any moment: the same command makes the bytes of an undisturbed run.
+//! SIGKILL at every step of a dataset's life, when it is begun, repaired, replaced or made larger: the same command makes
+//! the bytes of an undisturbed run.
+//!
+//! A run waits at the step that `gelsim::files::fail_point` names, and is killed there: the first time that one of three
+//! threads gets to it, and once more, alone, at a shard or file in the middle.
 
-use std::collections::BTreeMap;
 use std::fs;
-use std::os::unix::process::ExitStatusExt;
-use std::time::{Duration, Instant};
 
-use crate::rig::{Random, assert_like_whole, assert_whole_or_absent, finished, in_folders, many_shards, with_whole};
-use crate::support::Folder;
+use gelsim::files::fail_point::{Step, VARIABLE};
 
-const SHARDS: usize = 12;
+use super::rig::{Held, assert_like_whole, assert_whole_or_absent, in_folders, many_shards, said, shell, with_whole};
+use crate::support::{Folder, JOB, edited};
+
 const RUN: &str = "generate job.toml --quiet --out killed --threads 3";
 
-/// Where a run was when it was killed.
-fn moment(folder: &Folder) -> &'static str {
-    let stats = finished(folder, "killed", "stats");
-    let tars = finished(folder, "killed", "data");
-    match () {
-        () if !folder.path("killed").exists() => "1 before the folder",
-        () if !folder.path("killed/job.toml").exists() => "2 before job.toml",
-        () if tars == 0 => "3 in the first shards",
-        () if tars > stats => "4 between a shard and its stats",
-        () if stats < SHARDS => "5 in a later shard",
-        () if !folder.path("killed/README.md").exists() => "6 between the last shard and the card",
-        () => "7 after the card",
-    }
+/// What a run finds in its folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Before {
+    Nothing,
+    /// One shard broken, one gone, one without its stats.
+    Damaged,
+    /// Another job's dataset, which the run replaces.
+    Another,
+    /// A smaller dataset of the same job.
+    Smaller,
 }
 
-#[derive(Clone, Copy)]
-enum When {
-    After(Duration),
-    /// As soon as all shards are there.
-    Finalizing,
-}
+/// The steps, a module of tests each.
+macro_rules! steps {
+    ($($test:ident: $step:ident,)*) => {
+        /// The steps that a test here kills at.
+        const STEPS: &[Step] = &[$(Step::$step),*];
 
-/// Starts a run and kills it. False if it had ended.
-fn kill(folder: &Folder, when: When) -> bool {
-    kill_of(folder, RUN, when)
-}
-
-fn kill_of(folder: &Folder, arguments: &str, when: When) -> bool {
-    let mut run = folder.spawn(arguments);
-    match when {
-        When::After(wait) => std::thread::sleep(wait),
-        When::Finalizing => {
-            while finished(folder, "killed", "stats") < SHARDS && run.try_wait().expect("a child").is_none() {
-                std::thread::yield_now();
+        $(mod $test {
+            #[test]
+            fn of_tars() {
+                super::killed(super::Step::$step, false);
             }
-        }
+
+            #[test]
+            fn of_folders() {
+                super::killed(super::Step::$step, true);
+            }
+        })*
+    };
+}
+
+steps! {
+    old_shard_removed: OldShardRemoved,
+    old_folder_removed: OldFolderRemoved,
+    old_file_removed: OldFileRemoved,
+    folders_made: FoldersMade,
+    dataset_locked: DatasetLocked,
+    file_begun: FileBegun,
+    file_written: FileWritten,
+    file_renamed: FileRenamed,
+    shard_locked: ShardLocked,
+    shard_begun: ShardBegun,
+    sample_appended: SampleAppended,
+    shard_written: ShardWritten,
+    shard_synced: ShardSynced,
+    old_stats_removed: OldStatsRemoved,
+    old_shard_aside: OldShardAside,
+    shard_renamed: ShardRenamed,
+    shard_in_place: ShardInPlace,
+    shard_done: ShardDone,
+    dataset_checked: DatasetChecked,
+    dataset_swept: DatasetSwept,
+    dataset_described: DatasetDescribed,
+}
+
+#[test]
+fn the_steps_are_those_of_the_program() {
+    assert_eq!(STEPS, Step::ALL);
+}
+
+/// Shards or files at which a run is to be killed at a step, too.
+fn middles(step: Step, before: Before, folders: bool) -> &'static [&'static str] {
+    match step {
+        Step::FileBegun | Step::FileWritten | Step::FileRenamed => match before {
+            Before::Nothing | Before::Another if folders => {
+                &["job.toml", "train-000001.json", "dataset.json", "README.md"]
+            }
+            Before::Nothing | Before::Another => {
+                &["job.toml", "train-000001.json", "dataset.json", "README.md", "wids.json"]
+            }
+            // What describes the dataset is still right.
+            Before::Damaged => &["train-000001.json"],
+            Before::Smaller => &["job.toml", "train-000001.json", "README.md"],
+        },
+        Step::OldFileRemoved if before == Before::Another => &["README.md", "job.toml"],
+        Step::OldFileRemoved if before == Before::Smaller => &["README.md"],
+        Step::OldShardRemoved => &["train-000001", "train-000001.json"],
+        Step::OldFolderRemoved => &["stats"],
+        Step::ShardLocked
+        | Step::ShardBegun
+        | Step::SampleAppended
+        | Step::ShardWritten
+        | Step::ShardSynced
+        | Step::OldStatsRemoved
+        | Step::OldShardAside
+        | Step::ShardRenamed
+        | Step::ShardInPlace
+        | Step::ShardDone => &["train-000001"],
+        Step::OldFileRemoved
+        | Step::FoldersMade
+        | Step::DatasetLocked
+        | Step::DatasetChecked
+        | Step::DatasetSwept
+        | Step::DatasetDescribed => &[],
     }
-    run.kill().expect("a child");
-    run.wait().expect("a child").signal() == Some(9)
 }
 
-#[test]
-fn runs_killed_at_fifty_moments_are_finished_by_the_same_command() {
-    killed(&many_shards(), 50);
+/// Whether a run gets to a step at all.
+fn gets_to(step: Step, before: Before, folders: bool) -> bool {
+    match step {
+        Step::OldShardRemoved | Step::OldFolderRemoved => before == Before::Another,
+        // A run that begins a dataset looks for old files, too.
+        Step::OldFileRemoved => before != Before::Damaged,
+        Step::OldShardAside => folders,
+        _ => true,
+    }
 }
 
-#[test]
-fn runs_that_write_folders_killed_at_thirty_moments_are_finished_by_the_same_command() {
-    killed(&in_folders(&many_shards()), 30);
-}
-
-fn killed(job: &str, most: u32) {
-    let folder = with_whole(job);
-    let start = Instant::now();
-    folder.succeed(&RUN.replace("killed", "timed"));
-    let typical = start.elapsed();
-    let mut random = Random(1);
-    let (mut kills, mut again) = (0, 0);
-    let mut moments: BTreeMap<&str, u32> = BTreeMap::new();
-    for attempt in 0.. {
-        assert!(attempt < 10 * most, "most runs end before they can be killed");
-        let unit = random.unit();
-        let when = match attempt % 8 {
-            0 => When::After(Duration::from_millis(8).mul_f64(unit)),
-            1 => When::Finalizing,
-            _ => When::After(typical.mul_f64(unit)),
-        };
-        if kill(&folder, when) {
+fn killed(step: Step, folders: bool) {
+    let job = if folders { in_folders(JOB) } else { JOB.to_owned() };
+    let folder = with_whole(&job);
+    folder.write("smaller.toml", edited(&job, &[("samples = 8", "samples = 5")]));
+    let mut kills = 0;
+    for before in [Before::Nothing, Before::Damaged, Before::Another, Before::Smaller] {
+        if !gets_to(step, before, folders) {
+            prepare(&folder, before, folders);
+            assert!(Held::at(&folder, &run_on(before), step.name()).is_err(), "{before:?}: it got there");
+            fs::remove_dir_all(folder.path("killed")).expect("a folder");
+            continue;
+        }
+        let middles = middles(step, before, folders);
+        let steps = middles.iter().map(|of| (1, format!("{}: {of}", step.name())));
+        for (threads, at) in [(3, step.name().to_owned())].into_iter().chain(steps) {
+            println!("{before:?}, {at}");
+            prepare(&folder, before, folders);
+            let run = run_on(before).replace("--threads 3", &format!("--threads {threads}"));
+            let held =
+                Held::at(&folder, &run, &at).unwrap_or_else(|end| panic!("it did not get there: {}", said(&end)));
+            if threads == 1 && before == Before::Nothing {
+                assert_stands(&folder, step, at.split(": ").nth(1).unwrap_or_default());
+            }
+            held.kill();
             kills += 1;
-            *moments.entry(moment(&folder)).or_default() += 1;
-            assert_whole_or_absent(&folder, "killed");
-            // Every third time the run that goes on is killed too.
-            if kills % 3 == 0 && kill(&folder, When::After(typical.mul_f64(random.unit()))) {
-                again += 1;
+            // The run that goes on is killed at the same step if it gets there again.
+            if before == Before::Nothing {
                 assert_whole_or_absent(&folder, "killed");
+                if let Ok(held) = Held::at(&folder, &run, step.name()) {
+                    held.kill();
+                    kills += 1;
+                    assert_whole_or_absent(&folder, "killed");
+                }
             }
+            finish(&folder, before);
+            assert_like_whole(&folder, "killed");
+            fs::remove_dir_all(folder.path("killed")).expect("a folder");
         }
+    }
+    println!("{kills} runs killed");
+}
+
+fn run_on(before: Before) -> String {
+    if before == Before::Another { format!("{RUN} --overwrite") } else { RUN.to_owned() }
+}
+
+/// Makes `killed` what a run is to find.
+fn prepare(folder: &Folder, before: Before, folders: bool) {
+    let damage = |shard: &str| folder.path(&format!("killed/data/{shard}"));
+    match before {
+        Before::Nothing => {}
+        Before::Damaged if folders => {
+            folder.succeed(RUN);
+            fs::write(damage("train-000001/metadata.jsonl"), "{}").expect("a file");
+            fs::remove_dir_all(damage("val-000000")).expect("a folder");
+        }
+        Before::Damaged => {
+            folder.succeed(RUN);
+            fs::write(damage("train-000001.tar"), "half a tar").expect("a file");
+            fs::remove_file(damage("val-000000.tar")).expect("a file");
+        }
+        Before::Another => drop(folder.succeed("generate job.toml --quiet --out killed --seed 8")),
+        Before::Smaller => drop(folder.succeed("generate smaller.toml --quiet --out killed")),
+    }
+    if before == Before::Damaged {
+        fs::remove_file(folder.path("killed/stats/test-000000.json")).expect("a file");
+    }
+}
+
+/// What the kill left becomes the dataset. Of one that was being replaced either the old job stands there, and is refused
+/// as at first, or nothing is left of it.
+fn finish(folder: &Folder, before: Before) {
+    let there = fs::read_to_string(folder.path("killed/job.toml")).unwrap_or_default();
+    if before == Before::Another && there.contains("seed = 8") {
+        let text = folder.fail(RUN, 2);
+        assert!(text.contains("dataset.seed is 8 there and 7 here"), "{text}");
+        folder.succeed(&run_on(before));
+    } else {
         folder.succeed(RUN);
+    }
+}
+
+/// What is there of the shard or file `of` at a step of a run that began with nothing.
+fn assert_stands(folder: &Folder, step: Step, of: &str) {
+    let there = |name: &str| folder.path(&format!("killed/{name}")).exists();
+    let shard = |hidden: &str, end: &str| ["", ".tar"].iter().any(|tar| there(&format!("data/{hidden}{of}{tar}{end}")));
+    let of_shard = || (shard(".", ".lock"), shard(".", ".partial"), shard("", ""), there(&format!("stats/{of}.json")));
+    match step {
+        Step::FileBegun | Step::FileWritten => assert!(!there(of) && !there(&format!("stats/{of}"))),
+        Step::FileRenamed => assert!(there(of) || there(&format!("stats/{of}"))),
+        Step::ShardLocked => assert_eq!(of_shard(), (true, false, false, false)),
+        Step::ShardBegun
+        | Step::SampleAppended
+        | Step::ShardWritten
+        | Step::ShardSynced
+        | Step::OldStatsRemoved
+        | Step::OldShardAside => assert_eq!(of_shard(), (true, true, false, false)),
+        Step::ShardRenamed | Step::ShardInPlace => assert_eq!(of_shard(), (true, false, true, false)),
+        Step::ShardDone => assert_eq!(of_shard(), (false, false, true, true)),
+        _ => panic!("{step:?} is of no shard or file"),
+    }
+}
+
+/// A variable that was left in the environment.
+#[test]
+fn where_nobody_answers_a_run_says_the_step_and_goes_on() {
+    let folder = with_whole(JOB);
+    for (at, met) in [("shard renamed", 4), ("shard renamed: val-000000", 1), ("shard", 0), ("1", 0)] {
+        let output = shell(&folder, "\"$G\" generate job.toml --quiet --out killed", &[(VARIABLE, at)]);
+        assert!(output.status.success());
+        assert_eq!(said(&output).matches("GELSIM_FAIL_POINT: shard renamed: ").count(), met, "{}", said(&output));
         assert_like_whole(&folder, "killed");
         fs::remove_dir_all(folder.path("killed")).expect("a folder");
-        if kills == most {
-            break;
-        }
     }
-    println!("{kills} runs killed, {again} of them twice; when they were killed: {moments:?}");
-    let midway: u32 = moments.iter().filter(|&(&name, _)| ("3".."6").contains(&name)).map(|(_, count)| count).sum();
-    assert!(midway >= most / 10, "hardly a kill met a shard: {moments:?}");
-}
-
-#[test]
-fn a_dataset_that_was_being_replaced_is_never_a_mixture() {
-    replaced(&many_shards());
-}
-
-#[test]
-fn a_dataset_of_folders_that_was_being_replaced_is_never_a_mixture() {
-    replaced(&in_folders(&many_shards()));
-}
-
-fn replaced(job: &str) {
-    let folder = with_whole(job);
-    let mut random = Random(2);
-    let (mut kills, mut refused) = (0, 0);
-    while kills < 20 {
-        folder.succeed("generate job.toml --quiet --out killed --seed 8 --shards 0..3");
-        let wait = Duration::from_millis(60).mul_f64(random.unit());
-        kills += u32::from(kill_of(&folder, &format!("{RUN} --overwrite"), When::After(wait)));
-        // Either nothing was removed for good, and what is there is another job's, or nothing of that is left.
-        let output = folder.gelsim(RUN).output().expect("it runs");
-        match output.status.code() {
-            Some(0) => {}
-            Some(2) => {
-                assert!(String::from_utf8_lossy(&output.stderr).contains("dataset.seed is 8 there and 7 here"));
-                refused += 1;
-                folder.succeed(&format!("{RUN} --overwrite"));
-            }
-            other => panic!("{other:?}: {}", String::from_utf8_lossy(&output.stderr)),
-        }
-        assert_like_whole(&folder, "killed");
-        fs::remove_dir_all(folder.path("killed")).expect("a folder");
-    }
-    println!("{kills} runs killed that replaced a dataset; {refused} times it was still the old one");
-}
-
-#[test]
-fn a_repair_of_folders_that_is_killed_is_finished_by_the_same_command() {
-    let folder = with_whole(&in_folders(&many_shards()));
-    let shards: Vec<String> = fs::read_dir(folder.path("whole/data"))
-        .expect("a folder")
-        .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
-        .collect();
-    folder.succeed(RUN);
-    let (mut random, mut kills) = (Random(3), 0);
-    for attempt in 0.. {
-        assert!(attempt < 200, "most runs end before they can be killed");
-        // A file that is missing in one, changed in another; a third one gone.
-        for (k, shard) in shards.iter().enumerate().filter(|(k, _)| k % 2 == 0) {
-            let path = folder.path("killed/data").join(shard);
-            match k % 3 {
-                0 => fs::remove_file(path.join("metadata.jsonl")).expect("a file"),
-                1 => fs::write(path.join("metadata.jsonl"), "{}").expect("a file"),
-                _ => fs::remove_dir_all(path).expect("a folder"),
-            }
-        }
-        kills += u32::from(kill(&folder, When::After(Duration::from_millis(150).mul_f64(random.unit()))));
-        folder.succeed(RUN);
-        assert_like_whole(&folder, "killed");
-        if kills == 20 {
-            break;
-        }
-    }
-    println!("{kills} runs killed that repaired a dataset");
 }
 
 /// Every state between two steps of the exchange of a damaged folder, made by hand.

@@ -5,7 +5,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::ExitStatusExt;
 
-use crate::rig::{assert_like_whole, assert_whole_or_absent, said, shell, with_whole};
+use super::rig::{assert_like_whole, assert_whole_or_absent, said, shell, with_whole};
 use crate::support::{Folder, JOB};
 
 fn start_anew(folder: &Folder) {

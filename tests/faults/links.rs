@@ -6,9 +6,10 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::time::Duration;
 
-use gelsim::dataset::shard::{Lock, write_whole};
+use gelsim::dataset::lock::Lock;
+use gelsim::files::write::write_whole;
 
-use crate::rig::{assert_like_whole, in_folders, with_whole};
+use super::rig::{assert_like_whole, in_folders, with_whole};
 use crate::support::{Folder, JOB, assert_same_files};
 
 /// What is put in place of something of ours.

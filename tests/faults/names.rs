@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 
-use crate::rig::with_whole;
+use super::rig::with_whole;
 use crate::support::{Folder, JOB, assert_same_files, edited, json, members};
 
 /// 255 bytes together with the ending.

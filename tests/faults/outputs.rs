@@ -3,7 +3,7 @@
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 
-use crate::rig::{assert_like_whole, said, shell, with_whole};
+use super::rig::{assert_like_whole, said, shell, with_whole};
 use crate::support::{Folder, JOB, edited};
 
 fn names(folder: &Folder) -> Vec<std::ffi::OsString> {

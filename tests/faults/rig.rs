@@ -1,8 +1,10 @@
-//! What the tests share: an undisturbed dataset to compare with, random moments, a shell, a disk of one's own.
+//! What the tests share: an undisturbed dataset to compare with, a run held at a step, a shell, a disk of one's own.
 
-use std::fs;
+use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, ChildStderr, ChildStdin, Command, Output, Stdio};
+
+use gelsim::files::fail_point::VARIABLE;
 
 use crate::support::{Folder, JOB, assert_same_files, edited};
 
@@ -61,23 +63,60 @@ pub fn assert_whole_or_absent(folder: &Folder, name: &str) {
     }
 }
 
-/// How many files of the dataset `name` are in `folder` of it under their final names.
-pub fn finished(folder: &Folder, name: &str, sub: &str) -> usize {
-    let entries = fs::read_dir(folder.path(name).join(sub)).into_iter().flatten().flatten();
-    entries.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.')).count()
+/// A run that waits at a step; killed if it is dropped.
+pub struct Held {
+    run: Child,
+    input: Option<ChildStdin>,
+    said: BufReader<ChildStderr>,
 }
 
-/// Random numbers that are the same in every run (SplitMix64).
-pub struct Random(pub u64);
+impl Held {
+    /// Starts a run and waits until it gets to the step `at`, of a shard or file if that is named. Otherwise its end.
+    pub fn at(folder: &Folder, arguments: &str, at: &str) -> Result<Self, Output> {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_gelsim"));
+        command.current_dir(folder.path("")).args(arguments.split(' ')).env(VARIABLE, at);
+        let mut run = command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command starts");
+        let input = run.stdin.take();
+        let mut held = Self { said: BufReader::new(run.stderr.take().expect("a pipe")), run, input };
+        let mut lines = String::new();
+        loop {
+            let start = lines.len();
+            if held.said.read_line(&mut lines).expect("text") == 0 {
+                return Err(held.ended(lines));
+            }
+            if lines[start..].starts_with(VARIABLE) {
+                return Ok(held);
+            }
+        }
+    }
 
-impl Random {
-    /// In [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    pub fn id(&self) -> u32 {
+        self.run.id()
+    }
+
+    /// SIGKILL.
+    pub fn kill(mut self) {
+        self.run.kill().expect("a child");
+        assert_eq!(self.run.wait().expect("a child").signal(), Some(9));
+    }
+
+    /// Lets it go on to its end, wherever else it gets to the step. What it said after the step it was held at.
+    pub fn go_on(mut self) -> Output {
+        drop(self.input.take());
+        let mut said = String::new();
+        self.said.read_to_string(&mut said).expect("text");
+        self.ended(said)
+    }
+
+    fn ended(&mut self, said: String) -> Output {
+        Output { status: self.run.wait().expect("a child"), stdout: Vec::new(), stderr: said.into_bytes() }
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        let _ = self.run.kill();
+        let _ = self.run.wait();
     }
 }
 

@@ -9,40 +9,44 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use gelsim::config::dataset::Dataset;
-use gelsim::config::diagnostic::{Problem, Problems, Report};
-use gelsim::config::output::{Coding, Compression, DepthFormat, Exr, Layer, Pixel};
-use gelsim::config::{self, Overrides, Written};
+use gelsim::core::base::grid::{Grid, Rect};
+use gelsim::core::base::view::View;
+use gelsim::core::depth::Depth;
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::gelpad::{Contact, none};
+use gelsim::core::mesh::Mesh;
+use gelsim::core::mesh::clusters::Clusters;
+use gelsim::core::optics::background::BackgroundImage;
+use gelsim::core::optics::calibrated::{Calibrated, Shader, Table};
 use gelsim::dataset::archive::{self, Files};
-use gelsim::dataset::layout::Layout;
+use gelsim::dataset::frames::camera::{DepthCamera, Projection, Unit};
+use gelsim::dataset::frames::check::Reach;
+use gelsim::dataset::frames::source::Source;
+use gelsim::dataset::frames::stream::{StreamError, stream};
+use gelsim::dataset::frames::{poses as poses_file, read};
 use gelsim::dataset::manifest::Manifest;
-use gelsim::dataset::png16::{self, Steps};
 use gelsim::dataset::recorded::Recorded;
 use gelsim::dataset::stats::Stats;
 use gelsim::dataset::versioned::Versioned;
-use gelsim::dataset::{decode, exr as exr_file, heights, npy as npy_file, png as png_file, verify};
-use gelsim::depth::{Camera, Depth};
-use gelsim::effects::{Gate, Ledger};
-use gelsim::frames::camera::{DepthCamera, Projection, Unit};
-use gelsim::frames::check::Reach;
-use gelsim::frames::source::Source;
-use gelsim::frames::stream::{Broken, stream};
-use gelsim::frames::{poses as poses_file, read};
-use gelsim::gelpad::{Contact, none};
-use gelsim::grid::{Grid, Rect};
-use gelsim::label::Label;
-use gelsim::object::clusters::Clusters;
-use gelsim::object::{Format, Mesh, parse};
-use gelsim::optics::background::Reference;
-use gelsim::optics::calibrated::{Calibrated, Shader, Table};
-use gelsim::plan::Plan;
-use gelsim::presses::{self as press_file, Circle};
-use gelsim::preview::{Tile, sheet};
+use gelsim::dataset::{decode, verify};
+use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim::files::exr::{Compression, Exr, Pixel};
+use gelsim::files::mesh::{Format, parse};
+use gelsim::files::{exr as exr_file, heights, npy as npy_file, png as png_file};
+use gelsim::job::config::dataset::Dataset;
+use gelsim::job::config::{self, Overrides, Written};
+use gelsim::job::label::Label;
+use gelsim::job::layers::{Coding, DepthFormat, OutputLayer, Scale};
+use gelsim::job::layout::Layout;
+use gelsim::job::plan::Plan;
+use gelsim::job::steps::{self, Steps};
+use gelsim::lab::presses::{self as press_file, Circle};
+use gelsim::lab::preview::{Tile, sheet};
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
     let Ok(text) = str::from_utf8(bytes) else { return };
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let mut written = read_job(text, &mut problems);
     if problems.is_empty() {
         let again = toml::to_string(&written.job).expect("a job can be written");
@@ -52,12 +56,12 @@ pub fn job(bytes: &[u8]) {
     }
     // All that the plan checks without a file; what it would make of a sound job is no matter of reading.
     written.job.paths_mut().for_each(|path| *path = String::from("none.obj"));
-    problems.push(Problem::new("a plan is not wanted"));
+    problems.push(Diagnostic::new("a plan is not wanted"));
     let report = Plan::resolve(written, problems).err().expect("one problem at least");
     assert!(report.render(false).contains("error: "));
 }
 
-fn read_job(text: &str, problems: &mut Problems) -> Written {
+fn read_job(text: &str, problems: &mut Diagnostics) -> Written {
     config::read_text("job.toml", text.to_owned(), Path::new("none"), &Overrides::default(), problems)
 }
 
@@ -157,7 +161,7 @@ fn written_ply(mesh: &Mesh) -> Vec<u8> {
 /// An array has as many values as its shape says, and is the same after being written and read again.
 pub fn npy(bytes: &[u8]) {
     heights_of(bytes);
-    for layer in [Layer::Depth, Layer::Normal] {
+    for layer in [OutputLayer::Depth, OutputLayer::Normal] {
         let Ok(read) = decode::planes(layer, Coding::Npy, bytes, &Steps::default()) else { continue };
         assert!(read.channels.iter().all(|(_, values)| values.len() == read.width * read.height));
         let planes: Vec<&[f32]> = read.channels.iter().map(|(_, values)| values.as_slice()).collect();
@@ -208,10 +212,10 @@ pub fn exr(bytes: &[u8]) {
 pub fn png(bytes: &[u8]) {
     heights_of(bytes);
     let small = png_file::header(bytes).is_ok_and(|([width, height], _)| width * height <= 1 << 20);
-    if small && let Ok(read) = png16::values(bytes) {
-        let steps = Steps::new(&[Layer::Surface], DepthFormat::Png16, 3.0);
-        let plane_mm = steps.decode(Layer::Surface, bytes).expect("it was just read").data;
-        let again = png16::values(&steps.encode(Layer::Surface, read.width, read.height, &plane_mm)).expect("written");
+    if small && let Ok(read) = steps::values(bytes) {
+        let steps = Steps::new(&[OutputLayer::Surface], DepthFormat::Png16, 3.0);
+        let plane_mm = steps.decode(Scale::Surface, bytes).expect("it was just read").data;
+        let again = steps::values(&steps.encode(Scale::Surface, read.width, read.height, &plane_mm)).expect("written");
         // 0 stands for what is not finite, which does not come back.
         assert!(read.data.iter().zip(&again.data).all(|(a, b)| a.max(&1) == b));
     }
@@ -271,7 +275,7 @@ layers = ["depth", "surface", "contact", "normal", "pressure", "markers", "refer
 /// whole; a mistake in it is said in words.
 pub fn shard(bytes: &[u8]) {
     static JOB: LazyLock<Recorded> = LazyLock::new(|| {
-        let job = read_job(SHARD_JOB, &mut Problems::default()).job;
+        let job = read_job(SHARD_JOB, &mut Diagnostics::default()).job;
         let Dataset { samples, samples_per_shard, splits, .. } = &job.dataset;
         let layout = Layout::new(samples.unwrap_or(1), *samples_per_shard, *splits);
         Recorded { root: PathBuf::new(), job, layout }
@@ -319,7 +323,7 @@ pub fn manifest(bytes: &[u8]) {
     }
     // A dataset's job.toml: read as `verify`, `reproduce` and a resumed run read it.
     if let Ok(text) = str::from_utf8(bytes) {
-        read_job(text, &mut Problems::default());
+        read_job(text, &mut Diagnostics::default());
     }
 }
 
@@ -335,7 +339,7 @@ pub fn calibration(bytes: &[u8]) {
         Err(reason) => return assert!(!reason.is_empty()),
     };
     same_again(&table, |text| Table::parse(text).ok());
-    const CAMERA: Camera = Camera { resolution_px: [7, 5], mm_per_px: [0.5; 2] };
+    const CAMERA: View = View { resolution_px: [7, 5], mm_per_px: [0.5; 2] };
     static CONTACT: LazyLock<Contact> = LazyLock::new(|| {
         let mut overlap = Grid::new(9, 7);
         overlap.data.iter_mut().enumerate().for_each(|(k, reach)| *reach = (k % 4) as f32 - 1.0);
@@ -344,10 +348,10 @@ pub fn calibration(bytes: &[u8]) {
         depth.measure();
         none::press(&depth)
     });
-    let rest = Reference::new(7, 5, vec![100; 105]);
+    let rest = BackgroundImage::new(7, 5, vec![100; 105]);
     for spacing_mm in [0.0, 1.0] {
         let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
-        let light = shader.shade(&CONTACT, &rest, &mut Ledger::new(Gate::All));
+        let light = shader.shade(&CONTACT, &rest, &mut EffectLog::new(EffectPolicy::All));
         assert!(light.region.area() == 35 && light.planes.iter().flatten().all(|value| value.is_finite()));
     }
 }
@@ -384,7 +388,7 @@ pub fn presses(bytes: &[u8]) {
 /// A depth frame is refused in words, or becomes heights of the view's size that are no NaN, whatever rays its camera has;
 /// the same bytes in a pipe are taken apart without taking more than they say.
 pub fn frame(bytes: &[u8]) {
-    const VIEW: Camera = Camera { resolution_px: [9, 7], mm_per_px: [1.0; 2] };
+    const VIEW: View = View { resolution_px: [9, 7], mm_per_px: [1.0; 2] };
     let camera = |projection| DepthCamera {
         unit: Unit::Millimetre,
         plane_mm: 10.0,
@@ -398,7 +402,7 @@ pub fn frame(bytes: &[u8]) {
         Err(reason) => assert!(!reason.is_empty()),
         Ok(seen) if seen.data.len() > 1 << 16 => {}
         Ok(seen) => {
-            let own = Camera { resolution_px: [seen.width, seen.height], ..VIEW };
+            let own = View { resolution_px: [seen.width, seen.height], ..VIEW };
             for (projection, view) in
                 [(Projection::Orthographic, own), (Projection::Perspective { fov_y_deg: 60.0 }, VIEW)]
             {
@@ -420,8 +424,8 @@ pub fn frame(bytes: &[u8]) {
     let refused = |_| Err(Report::message("a plan is not wanted"));
     match stream(bytes, Vec::new(), &camera(Projection::Orthographic), refused) {
         Ok(frames) => assert!(frames == 0 && bytes.is_empty()),
-        Err(Broken::Frame(0, problem)) => assert!(!problem.message.is_empty()),
-        Err(Broken::Plan(_)) => {}
+        Err(StreamError::Frame(0, problem)) => assert!(!problem.message.is_empty()),
+        Err(StreamError::Plan(_)) => {}
         Err(other) => panic!("{other:?}"),
     }
 }

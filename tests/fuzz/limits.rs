@@ -7,7 +7,7 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::process::{Command, Output};
 
-use gelsim::dataset::png;
+use gelsim::files::png;
 use tempfile::TempDir;
 
 /// Data of a process, kB: what it allocates and the stacks of its threads.
@@ -214,7 +214,7 @@ fn images_that_unpack_to_far_more_than_they_are_are_refused() {
         refused(HEIGHTS, &format!("{what}.exr"), &exr(size, channels), &[words]);
     }
     for (key, target) in [(HEIGHTS, "exr"), (HEIGHTS, "png"), ("background", "png")] {
-        for (name, bytes) in crate::inputs(target).iter().filter(|(name, _)| name.contains("regressions")) {
+        for (name, bytes) in super::inputs(target).iter().filter(|(name, _)| name.contains("regressions")) {
             assert!(bytes.len() < 1000, "{name}");
             refused(key, "broken.image", bytes, &["cannot read the"]);
         }

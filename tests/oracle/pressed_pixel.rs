@@ -2,12 +2,12 @@
 
 use std::f64::consts::TAU;
 
-use gelsim::gelpad::elastic::layer::Layer;
+use gelsim::core::gelpad::elastic::layer::ElasticLayer;
 
 /// The displacement at (`x`, `y`) from uniform pressure 1 on a pixel around the origin, f64. The layer's answer g(r) to
 /// a unit force is rotationally symmetric, so that its integral over a rectangle is one around the rectangle's border of
 /// S(r) / r^2, with S(r) the integral of g(r) r from 0 to r: (1 / 2 pi) times that of G(q) r J1(q r) over q.
-pub fn pressed_pixel(layer: Layer, pitch: [f64; 2], x: f64, y: f64) -> f64 {
+pub fn pressed_pixel(layer: ElasticLayer, pitch: [f64; 2], x: f64, y: f64) -> f64 {
     let [dx, dy] = pitch;
     let (left, right, above, below) = (x - dx / 2.0, x + dx / 2.0, y - dy / 2.0, y + dy / 2.0);
     let sides = [(right, above, below), (-left, above, below), (below, left, right), (-above, left, right)];
@@ -15,7 +15,7 @@ pub fn pressed_pixel(layer: Layer, pitch: [f64; 2], x: f64, y: f64) -> f64 {
 }
 
 /// One side of the border: a line `away` from the point, from `from` to `to` along it.
-fn side(layer: Layer, away: f64, from: f64, to: f64) -> f64 {
+fn side(layer: ElasticLayer, away: f64, from: f64, to: f64) -> f64 {
     if away == 0.0 {
         return 0.0;
     }
@@ -26,7 +26,7 @@ fn side(layer: Layer, away: f64, from: f64, to: f64) -> f64 {
 }
 
 /// S(r).
-fn within(layer: Layer, r: f64) -> f64 {
+fn within(layer: ElasticLayer, r: f64) -> f64 {
     let h = layer.thickness_mm;
     let half_space = layer.half_space();
     // Less the half-space's, whose S is r times its constant; beyond q h = 20 the two differ by 1e-14.

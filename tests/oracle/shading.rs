@@ -1,7 +1,8 @@
 //! Phong's light in f64, written out from the equations of the method.
 
-use gelsim::config::sensor::{Led, Sensor};
-use gelsim::optics::phong::{Equation, Phong};
+use gelsim::core::optics::led::Led;
+use gelsim::core::optics::phong::{Equation, Phong};
+use gelsim::files::sensor::Sensor;
 
 /// Phong shading as the paper has it, of a surface that displaces the pad by `slope` mm per mm along x and y, under
 /// one LED of intensity 1.

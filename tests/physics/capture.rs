@@ -3,22 +3,23 @@
 //! Tolerances: see `oracle`. Where every coordinate is a small multiple of a power of two, f32 makes no rounding at
 //! all, and the covered pixels must be exactly those of the oracle, edges included on every side.
 
-use gelsim::depth::{Camera, Placement};
-use gelsim::grid::{Grid, bounding_box};
-use gelsim::render::render;
+use gelsim::core::base::grid::{Grid, bounding_box};
+use gelsim::core::base::view::View;
+use gelsim::core::pose::Placement;
+use gelsim::job::sample::render;
 
-use crate::oracle::Scenery;
-use crate::plan::plan;
-use crate::support::{
+use super::oracle::Scenery;
+use super::support::{
     Random, Shape, UPRIGHT, bundled_objects, capture, deepest_in_view, in_view, matrix, moved, position, quarter_turn,
     raster_without_dispatch,
 };
+use crate::plan::plan;
 
 /// No pad is this thick: nothing is limited.
 const BOTTOMLESS: f64 = 1e9;
 
-fn camera(width: usize, height: usize, pitch: f64) -> Camera {
-    Camera { resolution_px: [width, height], mm_per_px: [pitch, pitch] }
+fn camera(width: usize, height: usize, pitch: f64) -> View {
+    View { resolution_px: [width, height], mm_per_px: [pitch, pitch] }
 }
 
 fn at(translation_mm: [f64; 3]) -> Placement {
@@ -26,7 +27,7 @@ fn at(translation_mm: [f64; 3]) -> Placement {
 }
 
 /// Every pixel's captured height lies within the bounds of the plain loop. Says how many are not 0.
-fn check(name: &str, shape: &Shape, placement: &Placement, camera: &Camera, margin: usize) -> usize {
+fn check(name: &str, shape: &Shape, placement: &Placement, camera: &View, margin: usize) -> usize {
     let depth = capture(&shape.clusters(), placement, camera, margin, BOTTOMLESS);
     let truth = Scenery::new(shape, placement, camera, margin);
     let mut covered = 0;
@@ -144,7 +145,7 @@ fn nasty_meshes_look_as_the_plain_loop_says_in_every_pose_and_under_every_camera
     let turns = [UPRIGHT, quarter_turn(1), quarter_turn(2), [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]];
     for (name, shape) in nasty_meshes() {
         let mut covered = 0;
-        let anisotropic = Camera { resolution_px: [47, 36], mm_per_px: [0.031, 0.047] };
+        let anisotropic = View { resolution_px: [47, 36], mm_per_px: [0.031, 0.047] };
         for (k, camera) in [camera(48, 36, 1.0 / 32.0), camera(31, 30, 0.04), anisotropic].iter().enumerate() {
             for rotation in turns.into_iter().chain([random.rotation()]).skip(k) {
                 // Under the first camera, what is made on pixel centres stays there.
@@ -191,7 +192,7 @@ fn where_f32_is_exact_the_covered_pixels_are_exactly_those_of_the_plain_loop() {
 #[test]
 fn bundled_objects_look_as_rays_see_them_in_every_pose() {
     let mut random = Random::new(4);
-    let camera = Camera { resolution_px: [112, 84], mm_per_px: [0.17, 0.16] };
+    let camera = View { resolution_px: [112, 84], mm_per_px: [0.17, 0.16] };
     for path in bundled_objects() {
         let shape = Shape::bundled(&path);
         let clusters = shape.clusters();
@@ -236,7 +237,7 @@ fn a_sheet_with_vertices_on_pixel_centres_has_no_hole_and_one_depth() {
     for pitch in [1.0 / 32.0, 0.03, 0.05] {
         for cell_px in [0.5, 1.0, 2.0, 3.0] {
             for (turn, shift_px) in (0..4).flat_map(|turn| [0.0, 0.5].map(|shift| (turn, shift))) {
-                let camera = Camera { resolution_px: [40, 30], mm_per_px: [pitch, pitch] };
+                let camera = View { resolution_px: [40, 30], mm_per_px: [pitch, pitch] };
                 let cells = (60.0 / cell_px) as usize;
                 let corner = |i: usize| ((i as f64 - cells as f64 / 2.0) * cell_px + shift_px) * pitch;
                 let shape = Shape::sheet(cells, cells, |i, j| [corner(i), corner(j), 0.0]);
@@ -404,13 +405,13 @@ fn the_papers_cube_of_5_mm_measures_5_mm_over_the_pitch_in_every_row_and_column(
             shift[0], shift[1],
         ));
         for k in 0..2 {
-            let exact = 5.0 / plan.camera.mm_per_px[k];
-            let on_centres = centres_on_the_cube(resolution[k], plan.camera.mm_per_px[k], shift[k]);
+            let exact = 5.0 / plan.simulator.view().mm_per_px[k];
+            let on_centres = centres_on_the_cube(resolution[k], plan.simulator.view().mm_per_px[k], shift[k]);
             assert_eq!(on_centres, expected[k], "the expectation itself: 5 mm are {exact} px");
             assert!((on_centres as f64 - exact).abs() <= 1.0);
         }
         let sample = render(&plan, 0);
-        let depth = in_view(&sample.depth);
+        let depth = in_view(&sample.impression.depth);
         let row = |y: usize| depth.row(y).iter().filter(|mm| **mm > 0.0).count();
         let column = |x: usize| (0..depth.height).filter(|y| depth.at(x, *y) > 0.0).count();
         let rows: Vec<usize> = (0..depth.height).map(row).filter(|count| *count > 0).collect();
@@ -434,7 +435,7 @@ fn a_flat_face_is_as_deep_as_the_job_says_whichever_face_and_yaw() {
                      depth_mm = {depth_mm}\n"
                 ));
                 let sample = render(&plan, 0);
-                let deepest = f64::from(deepest_in_view(&sample.depth));
+                let deepest = f64::from(deepest_in_view(&sample.impression.depth));
                 // A round side touches along a line, which may pass between pixel centres 0.25 mm apart.
                 let round = matches!((object, face), ("cylinder" | "flat_face" | "brick", _));
                 let missed = if round { 0.2 } else { 1e-6 };
@@ -485,7 +486,7 @@ fn the_box_around_the_overlap_and_the_deepest_point_in_view_are_those_of_the_map
 #[test]
 fn the_view_is_the_same_with_any_margin() {
     let mut random = Random::new(9);
-    let camera = Camera { resolution_px: [61, 44], mm_per_px: [0.07, 0.05] };
+    let camera = View { resolution_px: [61, 44], mm_per_px: [0.07, 0.05] };
     let meshes = nasty_meshes().into_iter().chain([("a ball", Shape::ball(1.0, 50, 25))]);
     for (name, shape) in meshes {
         for rotation in [UPRIGHT, random.rotation(), random.rotation()] {
@@ -549,7 +550,7 @@ fn turning_the_pose_is_turning_the_mesh() {
 
 #[test]
 fn wide_instructions_change_no_bit() {
-    let camera = Camera { resolution_px: [61, 44], mm_per_px: [0.07, 0.05] };
+    let camera = View { resolution_px: [61, 44], mm_per_px: [0.07, 0.05] };
     let mut random = Random::new(12);
     for (name, shape) in nasty_meshes() {
         for rotation in [UPRIGHT, random.rotation()] {

@@ -1,14 +1,16 @@
 //! Whole presses against slow solutions of the same equations, and the conditions of contact at every pixel.
 
-use gelsim::depth::Depth;
-use gelsim::gelpad::elastic::{Elastic, Resolution};
-use gelsim::gelpad::{Contact, SURFACE_BORDER};
-use gelsim::grid::Grid;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::grid::Resolution;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::depth::Depth;
+use gelsim::core::gelpad::Contact;
+use gelsim::core::gelpad::elastic::Elastic;
 
-use crate::dense_contact::dense_contact;
-use crate::pressed_pixel::pressed_pixel;
-use crate::rig::{NOTHING, Named, OBJECTS, RESOLUTIONS, Rig, Setup};
-use crate::support::Random;
+use super::rig::{NOTHING, Named, OBJECTS, RESOLUTIONS, Rig, Setup};
+use super::support::Random;
+use crate::oracle::dense_contact::dense_contact;
+use crate::oracle::pressed_pixel::pressed_pixel;
 
 /// 16 x 16 px, 4 mm wide.
 const SMALL: [Named; 6] = [

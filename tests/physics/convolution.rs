@@ -1,13 +1,14 @@
-//! Fourier transforms and convolutions against a library's in f64 and against sums written out.
+//! Fourier transforms and convolutions against plain ones in f64 and against sums written out.
 
-use gelsim::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
-use gelsim::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
-use gelsim::grid::Grid;
-use gelsim::simd;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::simd;
+use gelsim::core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
+use gelsim::core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
+use nalgebra::Complex;
 use pulp::{Arch, Scalar, Simd, WithSimd};
-use realfft::RealFftPlanner;
 
-use crate::support::Random;
+use super::support::Random;
+use crate::oracle::fourier::Fourier;
 
 /// A transform, or its way back, with vectors to be chosen.
 struct Run<'a> {
@@ -35,18 +36,12 @@ fn noise(len: usize, random: &mut Random) -> Signals {
     signals
 }
 
-/// The transform of one of the eight signals in f64: real and imaginary part are transformed on their own.
-fn transformed(planner: &mut RealFftPlanner<f64>, signals: &Signals, lane: usize) -> Vec<[f64; 2]> {
-    let len = signals.re.len() / LANES;
-    let plan = planner.plan_fft_forward(len);
-    let [re, im] = [&signals.re, &signals.im].map(|plane| {
-        let mut line: Vec<f64> = plane.iter().skip(lane).step_by(LANES).map(|value| f64::from(*value)).collect();
-        let mut half = plan.make_output_vec();
-        plan.process(&mut line, &mut half).expect("lengths agree");
-        let full = (0..len).map(|k| if k <= len / 2 { half[k] } else { half[len - k].conj() });
-        full.map(|value| [value.re, value.im]).collect::<Vec<_>>()
-    });
-    re.iter().zip(&im).map(|(a, b)| [a[0] - b[1], a[1] + b[0]]).collect()
+/// The transform of one of the eight signals in f64.
+fn transformed(plain: &Fourier, signals: &Signals, lane: usize) -> Vec<Complex<f64>> {
+    let values = signals.re.iter().zip(&signals.im).skip(lane).step_by(LANES);
+    let mut values: Vec<Complex<f64>> = values.map(|(re, im)| Complex::new((*re).into(), (*im).into())).collect();
+    plain.run(&mut values);
+    values
 }
 
 /// Every length that the code chooses up to 2048, and some that only the transform itself allows.
@@ -68,12 +63,11 @@ fn chosen_lengths_are_the_next_smooth_multiples_of_16() {
 }
 
 #[test]
-fn transforms_agree_with_a_library_in_f64_at_every_length() {
+fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
     let mut random = Random::new(1);
-    let mut planner = RealFftPlanner::new();
     let mut worst = 0.0_f64;
     for len in lengths() {
-        let fft = Fft::new(len);
+        let (fft, plain) = (Fft::new(len), Fourier::new(len, false));
         let before = noise(len, &mut random);
         let mut signals = before.clone();
         Arch::new().dispatch(Run { fft: &fft, signals: &mut signals, forward: true });
@@ -81,9 +75,9 @@ fn transforms_agree_with_a_library_in_f64_at_every_length() {
         let bound = 4.0 * f64::from(f32::EPSILON) * (len as f64).sqrt();
         let mut places: Vec<usize> = (0..len).map(|k| fft.place(k)).collect();
         for lane in 0..LANES {
-            for (k, [re, im]) in transformed(&mut planner, &before, lane).into_iter().enumerate() {
+            for (k, expected) in transformed(&plain, &before, lane).into_iter().enumerate() {
                 let at = places[k] * LANES + lane;
-                let error = (f64::from(signals.re[at]) - re).hypot(f64::from(signals.im[at]) - im);
+                let error = (Complex::<f64>::new(signals.re[at].into(), signals.im[at].into()) - expected).norm();
                 assert!(error < bound, "length {len}, frequency {k}, signal {lane}: {error}");
                 worst = worst.max(error / (len as f64).sqrt());
             }
@@ -151,7 +145,7 @@ fn check(shape: Shape, kernel: [usize; 2], checks: usize, random: &mut Random) {
         found
     };
     let found = run();
-    let narrow = simd::narrow(&mut run);
+    let narrow = simd::scalar_only(&mut run);
     let bits = |grid: &Grid<f32>| grid.data.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     assert!(bits(&found) == bits(&narrow), "{shape:?}: wide vectors change bits");
     assert_eq!([found.width, found.height], target);

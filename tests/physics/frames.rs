@@ -2,19 +2,19 @@
 
 use std::sync::Arc;
 
-use gelsim::config::Overrides;
-use gelsim::config::output::Layer;
-use gelsim::config::sensor::PRESETS;
-use gelsim::dataset::layout::Split;
-use gelsim::depth::{self, Window};
-use gelsim::fidelity::Rung;
-use gelsim::grid::Grid;
-use gelsim::plan::Plan;
-use gelsim::plan::frames::Frames;
-use gelsim::render::{self, Sample};
-use gelsim::scene::frame::Frame;
-use gelsim::scene::pose::Pose;
-use gelsim::scene::{Press, Pressed, Scene};
+use gelsim::core::base::grid::Grid;
+use gelsim::core::depth::height_map::HeightMap;
+use gelsim::core::depth::{self, Window};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::pose::Pose;
+use gelsim::files::sensor::PRESETS;
+use gelsim::job::config::Overrides;
+use gelsim::job::layers::OutputLayer;
+use gelsim::job::layout::Split;
+use gelsim::job::plan::Plan;
+use gelsim::job::plan::frames::Frames;
+use gelsim::job::sample::{self, Sample};
+use gelsim::job::scene::{Frame, KnownPress, Pressed, Scene};
 
 use crate::plan::plan;
 
@@ -23,22 +23,22 @@ fn frame(plan: &Plan) -> Frame {
     let scene = Scene::draw(plan, 0, 0);
     let Pressed::Object(number) = scene.pressed else { panic!("drawn from meshes") };
     let window = Window { margin_px: 0, above_mm: 50.0 };
-    let object = &plan.objects[number].clusters;
-    let mut above_mm = depth::capture(object, &scene.pose.placement(), &plan.camera, window, 50.0).overlap;
+    let object = &plan.sampling.objects[number].clusters;
+    let mut above_mm = depth::capture(object, &scene.pose.placement(), plan.simulator.view(), window, 50.0).overlap;
     for mm in &mut above_mm.data {
         *mm = if *mm == -50.0 { f32::INFINITY } else { 0.0 - *mm };
     }
-    Frame { id: String::from("seen"), class: String::from("ball"), above_mm, unseen_px: 3 }
+    Frame { id: String::from("seen"), class: String::from("ball"), map: Arc::new(HeightMap { above_mm, unseen_px: 3 }) }
 }
 
 fn pressed(plan: &Plan, frame: Frame) -> Sample {
-    let drawn = Press {
+    let drawn = KnownPress {
         split: Split::Train,
-        indentation_depth_mm: frame.indentation_depth_mm(),
-        pressed: Pressed::Frame(Arc::new(frame)),
+        indentation_depth_mm: frame.map.indentation_depth_mm(),
+        pressed: Pressed::Frame(frame),
         pose: Pose::IDENTITY,
     };
-    render::press(plan, &Scene::given(plan, 0, 0, drawn))
+    sample::press(plan, &Scene::given(plan, 0, 0, drawn))
 }
 
 fn resolved(frames: &Frames<'_>) -> Plan {
@@ -48,7 +48,7 @@ fn resolved(frames: &Frames<'_>) -> Plan {
 #[test]
 fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
     for (preset, _) in PRESETS {
-        for rung in Rung::ALL {
+        for rung in Fidelity::ALL {
             let job = format!(
                 "fidelity = \"{}\"\n[dataset]\nname = \"a\"\nsamples = 1\n[[object]]\npath = \"objects/sphere.obj\"\n\
                  [indentation]\ndepth_mm = 0.6\n[sensor]\npreset = \"{preset}\"\nresolution_px = [80, 60]\n\
@@ -56,20 +56,20 @@ fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
                 rung.name(),
             );
             let drawn = plan(&job);
-            let meshed = render::render(&drawn, 0);
+            let meshed = sample::render(&drawn, 0);
             let overrides = Overrides { fidelity: Some(rung), ..Overrides::default() };
             let frames = Frames {
                 sensor: preset,
                 resolution_px: [80, 60],
-                layers: &[Layer::Depth],
+                layers: &[OutputLayer::Depth],
                 classes: &[String::from("ball"), String::from("axle")],
                 moved: false,
                 overrides: &overrides,
             };
             let framed = pressed(&resolved(&frames), frame(&drawn));
             assert!(framed.label.contact.in_contact, "{preset} {}", rung.name());
-            assert_eq!(framed.image.rgb, meshed.image.rgb, "{preset} {}", rung.name());
-            assert_eq!(framed.contact.surface.data, meshed.contact.surface.data);
+            assert_eq!(framed.impression.image.rgb, meshed.impression.image.rgb, "{preset} {}", rung.name());
+            assert_eq!(framed.impression.contact.surface.data, meshed.impression.contact.surface.data);
             assert_eq!(framed.label.contact, meshed.label.contact);
             assert_eq!(framed.label.health.unseen_px, 3);
             assert_eq!(framed.label.object.id, "seen");
@@ -80,11 +80,11 @@ fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
 
 #[test]
 fn what_the_border_of_a_frame_cuts_goes_on_beyond_it() {
-    let overrides = Overrides { fidelity: Some(Rung::Reference), ..Overrides::default() };
+    let overrides = Overrides { fidelity: Some(Fidelity::Reference), ..Overrides::default() };
     let frames = Frames {
         sensor: "gelsight-2014",
         resolution_px: [80, 60],
-        layers: &[Layer::Depth],
+        layers: &[OutputLayer::Depth],
         classes: &[],
         moved: false,
         overrides: &overrides,
@@ -92,8 +92,12 @@ fn what_the_border_of_a_frame_cuts_goes_on_beyond_it() {
     let plan = resolved(&frames);
     // A plate over everything: were there nothing beyond the border, the pad would bulge there.
     let above_mm = Grid { width: 80, height: 60, data: vec![-0.3_f32; 80 * 60] };
-    let plate = Frame { id: String::new(), class: String::new(), above_mm, unseen_px: 0 };
+    let plate = Frame { id: String::new(), class: String::new(), map: Arc::new(HeightMap { above_mm, unseen_px: 0 }) };
     let sample = pressed(&plan, plate);
-    assert!(sample.contact.surface.data.iter().all(|mm| (mm - 0.3).abs() < 2e-3), "{:?}", sample.contact.range_mm());
+    assert!(
+        sample.impression.contact.surface.data.iter().all(|mm| (mm - 0.3).abs() < 2e-3),
+        "{:?}",
+        sample.impression.contact.range_mm()
+    );
     assert_eq!(sample.label.contact.fraction, 1.0);
 }

@@ -1,16 +1,17 @@
 //! The surfaces of the pyramid of Gaussians and of the pad that does not deform, against sums written out.
 
-use gelsim::gelpad::gaussian::Gaussian;
-use gelsim::gelpad::none::NoDeformation;
-use gelsim::gelpad::{Contact, Model, Pad, SURFACE_BORDER};
-use gelsim::grid::{Grid, bounding_box};
+use gelsim::core::base::grid::{Grid, bounding_box};
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::gelpad::gaussian::Gaussian;
+use gelsim::core::gelpad::none::NoDeformation;
+use gelsim::core::gelpad::{Contact, Model, Pad};
 
-use crate::rig::Setup;
-use crate::support::{Random, camera_of, depth_of};
+use super::rig::Setup;
+use super::support::{Random, camera_of, depth_of};
 
 fn pad(model: Model) -> Pad {
-    let sensor = gelsim::config::sensor::Sensor::default();
-    Pad::new(&model, &sensor, &camera_of(&sensor))
+    let sensor = gelsim::files::sensor::Sensor::default();
+    Pad::new(&model, &sensor.material(), &camera_of(&sensor))
 }
 
 fn pyramids() -> [Gaussian; 4] {

@@ -1,10 +1,11 @@
 //! The surface of the mean blur: symmetric, bounded, without any trace of the image's border.
 
-use gelsim::gelpad::mean_blur::MeanBlur;
-use gelsim::gelpad::{Contact, SURFACE_BORDER};
-use gelsim::grid::{Grid, Rect, bounding_box};
+use gelsim::core::base::grid::{Grid, Rect, bounding_box};
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::gelpad::Contact;
+use gelsim::core::gelpad::mean_blur::MeanBlur;
 
-use crate::support::{Random, blur_without_dispatch, depth_of, margin_of, press};
+use super::support::{Random, blur_without_dispatch, depth_of, margin_of, press};
 
 const BLURS: [MeanBlur; 4] = [
     MeanBlur { kernel_px: 15, passes: 5 },

@@ -1,13 +1,13 @@
 //! The layer's response over the frequencies: against a table with 17 digits, and against its limits.
 
-use gelsim::gelpad::elastic::layer::Layer;
+use gelsim::core::gelpad::elastic::layer::ElasticLayer;
 
 /// Poisson ratio, q h, and G, H, C, T times mu / h.
 const TABLE: &str = include_str!("data/greens_bonded_layer.csv");
 
 const RATIOS: [f64; 8] = [0.0, 0.1, 0.25, 0.3, 0.45, 0.48, 0.499, 0.4999];
 
-fn responses(layer: Layer, q: f64) -> [f64; 4] {
+fn responses(layer: ElasticLayer, q: f64) -> [f64; 4] {
     [layer.normal(q), layer.tangential(q), layer.coupling(q), layer.transverse(q)]
 }
 
@@ -20,7 +20,7 @@ fn greens_functions_agree_with_a_table_of_17_digits() {
         let (nu, s) = (numbers[0], numbers[1]);
         // A thickness that is no power of two, so that q h is rounded like everything else.
         for h in [1.0, 2.7] {
-            let layer = Layer { thickness_mm: h, poisson_ratio: nu };
+            let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             let mu = 0.5 / (1.0 + nu);
             for (k, found) in responses(layer, s / h).into_iter().enumerate() {
                 // C changes its sign: next to that nothing relative can hold, so G is what it is measured against.
@@ -39,7 +39,7 @@ fn greens_functions_agree_with_a_table_of_17_digits() {
 fn at_no_frequency_the_layer_is_a_column_that_cannot_widen_and_a_block_in_shear() {
     for nu in RATIOS {
         for h in [0.05, 3.0, 100.0] {
-            let layer = Layer { thickness_mm: h, poisson_ratio: nu };
+            let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             let (column, shear) = (h * (1.0 + nu) * (1.0 - 2.0 * nu) / (1.0 - nu), 2.0 * h * (1.0 + nu));
             // From 0 itself to just above the frequency where the formula takes over: corrections are of order (q h)^2
             // times 1 / (1 - 2 nu), 5000 at most; C is of order q h.
@@ -57,7 +57,7 @@ fn at_no_frequency_the_layer_is_a_column_that_cannot_widen_and_a_block_in_shear(
 fn at_high_frequencies_the_layer_is_a_half_space() {
     for nu in RATIOS {
         for h in [0.05, 3.0, 100.0] {
-            let layer = Layer { thickness_mm: h, poisson_ratio: nu };
+            let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             for s in [30.0, 1e3, 1e6] {
                 let q = s / h;
                 let [g, t_l, c, t_t] = responses(layer, q);
@@ -77,7 +77,7 @@ fn at_high_frequencies_the_layer_is_a_half_space() {
 #[test]
 fn responses_are_finite_smooth_and_bounded_at_every_frequency() {
     for nu in RATIOS {
-        let layer = Layer { thickness_mm: 3.0, poisson_ratio: nu };
+        let layer = ElasticLayer { thickness_mm: 3.0, poisson_ratio: nu };
         let softest = layer.softest();
         let mut last = responses(layer, 0.0);
         let step = 1.002_f64;
@@ -103,7 +103,7 @@ fn responses_are_finite_smooth_and_bounded_at_every_frequency() {
 #[test]
 fn the_softest_response_is_the_largest_there_is() {
     for nu in RATIOS {
-        let layer = Layer { thickness_mm: 2.5, poisson_ratio: nu };
+        let layer = ElasticLayer { thickness_mm: 2.5, poisson_ratio: nu };
         let scanned = (0..400_000).map(|k| layer.normal(f64::from(k) * 1e-4 / 2.5)).fold(0.0, f64::max);
         // Steps of 0.01 around a flat top: off by less than 1e-4 of it.
         assert!((layer.softest() / scanned - 1.0).abs() < 1e-4, "nu {nu}: {} {scanned}", layer.softest());

@@ -1,9 +1,9 @@
 //! What the size of the pixels costs: coarse grids against one that is much finer.
 
-use gelsim::gelpad::elastic::Resolution;
-use gelsim::grid::Grid;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::grid::Resolution;
 
-use crate::rig::{NOTHING, Rig, Setup};
+use super::rig::{NOTHING, Rig, Setup};
 
 /// Distance from the edge of the part that touches, mm, positive outside, and the overlap.
 type Object = (&'static str, fn(f64, f64) -> f64, fn(f64, f64) -> f64);

@@ -1,10 +1,10 @@
 //! What must not break the elastic pad: any overlap on any grid, any pad.
 
-use gelsim::gelpad::elastic::Resolution;
+use gelsim::core::base::grid::Resolution;
 use proptest::prelude::*;
 
-use crate::rig::{NOTHING, RESOLUTIONS, Setup};
-use crate::support::Random;
+use super::rig::{NOTHING, RESOLUTIONS, Setup};
+use super::support::Random;
 
 /// Kinds of overlap, in units of its depth, by column and row of a window.
 #[derive(Clone, Copy, Debug)]

@@ -4,15 +4,15 @@
 //! other pixel that it faces gets its part: cos cos / (pi d^2) of it per area. One bounce, an albedo of one half, and
 //! nothing stands between two pixels: more than there is. The figures are in `docs/effects.md`.
 
-use gelsim::gelpad::Contact;
-use gelsim::grid::Rect;
-use gelsim::optics::normals::normals;
-use gelsim::optics::shadow::{Caster, Scratch, visible};
-use gelsim::plan::Plan;
-use gelsim::render::render;
+use gelsim::core::base::grid::Rect;
+use gelsim::core::gelpad::Contact;
+use gelsim::core::optics::normals::normals;
+use gelsim::core::optics::shadow::{Caster, Scratch, visible};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
 
+use super::support::contact_of;
 use crate::plan::plan;
-use crate::support::contact_of;
 
 /// Share of the light that the pad's coating gives back.
 const ALBEDO: f64 = 0.5;
@@ -26,13 +26,14 @@ fn plan_of(object: &str) -> Plan {
 
 /// Red, green and blue irradiance of each pixel: N.l times each LED's colour and intensity, as far as it is seen.
 fn direct(plan: &Plan, contact: &Contact) -> Vec<[f64; 3]> {
-    let [width, height] = plan.camera.resolution_px;
-    let normals = normals(contact, &plan.camera);
+    let [width, height] = plan.simulator.view().resolution_px;
+    let normals = normals(contact, plan.simulator.view());
     let mut light = vec![[0.0; 3]; width * height];
-    for led in &plan.job.sensor.led {
+    for led in &plan.job().sensor.led {
         let (azimuth, elevation) = (led.azimuth_deg.to_radians(), led.elevation_deg.to_radians());
         let towards = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), -elevation.sin()];
-        let caster = Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, plan.camera.mm_per_px);
+        let caster =
+            Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, plan.simulator.view().mm_per_px);
         let view = Rect::whole(width, height);
         let seen = visible(&[Some(caster)], &contact.surface, view, &mut Scratch::default()).remove(0);
         for ((light, normal), seen) in light.iter_mut().zip(&normals).zip(&seen) {
@@ -47,7 +48,7 @@ fn direct(plan: &Plan, contact: &Contact) -> Vec<[f64; 3]> {
 
 /// What each pixel gets of what all others give back of `light`.
 fn bounced(plan: &Plan, contact: &Contact, light: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let (camera, surface) = (&plan.camera, contact.surface.inner(1));
+    let (camera, surface) = (plan.simulator.view(), contact.surface.inner(1));
     let normals: Vec<[f64; 3]> = normals(contact, camera).into_iter().map(|n| n.map(f64::from)).collect();
     let width = camera.resolution_px[0];
     let places: Vec<[f64; 3]> = (0..light.len())
@@ -89,16 +90,16 @@ fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
     println!("grey levels, mean / 95 % / max: one bounce; what the press changes directly");
     for object in ["sphere", "cube", "gear", "coin"] {
         let plan = plan_of(object);
-        let contact = render(&plan, 0).contact;
+        let contact = render(&plan, 0).impression.contact;
         let light = direct(&plan, &contact);
         let bounce = bounced(&plan, &contact, &light);
         assert!(bounce.iter().flatten().all(|light| light.is_finite() && *light >= 0.0));
-        let flat = direct(&plan, &contact_of(&plan.camera, |_| 0.0));
-        let levels = 255.0 * plan.models.optics.phong().expect("LEDs").diffuse;
+        let flat = direct(&plan, &contact_of(plan.simulator.view(), |_| 0.0));
+        let levels = 255.0 * plan.simulator.models().optics.phong().expect("LEDs").diffuse;
 
         // The contact, and a millimetre around it.
-        let [width, height] = plan.camera.resolution_px;
-        let [reach_x, reach_y] = plan.camera.mm_per_px.map(|pitch| (1.0 / pitch).round() as usize);
+        let [width, height] = plan.simulator.view().resolution_px;
+        let [reach_x, reach_y] = plan.simulator.view().mm_per_px.map(|pitch| (1.0 / pitch).round() as usize);
         let near = |at: &usize| {
             let (x, y) = (at % width, at / width);
             let columns = x.saturating_sub(reach_x)..(x + reach_x + 1).min(width);
@@ -121,7 +122,7 @@ fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
 #[test]
 fn a_flat_pad_throws_no_light_at_itself() {
     let plan = plan_of("sphere");
-    let flat = contact_of(&plan.camera, |_| 0.0);
+    let flat = contact_of(plan.simulator.view(), |_| 0.0);
     let light = direct(&plan, &flat);
     assert!(light.iter().flatten().all(|light| *light > 0.0));
     assert!(bounced(&plan, &flat, &light).iter().flatten().all(|light| *light == 0.0));

@@ -2,13 +2,13 @@
 
 use std::f64::consts::{PI, TAU};
 
-use gelsim::gelpad::elastic::kernel::kernel;
-use gelsim::gelpad::elastic::layer::Layer;
+use gelsim::core::gelpad::elastic::kernel::kernel;
+use gelsim::core::gelpad::elastic::layer::ElasticLayer;
 
-use crate::pressed_pixel::pressed_pixel;
+use crate::oracle::pressed_pixel::pressed_pixel;
 
 /// The same on the grid's frequencies only, summed over a torus of `size` px, each weighted by the pixel's share in it.
-fn pressed_pixel_on_grid(layer: Layer, pitch: [f64; 2], lag: [usize; 2], size: usize) -> f64 {
+fn pressed_pixel_on_grid(layer: ElasticLayer, pitch: [f64; 2], lag: [usize; 2], size: usize) -> f64 {
     let frequency = |k: usize, n: usize| {
         let n = if 2 * n > size { n as f64 - size as f64 } else { n as f64 };
         TAU * n / (size as f64 * pitch[k])
@@ -31,7 +31,7 @@ const RATIOS: [f64; 4] = [0.0, 0.3, 0.48, 0.4999];
 #[test]
 fn the_oracle_knows_the_half_space() {
     // Love's value at the middle of a square of side a on a half-space: 4 asinh(1) a (1 - nu^2) / (pi E).
-    let layer = Layer { thickness_mm: 1e7, poisson_ratio: 0.3 };
+    let layer = ElasticLayer { thickness_mm: 1e7, poisson_ratio: 0.3 };
     let expected = 4.0 * 1.0_f64.asinh() * 0.2 * (1.0 - 0.09) / PI;
     let found = pressed_pixel(layer, [0.2, 0.2], 0.0, 0.0);
     // The base takes away some side / thickness of it.
@@ -51,7 +51,7 @@ fn the_kernel_is_the_displacement_around_a_pressed_pixel() {
             (100.0, [0.1, 0.1]),
             (1000.0, [0.01, 0.02]),
         ] {
-            let layer = Layer { thickness_mm: h, poisson_ratio: nu };
+            let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             let reach = 9.0 * h;
             let kernel = kernel(layer, pitch, reach, [300, 200]);
             let middle = f64::from(kernel.at(0, 0));
@@ -79,7 +79,7 @@ fn the_kernel_is_the_displacement_around_a_pressed_pixel() {
 
 #[test]
 fn far_away_on_a_thick_pad_the_kernel_keeps_its_digits() {
-    let layer = Layer { thickness_mm: 1e5, poisson_ratio: 0.3 };
+    let layer = ElasticLayer { thickness_mm: 1e5, poisson_ratio: 0.3 };
     for pitch in [[0.1, 0.1], [0.1, 0.3]] {
         let kernel = kernel(layer, pitch, 1e5, [400, 400]);
         for lag in [[20, 0], [0, 28], [19, 21], [29, 0], [0, 63], [100, 3], [64, 90], [399, 399]] {
@@ -96,7 +96,7 @@ fn where_pixels_are_coarse_the_kernel_is_the_sum_over_the_grids_frequencies() {
     let mut worst = 0.0_f64;
     for nu in RATIOS {
         for (h, pitch) in [(3.0, [2.0, 2.0]), (0.05, [0.03125, 0.03125]), (0.05, [0.02, 0.05]), (1.0, [10.0, 10.0])] {
-            let layer = Layer { thickness_mm: h, poisson_ratio: nu };
+            let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             let kernel = kernel(layer, pitch, 9.0 * h, [300, 200]);
             let size = 128;
             let middle = f64::from(kernel.at(0, 0));
@@ -121,7 +121,7 @@ fn where_pixels_are_coarse_the_kernel_is_the_sum_over_the_grids_frequencies() {
 fn all_lags_together_give_as_a_wide_plate_does() {
     for nu in RATIOS {
         for (h, pitch) in [(3.0, [0.125, 0.125]), (3.0, [0.2, 0.1]), (0.3, [0.125, 0.125]), (0.05, [0.03125, 0.0625])] {
-            let layer = Layer { thickness_mm: h, poisson_ratio: nu };
+            let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             let kernel = kernel(layer, pitch, 9.0 * h, [4000, 4000]);
             let (mut sum, mut size) = (0.0, 0.0);
             for y in 0..kernel.height {
@@ -141,7 +141,7 @@ fn all_lags_together_give_as_a_wide_plate_does() {
 
 #[test]
 fn a_kernel_ends_where_its_reach_does_and_fits_the_window() {
-    let layer = Layer { thickness_mm: 3.0, poisson_ratio: 0.4999 };
+    let layer = ElasticLayer { thickness_mm: 3.0, poisson_ratio: 0.4999 };
     let kernel_to = |reach, most| kernel(layer, [0.25, 0.5], reach, most);
     let cut = kernel_to(12.0, [1000, 1000]);
     assert_eq!([cut.width, cut.height], [49, 25]);

@@ -1,10 +1,11 @@
 //! The rungs of the accuracy ladder on the bundled objects.
 
 use gelsim::cli::list::OBJECTS;
-use gelsim::fidelity::Rung;
-use gelsim::metrics::image::mae;
-use gelsim::metrics::surface::height_error_um;
-use gelsim::render::{Sample, render};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
+use gelsim::lab::metrics::image::mae;
+use gelsim::lab::metrics::surface::height_error_um;
 
 use crate::plan::plan;
 
@@ -15,7 +16,7 @@ fn at_every_rung(object: &str) -> Vec<Sample> {
          resolution_px = [320, 240]\n[pose]\nyaw_deg = 17.0\ntilt_deg = 1.5\ntilt_azimuth_deg = 40.0\nx_mm = 0.3\n\
          y_mm = -0.2\n[indentation]\ndepth_mm = 0.8\n"
     ));
-    Rung::ALL.into_iter().map(|rung| render(&plan.at(rung), 0)).collect()
+    Fidelity::ALL.into_iter().map(|rung| render(&plan.at(rung), 0)).collect()
 }
 
 #[test]
@@ -23,9 +24,12 @@ fn every_rung_is_nearer_to_the_reference_than_the_one_before_on_every_bundled_ob
     for object in OBJECTS {
         let samples = at_every_rung(object);
         let (exact, others) = samples.split_last().expect("there are rungs");
-        let heights: Vec<f64> =
-            others.iter().map(|sample| height_error_um(&sample.contact.surface, &exact.contact.surface).0).collect();
-        let images: Vec<f64> = others.iter().map(|sample| mae(&sample.image.rgb, &exact.image.rgb)).collect();
+        let heights: Vec<f64> = others
+            .iter()
+            .map(|sample| height_error_um(&sample.impression.contact.surface, &exact.impression.contact.surface).0)
+            .collect();
+        let images: Vec<f64> =
+            others.iter().map(|sample| mae(&sample.impression.image.rgb, &exact.impression.image.rgb)).collect();
         for (name, errors) in [("height", &heights), ("image", &images)] {
             assert!(errors.windows(2).all(|pair| pair[1] < pair[0]), "{object}: {name} errors {errors:?}");
         }
@@ -37,18 +41,18 @@ fn every_rung_is_nearer_to_the_reference_than_the_one_before_on_every_bundled_ob
 #[test]
 fn every_rung_but_the_blur_says_how_well_it_solved_the_contact() {
     for object in ["sphere", "gear", "knurl"] {
-        for (rung, sample) in Rung::ALL.into_iter().zip(at_every_rung(object)) {
+        for (rung, sample) in Fidelity::ALL.into_iter().zip(at_every_rung(object)) {
             let label = &sample.label;
             assert_eq!(label.fidelity, rung.name());
             assert!(label.numerics.converged && label.health.finite, "{object} {rung:?}");
             let tolerance_um = match rung {
-                Rung::Paper => {
+                Fidelity::Paper => {
                     assert_eq!((label.numerics.residual_um, label.contact.force_n), (None, None));
                     continue;
                 }
-                Rung::Draft => 3.0,
-                Rung::Standard | Rung::High => 1.0,
-                Rung::Reference => 0.05,
+                Fidelity::Draft => 3.0,
+                Fidelity::Standard | Fidelity::High => 1.0,
+                Fidelity::Reference => 0.05,
             };
             // Outside the box in which the contact is solved twice the tolerance is accepted.
             let residual_um = label.numerics.residual_um.expect("the elastic pad knows it");

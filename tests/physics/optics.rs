@@ -1,21 +1,23 @@
 //! Normals and light against closed forms, written out in f64 from the equations of the method.
 
-use gelsim::config::sensor::{Led, PRESETS, Sensor};
-use gelsim::dataset::png;
-use gelsim::depth::{Camera, Depth};
-use gelsim::gelpad::mean_blur::MeanBlur;
-use gelsim::grid::{Grid, Rect};
-use gelsim::optics::Light;
-use gelsim::optics::background::Reference;
-use gelsim::optics::phong::{Equation, Phong};
-use gelsim::render::render;
+use gelsim::core::base::grid::{Grid, Rect};
+use gelsim::core::base::light::Light;
+use gelsim::core::base::view::View;
+use gelsim::core::depth::Depth;
+use gelsim::core::gelpad::mean_blur::MeanBlur;
+use gelsim::core::optics::background::BackgroundImage;
+use gelsim::core::optics::led::Led;
+use gelsim::core::optics::phong::{Equation, Phong};
+use gelsim::files::png;
+use gelsim::files::sensor::{PRESETS, Sensor};
+use gelsim::job::sample::render;
 
-use crate::plan::plan;
-use crate::shading::{brightness, phong};
-use crate::support::{
+use super::support::{
     Random, camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor,
     shade,
 };
+use crate::oracle::shading::{brightness, phong};
+use crate::plan::plan;
 
 const PAPERS_LEDS: [(f64, f64); 4] = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
 
@@ -24,7 +26,7 @@ fn without_darkening() -> Phong {
 }
 
 /// Largest difference between the light at every pixel and `expected(column, row)`.
-fn error(light: &Light, rest: &Reference, expected: impl Fn(usize, usize) -> [f64; 3]) -> f64 {
+fn error(light: &Light, rest: &BackgroundImage, expected: impl Fn(usize, usize) -> [f64; 3]) -> f64 {
     let mut largest = 0.0_f64;
     for y in 0..rest.height {
         for x in 0..rest.width {
@@ -110,10 +112,10 @@ fn a_pressed_ball_is_bright_on_the_side_where_the_led_is() {
         let (mut bright, mut dark) = (0.0, 0.0);
         for y in 0..60 {
             for x in 0..80 {
-                let [u, v] = position(&plan.camera, x as f64, y as f64);
+                let [u, v] = position(plan.simulator.view(), x as f64, y as f64);
                 let towards_led = u * side[0] + v * side[1];
-                let gain =
-                    f64::from(sample.image.rgb[(y * 80 + x) * 3]) - f64::from(plan.reference.rgb[(y * 80 + x) * 3]);
+                let gain = f64::from(sample.impression.image.rgb[(y * 80 + x) * 3])
+                    - f64::from(plan.simulator.background().rgb[(y * 80 + x) * 3]);
                 if towards_led > 0.5 {
                     bright += gain;
                 } else if towards_led < -0.5 {
@@ -126,7 +128,7 @@ fn a_pressed_ball_is_bright_on_the_side_where_the_led_is() {
 }
 
 /// A rigid ball of `radius` mm over the middle of the view, pressed in by `depth_mm`.
-fn ball(camera: &Camera, radius: f64, depth_mm: f64, margin: usize) -> Depth {
+fn ball(camera: &View, radius: f64, depth_mm: f64, margin: usize) -> Depth {
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut overlap = Grid::new(width, height);
     for y in 0..height {
@@ -144,7 +146,7 @@ fn normals_under_a_ball_are_the_balls_and_their_error_falls_with_the_square_of_t
     let (radius, depth_mm) = (3.0, 1.0);
     let errors = [0.2, 0.1, 0.05].map(|pitch| {
         let px = (6.0 / pitch) as usize;
-        let camera = Camera { resolution_px: [px, px], mm_per_px: [pitch, pitch] };
+        let camera = View { resolution_px: [px, px], mm_per_px: [pitch, pitch] };
         // The same blur in mm at every pitch, so that the contact is the same.
         let blur = MeanBlur { kernel_px: 2 * (0.2 / pitch) as u32 + 1, passes: 3 };
         let contact = press(blur, &ball(&camera, radius, depth_mm, margin_of(blur)));
@@ -182,7 +184,7 @@ fn normals_under_a_ball_are_the_balls_and_their_error_falls_with_the_square_of_t
 
 #[test]
 fn a_flat_pad_has_normals_that_point_at_the_camera_exactly() {
-    let camera = Camera { resolution_px: [9, 7], mm_per_px: [0.03, 0.05] };
+    let camera = View { resolution_px: [9, 7], mm_per_px: [0.03, 0.05] };
     for normal in normals(&contact_of(&camera, |_| 0.0), &camera) {
         assert_eq!(normal.map(f32::to_bits), [0.0_f32, 0.0, -1.0].map(f32::to_bits));
     }
@@ -190,7 +192,7 @@ fn a_flat_pad_has_normals_that_point_at_the_camera_exactly() {
 
 #[test]
 fn slopes_use_the_pitch_of_their_own_direction() {
-    let camera = Camera { resolution_px: [9, 7], mm_per_px: [0.03, 0.05] };
+    let camera = View { resolution_px: [9, 7], mm_per_px: [0.03, 0.05] };
     let contact = contact_of(&camera, |[x, y]| 1.0 + 0.4 * x - 0.3 * y);
     let length = 1.25_f64.sqrt();
     for normal in normals(&contact, &camera) {
@@ -215,9 +217,9 @@ fn an_untouched_pad_is_the_rendered_background_byte_for_byte() {
         {
             let plan = plan(&untouched_job(&format!("{optics}\nsensor.preset = \"{preset}\"")));
             let sample = render(&plan, 0);
-            assert!(sample.image.rgb == plan.reference.rgb, "{preset} {optics}");
+            assert!(sample.impression.image.rgb == plan.simulator.background().rgb, "{preset} {optics}");
             assert!(!sample.label.contact.in_contact);
-            let different: std::collections::BTreeSet<&[u8]> = plan.reference.rgb.chunks(3).collect();
+            let different: std::collections::BTreeSet<&[u8]> = plan.simulator.background().rgb.chunks(3).collect();
             assert!(different.len() > 100, "{preset} has only {} colours", different.len());
         }
     }
@@ -232,13 +234,13 @@ fn an_untouched_pad_is_the_users_photograph_byte_for_byte_and_so_is_what_the_pre
     std::fs::write(&path, png::encode_rgb(160, 120, &noise)).expect("a temporary file");
     let sensor = format!("sensor.resolution_px = [160, 120]\nsensor.background = {:?}", path.display().to_string());
     let untouched = render(&plan(&untouched_job(&sensor)), 0);
-    assert!(untouched.image.rgb == noise);
+    assert!(untouched.impression.image.rgb == noise);
 
     let touched = plan(&untouched_job(&sensor).replace("no_contact = 1.0", "no_contact = 0.0"));
     let sample = render(&touched, 0);
-    let Rect { x0, y0, x1, y1 } = sample.contact.region;
+    let Rect { x0, y0, x1, y1 } = sample.impression.contact.region;
     let mut changed = 0;
-    for (at, (found, expected)) in sample.image.rgb.chunks(3).zip(noise.chunks(3)).enumerate() {
+    for (at, (found, expected)) in sample.impression.image.rgb.chunks(3).zip(noise.chunks(3)).enumerate() {
         // The region counts the border; slopes reach one pixel further.
         let (x, y) = (at % 160 + 1, at / 160 + 1);
         let reached = (x0.saturating_sub(1)..x1 + 1).contains(&x) && (y0.saturating_sub(1)..y1 + 1).contains(&y);
@@ -253,23 +255,27 @@ fn the_literal_equation_adds_the_flat_pads_own_light_to_the_background() {
     let plan = plan(&untouched_job("optics.phong.equation = \"literal\"\nsensor.resolution_px = [64, 48]"));
     let sample = render(&plan, 0);
     let constants = Phong { equation: Equation::Literal, ..Phong::default() };
-    for (found, rest) in sample.image.rgb.chunks(3).zip(plan.reference.rgb.chunks(3)) {
+    for (found, rest) in sample.impression.image.rgb.chunks(3).zip(plan.simulator.background().rgb.chunks(3)) {
         let rest = std::array::from_fn(|k| f64::from(rest[k]) / 255.0);
-        let expected = brightness([0.0, 0.0], 0.0, &plan.job.sensor, &constants, rest);
+        let expected = brightness([0.0, 0.0], 0.0, &plan.job().sensor, &constants, rest);
         for (found, expected) in found.iter().zip(expected) {
             let level = (expected * 255.0).clamp(0.0, 255.0);
             assert!((f64::from(*found) - level).abs() <= 0.5 + 1e-3, "{found} for {level}");
         }
     }
-    assert_eq!(sample.image.rgb, plan.ready.body.untouched.rgb, "the reference layer is the image without contact");
-    let gain: f64 = plan.job.sensor.led.iter().map(|led| phong([0.0; 2], led, &constants) * led.intensity).sum();
+    assert_eq!(
+        sample.impression.image.rgb,
+        plan.simulator.untouched().rgb,
+        "the reference layer is the image without contact"
+    );
+    let gain: f64 = plan.job().sensor.led.iter().map(|led| phong([0.0; 2], led, &constants) * led.intensity).sum();
     assert!(gain > 0.2, "the flat pad's own light is plain to see: {gain}");
 }
 
 #[test]
 fn the_2014_preset_holds_the_papers_lights() {
     let plan = plan(&untouched_job("sensor.preset = \"gelsight-2014\""));
-    let leds = &plan.job.sensor.led;
+    let leds = &plan.job().sensor.led;
     let names: Vec<&str> = leds.iter().map(|led| led.name.as_str()).collect();
     assert_eq!(names, ["white", "blue", "red", "green"]);
     for (led, travels) in leds.iter().zip(PAPERS_LEDS) {
@@ -285,7 +291,7 @@ fn the_2014_preset_holds_the_papers_lights() {
     let constants = Phong::default();
     assert_eq!((constants.shininess, constants.diffuse, constants.specular), (5.0, 0.5, 0.15));
     assert_eq!(MeanBlur::default(), MeanBlur { kernel_px: 15, passes: 5 });
-    assert_eq!(plan.thickness_mm, 3.0);
+    assert_eq!(plan.thickness_mm(), 3.0);
 }
 
 /// Smooth hills and valleys up to some 0.5 mm per mm.
@@ -362,7 +368,7 @@ fn light_adds_up_over_leds_and_grows_with_their_intensity_until_it_is_quantised(
 
 #[test]
 fn quantising_rounds_to_the_nearest_level_and_counts_what_it_cuts() {
-    let camera = Camera { resolution_px: [40, 30], mm_per_px: [0.1; 2] };
+    let camera = View { resolution_px: [40, 30], mm_per_px: [0.1; 2] };
     let rest = grey(&camera, 255);
     let mut random = Random::new(2);
     let region = Rect { x0: 3, y0: 5, x1: 38, y1: 29 };
@@ -441,10 +447,10 @@ fn turning_the_pose_and_the_leds_turns_the_whole_sample() {
             70.0 + 90.0 * quarters as f64,
         )
     };
-    let upright = render(&plan(&job(0)), 0).image.rgb;
+    let upright = render(&plan(&job(0)), 0).impression.image.rgb;
     assert!(upright.chunks(3).filter(|pixel| **pixel != upright[..3]).count() > 1000);
     for quarters in 1..4 {
-        let turned = render(&plan(&job(quarters)), 0).image.rgb;
+        let turned = render(&plan(&job(quarters)), 0).impression.image.rgb;
         let mut differ = 0;
         for y in 0..64 {
             for x in 0..64 {

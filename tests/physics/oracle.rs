@@ -12,9 +12,10 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::ray::Ray;
 
-use gelsim::depth::{Camera, Placement};
+use gelsim::core::base::view::View;
+use gelsim::core::pose::Placement;
 
-use crate::support::Shape;
+use super::support::Shape;
 
 /// Corners as column px, row px, height mm; the pixel in column i, row j has its centre at (i + 0.5, j + 0.5).
 type Triangle = [[f64; 3]; 3];
@@ -30,7 +31,7 @@ pub struct Scenery {
 
 impl Scenery {
     /// The camera's image starts `margin` pixels left of and above the view.
-    pub fn new(shape: &Shape, placement: &Placement, camera: &Camera, margin: usize) -> Self {
+    pub fn new(shape: &Shape, placement: &Placement, camera: &View, margin: usize) -> Self {
         let middle = camera.resolution_px.map(|px| px as f64 / 2.0 + margin as f64);
         let pitch = camera.mm_per_px;
         let seen = |p: [f64; 3]| [p[0] / pitch[0] + middle[0], p[1] / pitch[1] + middle[1], p[2]];

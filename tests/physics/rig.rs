@@ -1,11 +1,13 @@
 //! Elastic pads under objects that are given by a formula, without any mesh.
 
-use gelsim::config::sensor::Sensor;
-use gelsim::depth::{Camera, Depth};
-use gelsim::gelpad::Contact;
-use gelsim::gelpad::elastic::layer::Layer;
-use gelsim::gelpad::elastic::{Elastic, Pad, Resolution};
-use gelsim::grid::{Grid, bounding_box};
+use gelsim::core::base::grid::Resolution;
+use gelsim::core::base::grid::{Grid, bounding_box};
+use gelsim::core::base::view::View;
+use gelsim::core::depth::Depth;
+use gelsim::core::gelpad::Contact;
+use gelsim::core::gelpad::elastic::layer::ElasticLayer;
+use gelsim::core::gelpad::elastic::{Elastic, Pad};
+use gelsim::files::sensor::Sensor;
 
 pub const RESOLUTIONS: [Resolution; 3] = [Resolution::Full, Resolution::Half, Resolution::Quarter];
 
@@ -34,8 +36,8 @@ impl Default for Setup {
 }
 
 impl Setup {
-    pub fn layer(&self) -> Layer {
-        Layer { thickness_mm: self.thickness_mm, poisson_ratio: self.poisson_ratio }
+    pub fn layer(&self) -> ElasticLayer {
+        ElasticLayer { thickness_mm: self.thickness_mm, poisson_ratio: self.poisson_ratio }
     }
 
     pub fn solved(self, resolution: Resolution, tolerance_um: f64) -> Self {
@@ -51,8 +53,8 @@ impl Setup {
             gelpad_youngs_modulus_kpa: self.youngs_modulus_kpa,
             ..Sensor::default()
         };
-        let camera = Camera { resolution_px: self.resolution_px, mm_per_px: self.mm_per_px };
-        Rig { setup: self, pad: Pad::new(&self.elastic, &sensor, &camera) }
+        let camera = View { resolution_px: self.resolution_px, mm_per_px: self.mm_per_px };
+        Rig { setup: self, pad: Pad::new(&self.elastic, &sensor.material(), &camera) }
     }
 }
 

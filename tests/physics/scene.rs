@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
-use gelsim::dataset::png;
-use gelsim::depth::Placement;
-use gelsim::label::Label;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::core::pose::Placement;
+use gelsim::files::png;
+use gelsim::job::label::Label;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 
-use crate::oracle::Scenery;
+use super::oracle::Scenery;
+use super::support::{Shape, matrix, member, moved, position};
 use crate::plan::plan;
-use crate::support::{Shape, matrix, member, moved, position};
 
 const FACES: [(&str, [f64; 3]); 6] = [
     ("-x", [-1.0, 0.0, 0.0]),
@@ -60,8 +61,8 @@ fn the_labels_pose_puts_the_mesh_where_the_depth_map_shows_it() {
             assert!((lowest + label.indentation_depth_mm).abs() < 2e-6, "{object} {index}: lowest at {lowest}");
 
             // Every pixel of the depth map, from the label and the mesh alone.
-            let truth = Scenery::new(&shape, &placement, &plan.camera, sample.depth.margin_px);
-            let depth = &sample.depth.overlap;
+            let truth = Scenery::new(&shape, &placement, plan.simulator.view(), sample.impression.depth.margin_px);
+            let depth = &sample.impression.depth.overlap;
             let mut touching = 0;
             for y in (0..depth.height).step_by(3) {
                 for x in (0..depth.width).step_by(2) {
@@ -86,18 +87,18 @@ fn a_known_corner_is_seen_where_the_label_puts_it() {
         let corners = shape.vertices.iter().map(|&q| moved(&placement, q));
         let [x, y, z] = corners.min_by(|a, b| a[2].total_cmp(&b[2])).expect("a mesh has corners");
         assert!((z + 2.0).abs() < 1e-6);
-        let margin = sample.depth.margin_px;
+        let margin = sample.impression.depth.margin_px;
         let (mut deepest, mut seen) = (0.0, [0.0; 2]);
         for row in 0..72 {
             for column in 0..96 {
-                let mm = sample.depth.overlap.at(column + margin, row + margin);
+                let mm = sample.impression.depth.overlap.at(column + margin, row + margin);
                 if mm > deepest {
-                    (deepest, seen) = (mm, position(&plan.camera, column as f64, row as f64));
+                    (deepest, seen) = (mm, position(plan.simulator.view(), column as f64, row as f64));
                 }
             }
         }
         // The deepest pixel is a neighbour of the corner, or the next one along an edge.
-        let pitch = plan.camera.mm_per_px[0];
+        let pitch = plan.simulator.view().mm_per_px[0];
         let off = (seen[0] - x).hypot(seen[1] - y);
         assert!(off < 2.0 * pitch, "sample {index}: corner at ({x}, {y}), deepest pixel at {seen:?}");
     }
@@ -184,7 +185,7 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
             let sample = render(&plan, index);
             let mask = png::decode_rgb(&member(&plan, &sample, "contact.png")).expect("a PNG");
             let contact = written_label(&plan, &sample).contact;
-            let [pitch_x, pitch_y] = plan.camera.mm_per_px;
+            let [pitch_x, pitch_y] = plan.simulator.view().mm_per_px;
             let touching: Vec<(u32, u32)> = mask
                 .enumerate_pixels()
                 .inspect(|(_, _, pixel)| assert!(pixel.0[0] == 0 || pixel.0[0] == 255))
@@ -202,16 +203,19 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
             let columns = || touching.iter().map(|(column, _)| *column);
             let rows = || touching.iter().map(|(_, row)| *row);
             let mean = |values: &mut dyn Iterator<Item = u32>| values.map(f64::from).sum::<f64>() / count;
-            let centroid = position(&plan.camera, mean(&mut columns()), mean(&mut rows()));
+            let centroid = position(plan.simulator.view(), mean(&mut columns()), mean(&mut rows()));
             for (found, expected) in contact.centroid_mm.into_iter().zip(centroid) {
                 assert!((found - expected).abs() < 1e-9);
             }
             let bounds = [columns().min(), rows().min(), columns().max().map(|x| x + 1), rows().max().map(|y| y + 1)];
             assert_eq!(contact.bbox_px.map(Some), bounds);
             // The pad touches the object only where the object is below the undeformed pad, or as high as it bulges.
-            let margin = sample.depth.margin_px;
-            let depth = |(column, row)| sample.depth.overlap.at(column as usize + margin, row as usize + margin);
-            assert!(touching.iter().all(|at| depth(*at) > 0.0 || -depth(*at) <= sample.contact.bulge_mm + 1e-3));
+            let margin = sample.impression.depth.margin_px;
+            let depth =
+                |(column, row)| sample.impression.depth.overlap.at(column as usize + margin, row as usize + margin);
+            assert!(
+                touching.iter().all(|at| depth(*at) > 0.0 || -depth(*at) <= sample.impression.contact.bulge_mm + 1e-3)
+            );
             let deepest = touching.iter().map(|at| f64::from(depth(*at))).fold(0.0, f64::max);
             let found = contact.max_depth_mm;
             // serde_json reads floats to within their last bit.

@@ -1,11 +1,11 @@
 //! Cast shadows against rays marched in f64 and against walls, whose shadows are known.
 
-use gelsim::gelpad::SURFACE_BORDER;
-use gelsim::grid::{Grid, Rect};
-use gelsim::optics::shadow::{Caster, Scratch, Steepest, visible};
-use gelsim::simd::narrow;
+use gelsim::core::base::grid::{Grid, Rect};
+use gelsim::core::base::simd::scalar_only;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::optics::shadow::{Caster, Scratch, Steepest, visible};
 
-use crate::support::Random;
+use super::support::Random;
 
 const AZIMUTHS: [f64; 10] = [0.0, 90.0, 180.0, 270.0, 30.0, 45.0, 120.0, 240.0, 277.3, 341.0];
 
@@ -457,8 +457,8 @@ fn narrow_processors_see_the_same_bits() {
     for surface in surfaces() {
         for azimuth in AZIMUTHS {
             let led = Led { azimuth, elevation: 8.5, size: 5.0, pitch: [0.05; 2] };
-            assert_eq!(shares(led, &surface), narrow(|| shares(led, &surface)));
-            assert_eq!(Steepest::of(&surface, led.pitch), narrow(|| Steepest::of(&surface, led.pitch)));
+            assert_eq!(shares(led, &surface), scalar_only(|| shares(led, &surface)));
+            assert_eq!(Steepest::of(&surface, led.pitch), scalar_only(|| Steepest::of(&surface, led.pitch)));
         }
     }
 }

@@ -1,10 +1,10 @@
 //! Whole presses against closed forms: pads so thick that they are half-spaces, and so thin that they are films.
 
-use gelsim::gelpad::Contact;
-use gelsim::gelpad::elastic::Resolution;
+use gelsim::core::base::grid::Resolution;
+use gelsim::core::gelpad::Contact;
 
-use crate::reference_solutions as reference;
-use crate::rig::{NOTHING, RESOLUTIONS, Rig, Setup};
+use super::reference_solutions as reference;
+use super::rig::{NOTHING, RESOLUTIONS, Rig, Setup};
 
 const YOUNG: f64 = 100.0;
 

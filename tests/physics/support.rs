@@ -3,22 +3,28 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::camera::Image;
-use gelsim::config::sensor::{Led, Sensor};
+use gelsim::core::base::grid::{Grid, Rect, bounding_box};
+use gelsim::core::base::light::Light;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::base::view::View;
+use gelsim::core::camera::Image;
+use gelsim::core::depth::raster::{Canvas, Projection};
+use gelsim::core::depth::{self, Depth, Window};
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::gelpad::mean_blur::{self, MeanBlur};
+use gelsim::core::gelpad::{self, Contact, Numerics, Pad};
+use gelsim::core::mesh::Mesh;
+use gelsim::core::mesh::clusters::Clusters;
+use gelsim::core::optics::background::BackgroundImage;
+use gelsim::core::optics::led::Led;
+use gelsim::core::optics::phong::{Phong, Shadows};
+use gelsim::core::optics::{self, Shader};
+use gelsim::core::pose::Placement;
 use gelsim::dataset::encode;
-use gelsim::depth::raster::{Canvas, View};
-use gelsim::depth::{self, Camera, Depth, Placement, Window};
-use gelsim::effects::{Gate, Ledger};
-use gelsim::gelpad::mean_blur::{self, MeanBlur};
-use gelsim::gelpad::{self, Contact, Numerics, Pad, SURFACE_BORDER};
-use gelsim::grid::{Grid, Rect, bounding_box};
-use gelsim::object::clusters::Clusters;
-use gelsim::object::{self, Mesh};
-use gelsim::optics::background::Reference;
-use gelsim::optics::phong::{Phong, Shadows};
-use gelsim::optics::{self, Light, Shader};
-use gelsim::plan::Plan;
-use gelsim::render::Sample;
+use gelsim::files::mesh;
+use gelsim::files::sensor::Sensor;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
 
 /// Random numbers that are the same on every run and machine (SplitMix64).
 pub struct Random(u64);
@@ -121,7 +127,7 @@ impl Shape {
 
     /// A bundled object.
     pub fn bundled(path: &Path) -> Self {
-        let mesh = match object::load(path, 1.0) {
+        let mesh = match mesh::load(path, 1.0) {
             Ok(loaded) => loaded.mesh,
             Err(error) => panic!("{error}"),
         };
@@ -158,16 +164,16 @@ pub fn bundled_objects() -> Vec<PathBuf> {
     paths
 }
 
-pub fn capture(object: &Clusters, placement: &Placement, camera: &Camera, margin_px: usize, thickness: f64) -> Depth {
+pub fn capture(object: &Clusters, placement: &Placement, camera: &View, margin_px: usize, thickness: f64) -> Depth {
     depth::capture(object, placement, camera, Window { margin_px, above_mm: 0.0 }, thickness)
 }
 
 /// The rasteriser as this test binary compiles it, without the wide instructions that [`capture`] picks at run time.
 /// Heights over the pad, cut at 0.
-pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera: &Camera, margin: usize) -> Grid<f32> {
+pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera: &View, margin: usize) -> Grid<f32> {
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut heights = Grid::new(width, height);
-    let view = View::new(placement, camera, object.centre_mm());
+    let view = Projection::new(placement, camera, object.centre_mm());
     depth::raster::raster(object, &view, Canvas { width, height, ceiling: 0.0, margin }, &mut heights);
     heights
 }
@@ -205,13 +211,13 @@ pub fn blur_without_dispatch(image: &mut Grid<f32>, blur: MeanBlur) {
 }
 
 /// Where the middle of a pixel is, mm, in the contract's frame; pixels of a border count from -1.
-pub fn position(camera: &Camera, column: f64, row: f64) -> [f64; 2] {
+pub fn position(camera: &View, column: f64, row: f64) -> [f64; 2] {
     let at = [column, row];
     std::array::from_fn(|k| (at[k] + 0.5 - camera.resolution_px[k] as f64 / 2.0) * camera.mm_per_px[k])
 }
 
 /// A pad whose displacement at a place (mm) is `surface`; nowhere in contact.
-pub fn contact_of(camera: &Camera, surface: impl Fn([f64; 2]) -> f64) -> Contact {
+pub fn contact_of(camera: &View, surface: impl Fn([f64; 2]) -> f64) -> Contact {
     let [width, height] = camera.resolution_px;
     let border = SURFACE_BORDER as f64;
     let numerics = Numerics { converged: true, iterations: 0, residual_um: None, model_error_um: None };
@@ -226,15 +232,15 @@ pub fn contact_of(camera: &Camera, surface: impl Fn([f64; 2]) -> f64) -> Contact
     contact
 }
 
-pub fn normals(contact: &Contact, camera: &Camera) -> Vec<[f32; 3]> {
+pub fn normals(contact: &Contact, camera: &View) -> Vec<[f32; 3]> {
     optics::normals::normals(contact, camera)
 }
 
 /// The camera of a sensor.
-pub fn camera_of(sensor: &Sensor) -> Camera {
+pub fn camera_of(sensor: &Sensor) -> View {
     let resolution_px = sensor.resolution_px.map(|px| px as usize);
     let mm_per_px = std::array::from_fn(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k]));
-    Camera { resolution_px, mm_per_px }
+    View { resolution_px, mm_per_px }
 }
 
 /// A sensor with `led` as its lights.
@@ -249,23 +255,27 @@ pub fn led(azimuth_deg: f64, elevation_deg: f64) -> Led {
 }
 
 /// A background of one grey level.
-pub fn grey(camera: &Camera, level: u8) -> Reference {
+pub fn grey(camera: &View, level: u8) -> BackgroundImage {
     let [width, height] = camera.resolution_px;
-    Reference::new(width, height, vec![level; width * height * 3])
+    BackgroundImage::new(width, height, vec![level; width * height * 3])
 }
 
 /// The light of a model; where the press does not change it, the picture's own.
-pub fn light_of(model: &optics::Model, sensor: &Sensor, contact: &Contact, rest: &Reference) -> Light {
-    Shader::new(model, None, sensor, &camera_of(sensor), None).shade(contact, rest, &mut Ledger::new(Gate::CalledFor))
+pub fn light_of(model: &optics::Model, sensor: &Sensor, contact: &Contact, rest: &BackgroundImage) -> Light {
+    Shader::new(model, None, &sensor.illumination(), &camera_of(sensor), None).shade(
+        contact,
+        rest,
+        &mut EffectLog::new(EffectPolicy::WhereNeeded),
+    )
 }
 
 /// The same without shadows.
-pub fn shade(phong: Phong, sensor: &Sensor, contact: &Contact, rest: &Reference) -> Light {
+pub fn shade(phong: Phong, sensor: &Sensor, contact: &Contact, rest: &BackgroundImage) -> Light {
     light_of(&optics::Model::Phong(Phong { shadows: Shadows::None, ..phong }), sensor, contact, rest)
 }
 
 /// Red, green and blue at a pixel, 1 = full scale.
-pub fn light_at(light: &Light, rest: &Reference, x: usize, y: usize) -> [f64; 3] {
+pub fn light_at(light: &Light, rest: &BackgroundImage, x: usize, y: usize) -> [f64; 3] {
     let Rect { x0, y0, x1, y1 } = light.region;
     if (x0..x1).contains(&x) && (y0..y1).contains(&y) {
         let at = (y - y0) * light.region.width() + x - x0;
@@ -275,7 +285,7 @@ pub fn light_at(light: &Light, rest: &Reference, x: usize, y: usize) -> [f64; 3]
     }
 }
 
-pub fn expose(light: &Light, rest: &Reference) -> Image {
+pub fn expose(light: &Light, rest: &BackgroundImage) -> Image {
     let mut image = Image::black(rest.width, rest.height);
     image.rgb.copy_from_slice(&rest.rgb);
     image.saturated_px = rest.saturated_px;

@@ -1,12 +1,12 @@
 //! What must not matter, or only to rounding: which way round an object lies, where, how stiff the pad is, which
 //! vectors the processor has.
 
-use gelsim::gelpad::Contact;
-use gelsim::gelpad::elastic::Resolution;
-use gelsim::grid::Grid;
-use gelsim::simd;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::grid::Resolution;
+use gelsim::core::base::simd;
+use gelsim::core::gelpad::Contact;
 
-use crate::rig::{NOTHING, OBJECTS, RESOLUTIONS, Rig, Setup, ball, texture};
+use super::rig::{NOTHING, OBJECTS, RESOLUTIONS, Rig, Setup, ball, texture};
 
 fn setup() -> Setup {
     Setup {
@@ -162,7 +162,7 @@ fn wide_vectors_change_no_bit_of_a_press() {
         // Sizes that no vector divides.
         let setup = Setup { resolution_px: [101, 83], ..setup() };
         let wide = setup.solved(resolution, 0.1).rig().press(nasty);
-        let narrow = simd::narrow(|| setup.solved(resolution, 0.1).rig().press(nasty));
+        let narrow = simd::scalar_only(|| setup.solved(resolution, 0.1).rig().press(nasty));
         assert!(wide.numerics.iterations > 2);
         assert!(bits(&wide.surface) == bits(&narrow.surface), "{resolution:?}: surface");
         let pressures = |contact: &Contact| contact.pressure.as_ref().map(bits);

@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use gelsim::depth::Placement;
-use gelsim::optics::phong::Phong;
-use gelsim::plan::Plan;
-use gelsim::render::render;
-use gelsim::scene::Scene;
+use gelsim::core::optics::phong::Phong;
+use gelsim::core::pose::Placement;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::job::scene::Scene;
 
-use crate::oracle::Scenery;
+use super::oracle::Scenery;
+use super::support::Shape;
+use crate::oracle::shading::brightness;
 use crate::plan::plan;
-use crate::shading::brightness;
-use crate::support::Shape;
 
 struct Plane {
     width: usize,
@@ -46,12 +46,13 @@ impl Plane {
 
 /// The tactile image as red, green, blue before rounding, 255 = full scale.
 fn image(plan: &Plan, shape: &Shape, placement: &Placement) -> Vec<[f64; 3]> {
-    let [width, height] = plan.camera.resolution_px;
+    let [width, height] = plan.simulator.view().resolution_px;
     // More than the blur reaches, 35 px, so that the twin has a border of its own.
     let margin = 50;
-    let truth = Scenery::new(shape, placement, &plan.camera, margin);
-    let depth =
-        Plane::new(width + 2 * margin, height + 2 * margin, |x, y| (-truth.height(x, y)).clamp(0.0, plan.thickness_mm));
+    let truth = Scenery::new(shape, placement, plan.simulator.view(), margin);
+    let depth = Plane::new(width + 2 * margin, height + 2 * margin, |x, y| {
+        (-truth.height(x, y)).clamp(0.0, plan.thickness_mm())
+    });
     let blurred = (0..5).fold(Plane { data: depth.data.clone(), ..depth }, |surface, _| surface.mean(15));
     let surface = Plane::new(depth.width, depth.height, |x, y| {
         let at = y * depth.width + x;
@@ -62,10 +63,11 @@ fn image(plan: &Plan, shape: &Shape, placement: &Placement) -> Vec<[f64; 3]> {
     for y in 0..height {
         for x in 0..width {
             let here = |dx: isize, dy: isize| surface.at((x + margin) as isize + dx, (y + margin) as isize + dy);
-            let [pitch_x, pitch_y] = plan.camera.mm_per_px;
+            let [pitch_x, pitch_y] = plan.simulator.view().mm_per_px;
             let slope = [(here(1, 0) - here(-1, 0)) / (2.0 * pitch_x), (here(0, 1) - here(0, -1)) / (2.0 * pitch_y)];
-            let rest = std::array::from_fn(|k| f64::from(plan.reference.rgb[(y * width + x) * 3 + k]) / 255.0);
-            let light_here = brightness(slope, here(0, 0), &plan.job.sensor, &constants, rest);
+            let rest =
+                std::array::from_fn(|k| f64::from(plan.simulator.background().rgb[(y * width + x) * 3 + k]) / 255.0);
+            let light_here = brightness(slope, here(0, 0), &plan.job().sensor, &constants, rest);
             light.push(light_here.map(|value| (value * 255.0).clamp(0.0, 255.0)));
         }
     }
@@ -87,8 +89,8 @@ fn f32_stages_give_the_grey_levels_of_the_plain_f64_pipeline() {
             let (mut rounded_otherwise, mut changed, mut worst) = (0, 0, 0.0_f64);
             for (at, expected) in expected.iter().enumerate() {
                 let rgb = at * 3..at * 3 + 3;
-                let rest = &plan.reference.rgb[rgb.clone()];
-                for ((found, rest), expected) in sample.image.rgb[rgb].iter().zip(rest).zip(expected) {
+                let rest = &plan.simulator.background().rgb[rgb.clone()];
+                for ((found, rest), expected) in sample.impression.image.rgb[rgb].iter().zip(rest).zip(expected) {
                     let off = (f64::from(*found) - expected).abs();
                     worst = worst.max(off);
                     rounded_otherwise += usize::from(off > 0.5);

@@ -5,7 +5,7 @@
 A command is a block fenced as `sh`, or an indented line that begins with a program. What cannot run here is listed below
 with the reason and the test that runs it instead; a command that is neither fails the test, and so does a list that names
 what is in no page any more. Of commands with placeholders, and of those named within a sentence, the options are looked up
-in the program's help; of `cargo test` and `cargo bench` the targets in Cargo.toml.
+in the program's help; of `cargo test` and `cargo bench` the targets in their Cargo.toml, and the module of the tests.
 """
 
 import csv
@@ -25,7 +25,10 @@ import tomllib
 
 from sets import REPOSITORY, environment
 
-CARGO = tomllib.loads((REPOSITORY / "Cargo.toml").read_text())
+CARGO = {
+    "test": tomllib.loads((REPOSITORY / "Cargo.toml").read_text())["test"],
+    "bench": tomllib.loads((REPOSITORY / "tests/bench/Cargo.toml").read_text())["bench"],
+}
 INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|cargo|pip|python3?|bash|sh|sbatch|kubectl|npm|docker|make) .*)$")
 
 # Options of the documentation that make a run shorter.
@@ -109,6 +112,19 @@ def look_up(command, helps):
     assert not unknown, f"{command}: no option {unknown}"
 
 
+def look_up_target(command):
+    """That the target of `cargo test` or `cargo bench`, if it names one, exists, and the module that follows it."""
+    match = re.search(r"\bcargo (test|bench) .*--(test|bench) ([a-z_]+)(?: ([a-z_:]+))?", command)
+    if match:
+        assert match[3] in [target["name"] for target in CARGO[match[2]]], command
+    if match and match[2] == "test" and match[4]:
+        folder, *file = match[4].split("::")
+        places = [f"{folder}/{'/'.join(file) or 'mod'}.rs", f"{match[3]}/{folder}.rs"]
+        there = any((REPOSITORY / "tests" / place).is_file() for place in places)
+        assert there and f"mod {folder};" in (REPOSITORY / f"tests/{match[3]}/main.rs").read_text(), command
+    return match
+
+
 def handle(command, folder, helps, used):
     """Runs a command, or checks what of it can be checked; says which."""
     if command in used and "generate" not in command:
@@ -117,8 +133,7 @@ def handle(command, folder, helps, used):
     if command.startswith("gelsim ") and re.search(r"\[-|\.\.\.| [A-Z]{3,}\b|\b[A-Z]+\.toml", command):
         look_up(command, helps)
         return "looked up"
-    if match := re.search(r"\bcargo (test|bench) .*--(test|bench) ([a-z_]+)", command):
-        assert match[3] in [target["name"] for target in CARGO[match[2]]], command
+    if look_up_target(command):
         return "target found"
     assert command.startswith("gelsim "), f"neither runs here nor is listed as run elsewhere: {command}"
     start = time.monotonic()
@@ -210,6 +225,8 @@ def main():
                 print(f"{page.name}: {command.splitlines()[0]}: {said}", flush=True)
             for span in re.findall(r"`(gelsim [^`]*)`", re.sub(r"(?ms)^```.*?^```$", "", text)):
                 look_up(span, helps)
+            for span in re.findall(r"`(cargo (?:test|bench)\s[^`]*)`", text):
+                look_up_target(" ".join(span.split()))
     stale = (SHORTER.keys() | ELSEWHERE.keys()) - used
     assert not stale, f"listed, but in no page: {stale}"
     assert all((REPOSITORY / where).is_file() for _, where in ELSEWHERE.values())

@@ -2,7 +2,7 @@
 
     pip install taxim==1.4.1 jax
     python taxim_pictures.py OUT [--double]
-    GELSIM_TAXIM=OUT cargo test --release --test taxim
+    GELSIM_TAXIM=OUT cargo test --release --test library taxim
 
 Shown is the package's shading alone: its approximation of the pad is replaced by the surface itself, and it casts no
 shadows. `--double` lets it compute in double precision. jax takes about 400 MB.

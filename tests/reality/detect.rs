@@ -3,11 +3,11 @@
 
 use std::path::Path;
 
-use gelsim::calibrate::detect::{Detection, detect};
-use gelsim::calibrate::suspect::{Examined, against, examine};
-use gelsim::metrics::statistics::median;
-use gelsim::presses::{self, Circle};
-use gelsim::render::Clock;
+use gelsim::core::base::clock::Clock;
+use gelsim::lab::calibrate::detect::{Detection, detect};
+use gelsim::lab::calibrate::outliers::{CircleEvidence, against, examine};
+use gelsim::lab::metrics::statistics::median;
+use gelsim::lab::presses::{self, Circle};
 use image::RgbImage;
 
 /// The first three have good annotations.
@@ -95,7 +95,7 @@ fn real_discs_are_found_and_the_confidence_says_where() {
 fn wrong_circles_on_real_presses_are_suspected_and_right_ones_are_not() {
     println!("sensor            as annotated  moved 10 px  moved 20 px  radius -30 %  radius +30 %");
     for (number, sensor) in Sensor::all().iter().enumerate() {
-        let examined: Vec<(Examined, Circle)> = sensor
+        let examined: Vec<(CircleEvidence, Circle)> = sensor
             .presses
             .iter()
             .map(|(image, circle)| (examine(image, &sensor.background, circle), *circle))
@@ -104,8 +104,8 @@ fn wrong_circles_on_real_presses_are_suspected_and_right_ones_are_not() {
         let suspected = |change: &dyn Fn(usize, Circle) -> Circle| {
             let count = sensor.presses.iter().enumerate().filter(|(at, (image, circle))| {
                 let changed = change(*at, *circle);
-                let again = against(image, &sensor.background, &changed, examined[*at].0.seen);
-                !again.suspicions(&changed).is_empty()
+                let again = against(image, &sensor.background, &changed, examined[*at].0.detected);
+                !again.outlier_reasons(&changed).is_empty()
             });
             count.count() as f64 / sensor.presses.len() as f64
         };

@@ -1,23 +1,31 @@
 //! The page of a calibration, of presses that the simulator makes: whole, and small enough for a browser.
 
-use gelsim::calibrate::page::{Page, Shown};
-use gelsim::compare::score::score;
+use gelsim::lab::calibrate::page::{Page, PressPanel};
+use gelsim::lab::compare::score::score;
 use image::{Rgb, RgbImage};
 
-use crate::synthetic::{plan, press};
+use super::synthetic::{plan, press};
 
 #[test]
 fn a_page_of_presses_is_written_whole() {
     let plan = plan("gelsight-mini", "x_mm = [-6.0, 6.0]\ny_mm = [-5.0, 5.0]", "[camera]\nread_noise_levels = 2.0\n");
-    let presses: Vec<Shown> = (0..8)
+    let presses: Vec<PressPanel> = (0..8)
         .map(|index| {
             let (real, _, circle) = press(&plan, index);
             // A simulation that is too dark in blue by a few levels, more for later presses.
             let mut simulated = real.clone();
             simulated.pixels_mut().for_each(|pixel| pixel.0[2] = pixel.0[2].saturating_sub(2 + 3 * index as u8));
             let scores = score(&real, &simulated, Some(&circle), 1.3);
-            let suspicions = if index == 5 { vec![String::from("12 % of the circle is out of view")] } else { vec![] };
-            Shown { file: format!("images/{index:04}.png"), real, simulated, circle: Some(circle), scores, suspicions }
+            let outlier_reasons =
+                if index == 5 { vec![String::from("12 % of the circle is out of view")] } else { vec![] };
+            PressPanel {
+                file: format!("images/{index:04}.png"),
+                real,
+                simulated,
+                circle: Some(circle),
+                scores,
+                outlier_reasons,
+            }
         })
         .collect();
     let disc = RgbImage::from_fn(160, 160, |x, y| Rgb([x as u8, y as u8, 128]));

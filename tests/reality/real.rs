@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::calibrate::pixels::DILATE;
-use gelsim::calibrate::{Session, picture, session};
-use gelsim::compare::score::{Score, Scores, score};
-use gelsim::config::sensor::Sensor;
-use gelsim::effects::{Gate, Ledger};
-use gelsim::gelpad::Contact;
-use gelsim::gelpad::elastic::{Elastic, Resolution};
-use gelsim::{gelpad, optics};
+use gelsim::core::base::grid::Resolution;
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::gelpad::Contact;
+use gelsim::core::gelpad::elastic::Elastic;
+use gelsim::core::{gelpad, optics};
+use gelsim::files::sensor::Sensor;
+use gelsim::lab::calibrate::pixels::DILATE;
+use gelsim::lab::calibrate::{Session, picture, session};
+use gelsim::lab::compare::score::{Score, Scores, score};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -42,14 +43,16 @@ pub fn half() -> gelpad::Model {
 /// A picture for each contact.
 pub fn simulate(session: &Session, contacts: &[Contact], shader: &optics::Shader) -> Vec<RgbImage> {
     let rest = session.reference();
-    let one = |contact: &Contact| picture(&shader.shade(contact, &rest, &mut Ledger::new(Gate::CalledFor)), &rest);
+    let one = |contact: &Contact| {
+        picture(&shader.shade(contact, &rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)), &rest)
+    };
     contacts.par_iter().map(one).collect()
 }
 
 /// How far pictures are from the real ones.
 pub fn scores(session: &Session, pictures: &[RgbImage]) -> Vec<Scores> {
-    let pairs = session.seen.par_iter().zip(pictures);
-    pairs.map(|(seen, picture)| score(&seen.image, picture, Some(&seen.circle), DILATE)).collect()
+    let pairs = session.observations.par_iter().zip(pictures);
+    pairs.map(|(observation, picture)| score(&observation.image, picture, Some(&observation.circle), DILATE)).collect()
 }
 
 /// MAE of the contact, levels; 0 without one.
@@ -62,7 +65,7 @@ pub fn shown<'a>(scores: impl Iterator<Item = &'a Scores> + Clone) -> String {
     let figures =
         |score: Score| format!("{:5.2} / {:5.2} / {:.3}", score.mae, score.psnr_db.unwrap_or(f64::NAN), score.ssim);
     let contact = Score::mean(scores.clone().filter_map(|scores| scores.contact.as_ref()));
-    let whole = Score::mean(scores.map(|scores| &scores.whole));
+    let whole = Score::mean(scores.map(|scores| &scores.full_image));
     format!("{} | {:5.2}", contact.map_or(String::new(), figures), whole.map_or(f64::NAN, |whole| whole.mae))
 }
 

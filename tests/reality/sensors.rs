@@ -2,17 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::calibrate::run::{Calibration, Request, run};
-use gelsim::calibrate::{Geometry, Session};
-use gelsim::compare::picture;
-use gelsim::compare::score::Scores;
-use gelsim::fidelity::Rung;
-use gelsim::optics::{self, calibrated::Table};
-use gelsim::rng::{Stage, stream};
+use gelsim::core::base::rng::stream;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::optics;
+use gelsim::core::optics::calibrated::Table;
+use gelsim::lab::calibrate::run::{Calibration, Request, run};
+use gelsim::lab::calibrate::{Geometry, Session};
+use gelsim::lab::compare::picture;
+use gelsim::lab::compare::score::Scores;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use crate::real::{self, contact_mae, half, mean, scores, shown, simulate};
+use super::real::{self, contact_mae, half, mean, scores, shown, simulate};
 
 /// Sensors with good annotations, and the largest MAE of their contacts.
 const GOOD: [(&str, f64); 3] = [("gelsight_taxim", 4.3), ("gsmini_gssdk", 4.1), ("gelsight_thu", 8.5)];
@@ -36,14 +37,14 @@ fn name(folder: &Path) -> String {
 }
 
 fn shader(session: &Session, table: Option<&Table>) -> optics::Shader {
-    let optics = Rung::Standard.choices(table.is_some()).optics;
-    optics::Shader::new(&optics, table, &session.sensor, &session.camera, None)
+    let optics = Fidelity::Standard.models(table.is_some()).optics;
+    optics::Shader::new(&optics, table, &session.sensor.illumination(), &session.camera, None)
 }
 
 /// The presses as `table` has them, with circles of `by` times their radii.
 fn press(session: &Session, geometry: Geometry, table: Option<&Table>, by: f64) -> Vec<RgbImage> {
     let mut sized = session.clone();
-    sized.seen.iter_mut().for_each(|seen| seen.circle.radius_px *= by);
+    sized.observations.iter_mut().for_each(|observation| observation.circle.radius_px *= by);
     sized.sensor = sized.sensor(geometry.thickness_mm);
     simulate(session, &sized.surfaces(geometry, &half()).contacts, &shader(&sized, table))
 }
@@ -79,12 +80,12 @@ struct Zones {
 }
 
 impl Zones {
-    fn of(seen: &gelsim::calibrate::Seen, simulated: &RgbImage) -> Self {
+    fn of(observation: &gelsim::lab::calibrate::Observation, simulated: &RgbImage) -> Self {
         let mut sums = [[0.0; 2]; ZONES.len() - 1];
         let mut far: [Vec<f64>; 3] = Default::default();
-        let [cx, cy] = seen.circle.centre_px;
-        for ((x, y, real), sim) in seen.image.enumerate_pixels().zip(simulated.pixels()) {
-            let distance = (f64::from(x) - cx).hypot(f64::from(y) - cy) / seen.circle.radius_px;
+        let [cx, cy] = observation.circle.centre_px;
+        for ((x, y, real), sim) in observation.image.enumerate_pixels().zip(simulated.pixels()) {
+            let distance = (f64::from(x) - cx).hypot(f64::from(y) - cy) / observation.circle.radius_px;
             let zone = ZONES.partition_point(|limit| *limit <= distance) - 1;
             for (far, (sim, real)) in far.iter_mut().zip(sim.0.iter().zip(real.0)) {
                 let error = f64::from(*sim) - f64::from(real);
@@ -121,11 +122,15 @@ impl Zones {
 
 /// The cross-validated pictures, the nearest, the middle and the furthest, beside the real ones.
 fn draw(name: &str, found: &Calibration) {
-    let mut order: Vec<usize> = (0..found.unseen.len()).collect();
-    order.sort_by(|a, b| contact_mae(&found.unseen[*a].scores).total_cmp(&contact_mae(&found.unseen[*b].scores)));
+    let mut order: Vec<usize> = (0..found.held_out.len()).collect();
+    order.sort_by(|a, b| contact_mae(&found.held_out[*a].scores).total_cmp(&contact_mae(&found.held_out[*b].scores)));
     let rows = [0, order.len() / 2, order.len() - 1].map(|rank| {
-        let (seen, unseen) = (&found.session.seen[order[rank]], &found.unseen[order[rank]]);
-        picture::row(format!("{}: MAE {:.2}", seen.file, contact_mae(&unseen.scores)), &seen.image, &unseen.simulated)
+        let (observation, held_out) = (&found.session.observations[order[rank]], &found.held_out[order[rank]]);
+        picture::row(
+            format!("{}: MAE {:.2}", observation.file, contact_mae(&held_out.scores)),
+            &observation.image,
+            &held_out.simulated,
+        )
     });
     real::write(&format!("{name}.png"), &picture::sheet(rows.into(), 480));
 }
@@ -139,24 +144,24 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
         let (name, Some(session)) = (name(&folder), real::session(&folder)) else { continue };
         let found = run(session, &Request::default()).expect("enough presses");
         let (session, geometry) = (&found.session, found.geometry);
-        let count = session.seen.len();
+        let count = session.observations.len();
         let bare = scores(session, &vec![session.background.clone(); count]);
         let phong = scores(session, &press(session, geometry, None, 1.0));
-        let unseen: Vec<Scores> = found.unseen.iter().map(|unseen| unseen.scores).collect();
+        let held_out: Vec<Scores> = found.held_out.iter().map(|held_out| held_out.scores).collect();
         let sized = RADII.map(|by| scores(session, &press(session, geometry, Some(&found.table), by)));
         let placed: Vec<Scores> = session
-            .seen
+            .observations
             .par_iter()
-            .zip(&found.unseen)
-            .filter_map(|(seen, unseen)| {
+            .zip(&found.held_out)
+            .filter_map(|(observation, held_out)| {
                 let by = (-3..=3).flat_map(|x| (-3..=3).map(move |y| [x, y]));
                 let all = by.map(|by| {
-                    let image = moved(&unseen.simulated, &session.background, by);
-                    gelsim::compare::score::score(
-                        &seen.image,
+                    let image = moved(&held_out.simulated, &session.background, by);
+                    gelsim::lab::compare::score::score(
+                        &observation.image,
                         &image,
-                        Some(&seen.circle),
-                        gelsim::calibrate::pixels::DILATE,
+                        Some(&observation.circle),
+                        gelsim::lab::calibrate::pixels::DILATE,
                     )
                 });
                 all.min_by(|a, b| contact_mae(a).total_cmp(&contact_mae(b)))
@@ -169,22 +174,22 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
         let line = |what: &str, scores: &[Scores]| println!("    {what:44} {}", shown(scores.iter()));
         line("background alone", &bare);
         line("phong, not calibrated, this background", &phong);
-        line("calibrated, cross-validated", &unseen);
+        line("calibrated, cross-validated", &held_out);
         line("the same, centre moved to the best in 3 px", &placed);
         line("calibrated, in sample", &sized[RADII.len() / 2]);
         line("the same, the best of radii x 0.9 to 1.1", &best(&sized));
         let own: Vec<Zones> = session
-            .seen
+            .observations
             .par_iter()
-            .zip(&found.unseen)
-            .map(|(seen, unseen)| Zones::of(seen, &unseen.simulated))
+            .zip(&found.held_out)
+            .map(|(observation, held_out)| Zones::of(observation, &held_out.simulated))
             .collect();
         zones.push(format!("{name:16}{}", Zones::shown(&own)));
         draw(&name, &found);
         let error = |scores: &[Scores]| mean(scores.iter().map(contact_mae));
-        assert!(error(&unseen) < 0.5 * error(&bare) && error(&unseen) < error(&phong), "{name}");
+        assert!(error(&held_out) < 0.5 * error(&bare) && error(&held_out) < error(&phong), "{name}");
         if let Some((_, most)) = GOOD.iter().find(|(good, _)| *good == name) {
-            assert!(error(&unseen) <= *most, "{name}: {}", error(&unseen));
+            assert!(error(&held_out) <= *most, "{name}: {}", error(&held_out));
         }
     }
     println!(
@@ -200,11 +205,11 @@ fn more_presses_bring_a_sensor_nearer() {
     const HELD_OUT: usize = 8;
     let Some(folder) = real::folder() else { return };
     let session = real::session(&folder.join(SENSOR)).expect("a table of presses");
-    let all = session.seen.len();
-    let order = stream(0, Stage::Calibration, 7).some_of((0..all).collect(), all);
+    let all = session.observations.len();
+    let order = stream(0, "calibration", 7).some_of((0..all).collect(), all);
     let part = |of: &[usize]| {
-        let seen = of.iter().map(|k| session.seen[*k].clone()).collect();
-        Session { seen, ..session.clone() }
+        let observations = of.iter().map(|k| session.observations[*k].clone()).collect();
+        Session { observations, ..session.clone() }
     };
     let others = part(&order[..HELD_OUT]);
     let error = |count: usize| {

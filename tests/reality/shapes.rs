@@ -9,19 +9,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use gelsim::calibrate::pixels::DILATE;
-use gelsim::compare::picture;
-use gelsim::compare::score::{Scores, score};
-use gelsim::config::Overrides;
-use gelsim::object::{self, Mesh};
-use gelsim::plan::Plan;
-use gelsim::presses::Circle;
-use gelsim::render::render;
+use gelsim::core::mesh::Mesh;
+use gelsim::files::mesh;
+use gelsim::job::config::Overrides;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::lab::calibrate::pixels::DILATE;
+use gelsim::lab::compare::picture;
+use gelsim::lab::compare::score::{Scores, score};
+use gelsim::lab::presses::Circle;
 use image::RgbImage;
 use rayon::prelude::*;
 use tempfile::TempDir;
 
-use crate::real::{self, contact_mae, mean, shown};
+use super::real::{self, contact_mae, mean, shown};
 
 const SENSOR: &str = "gelsight_thu";
 /// Radii of the spheres of the meshes, mm; the printed ones are smaller.
@@ -156,7 +157,7 @@ fn solid(press: &Press, solid: Solid, folder: &Path) -> PathBuf {
         (Solid::Modelled, None) => return press.mesh.clone(),
         (_, Some(radius_mm)) => {
             let (_, modelled_mm) = MODELLED_MM.iter().find(|(shape, _)| *shape == press.shape).expect("a sphere");
-            obj(&object::load(&press.mesh, 1.0).expect("a mesh").mesh, radius_mm / modelled_mm)
+            obj(&mesh::load(&press.mesh, 1.0).expect("a mesh").mesh, radius_mm / modelled_mm)
         }
         (Solid::Outlined, None) => bevelled(&seen, &seen, 1e-3),
         (Solid::Bevelled, None) => bevelled(&seen, modelled, 0.2),
@@ -196,7 +197,7 @@ fn simulate(press: &Press, way: &Way, folder: &Path) -> RgbImage {
     let path = folder.join(format!("{}.toml", Path::new(&press.file).file_stem().expect("a name").to_string_lossy()));
     fs::write(&path, job).expect("a file");
     let plan = Plan::load(&path, &Overrides::default()).unwrap_or_else(|report| panic!("{report}"));
-    let image = render(&plan, 0).image;
+    let image = render(&plan, 0).impression.image;
     RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb).expect("all pixels")
 }
 

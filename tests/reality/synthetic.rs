@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use gelsim::calibrate::detect::detect;
-use gelsim::calibrate::suspect::{Suspicion, suspicions};
-use gelsim::config::sensor::PRESETS;
-use gelsim::config::{self, Overrides, diagnostic::Problems};
-use gelsim::metrics::statistics::median;
-use gelsim::plan::Plan;
-use gelsim::presses::Circle;
-use gelsim::render::render;
+use gelsim::files::diagnostic::Diagnostics;
+use gelsim::files::sensor::PRESETS;
+use gelsim::job::config::{self, Overrides};
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::lab::calibrate::detect::detect;
+use gelsim::lab::calibrate::outliers::{OutlierReason, outlier_reasons};
+use gelsim::lab::metrics::statistics::median;
+use gelsim::lab::presses::Circle;
 use image::{Rgb, RgbImage};
 
 /// Presses of a ball of 4 mm on a sensor; `more` stands at the end of the job.
@@ -19,7 +20,7 @@ pub fn plan(sensor: &str, pose: &str, more: &str) -> Plan {
          [[object]]\npath = \"objects/sphere.obj\"\n[pose]\n{pose}\n\
          [indentation]\ndepth_mm = [0.25, 0.6]\n[output]\nlayers = []\n{more}"
     );
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let written = config::read_text("job", job, folder, &Overrides::default(), &mut problems);
     match Plan::resolve(written, problems) {
@@ -31,20 +32,20 @@ pub fn plan(sensor: &str, pose: &str, more: &str) -> Plan {
 /// Image, untouched pad and true contact of a sample.
 pub fn press(plan: &Plan, index: u64) -> (RgbImage, RgbImage, Circle) {
     let sample = render(plan, index);
-    let picture = |image: &gelsim::camera::Image| {
+    let picture = |image: &gelsim::core::camera::Image| {
         RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb.clone()).expect("all pixels")
     };
-    let camera = plan.camera;
+    let camera = plan.simulator.view();
     let [x, y] = [0, 1].map(|k| {
         let middle = camera.resolution_px[k] as f64 / 2.0 - 0.5;
         middle + sample.label.pose.translation_mm[k] / camera.mm_per_px[k]
     });
     // The contact is round: its radius is that of its largest row or column, also if a part of it is out of view.
-    let mask = &sample.contact.mask;
+    let mask = &sample.impression.contact.mask;
     let wide = (0..mask.height).map(|y| mask.row(y).iter().filter(|value| **value > 0).count()).max();
     let tall = (0..mask.width).map(|x| (0..mask.height).filter(|y| mask.at(x, *y) > 0).count()).max();
     let radius_px = wide.max(tall).expect("a picture") as f64 / 2.0;
-    (picture(&sample.image), picture(&plan.ready.body.untouched), Circle { centre_px: [x, y], radius_px })
+    (picture(&sample.impression.image), picture(plan.simulator.untouched()), Circle { centre_px: [x, y], radius_px })
 }
 
 fn away(a: &Circle, b: &Circle) -> f64 {
@@ -79,8 +80,11 @@ fn a_disc_that_is_partly_out_of_view_is_found_and_named() {
         let (image, background, truth) = press(&plan, index);
         let found = detect(&image, &background).expect("a disc");
         assert!(away(&found.circle, &truth) < 0.25 * truth.radius_px, "{found:?} instead of {truth:?}");
-        let named = suspicions(&image, &background, &truth);
-        assert!(named.iter().any(|one| matches!(one, Suspicion::OutOfView { share } if *share > 0.2)), "{named:?}");
+        let named = outlier_reasons(&image, &background, &truth);
+        assert!(
+            named.iter().any(|one| matches!(one, OutlierReason::OutOfView { fraction } if *fraction > 0.2)),
+            "{named:?}"
+        );
     }
 }
 
@@ -113,7 +117,7 @@ fn nothing_pressed_is_nothing_sure() {
     for image in [noisy(&background, 1.0), noisy(&background, 1.1), specks] {
         let found = detect(&image, &background);
         assert!(found.is_none_or(|found| found.confidence < 0.2), "{found:?}");
-        assert!(suspicions(&image, &background, &circle).contains(&Suspicion::NothingThere));
+        assert!(outlier_reasons(&image, &background, &circle).contains(&OutlierReason::NothingThere));
     }
 }
 
@@ -136,7 +140,7 @@ fn right_circles_pass_and_wrong_ones_are_named() {
     let (mut passed, mut moved, mut grown) = (0, 0, 0);
     for index in 0..10 {
         let (image, background, circle) = press(&plan, index);
-        let named = |circle: Circle| !suspicions(&image, &background, &circle).is_empty();
+        let named = |circle: Circle| !outlier_reasons(&image, &background, &circle).is_empty();
         passed += usize::from(!named(circle));
         moved += usize::from(named(Circle { centre_px: [circle.centre_px[0] + 12.0, circle.centre_px[1]], ..circle }));
         grown += usize::from(named(Circle { radius_px: 1.5 * circle.radius_px, ..circle }));
@@ -150,8 +154,11 @@ fn saturated_presses_are_named() {
     for pixel in image.pixels_mut() {
         pixel.0 = pixel.0.map(|level| level.saturating_mul(4));
     }
-    let named = suspicions(&image, &background, &circle);
-    assert!(named.iter().any(|one| matches!(one, Suspicion::Saturated { share } if *share > 0.9)), "{named:?}");
+    let named = outlier_reasons(&image, &background, &circle);
+    assert!(
+        named.iter().any(|one| matches!(one, OutlierReason::Saturated { fraction } if *fraction > 0.9)),
+        "{named:?}"
+    );
 }
 
 #[test]
@@ -170,7 +177,7 @@ fn no_picture_is_too_odd() {
             }
             for circle in [[0.0, 0.0, 1.0], [-1e300, 1e300, 1e-300], [0.5, 0.5, 1e300]] {
                 let circle = Circle { centre_px: [circle[0], circle[1]], radius_px: circle[2] };
-                suspicions(image, background, &circle).iter().for_each(|one| assert!(!one.to_string().is_empty()));
+                outlier_reasons(image, background, &circle).iter().for_each(|one| assert!(!one.to_string().is_empty()));
             }
         }
     }

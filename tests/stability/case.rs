@@ -6,16 +6,17 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
 
-use gelsim::config::diagnostic::Problems;
-use gelsim::config::{self, Overrides};
-use gelsim::fidelity::{Choices, Rung};
-use gelsim::gelpad::Model;
-use gelsim::gelpad::gaussian::Gaussian;
-use gelsim::gelpad::none::NoDeformation;
-use gelsim::plan::Plan;
+use gelsim::core::fidelity::{Fidelity, Models};
+use gelsim::core::gelpad::Model;
+use gelsim::core::gelpad::gaussian::Gaussian;
+use gelsim::core::gelpad::none::NoDeformation;
+use gelsim::files::diagnostic::Diagnostics;
+use gelsim::job::config::{self, Overrides};
+use gelsim::job::plan::Plan;
 
-use crate::shapes::{Format, Shape};
-use crate::sound::{self, Figures};
+use super::shapes::{Format, Shape};
+use super::sound::{self, Figures};
+use crate::cases::identifier;
 
 /// What a sample wears.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,7 +53,7 @@ pub enum Touches {
 /// A hard case.
 #[derive(Clone)]
 pub struct Case {
-    /// As in docs/stability.md.
+    /// As in docs/stability-reference.md.
     pub name: &'static str,
     /// What could go wrong.
     pub trouble: &'static str,
@@ -237,16 +238,16 @@ impl Case {
 
     /// The plan at every rung, and with the models of the pad that no rung has.
     fn variants(&self, plan: &Plan) -> Vec<(&'static str, Plan)> {
-        let with = |gelpad| plan.with_models(Choices { gelpad, optics: plan.models.optics.clone() });
-        let rungs: &[Rung] = match self.extent {
-            Extent::All => &Rung::ALL,
-            Extent::Cheap => &[Rung::Paper, Rung::Draft],
-            Extent::Once => &[Rung::Draft],
+        let with = |gelpad| plan.with_models(Models { gelpad, optics: plan.simulator.models().optics.clone() });
+        let rungs: &[Fidelity] = match self.extent {
+            Extent::All => &Fidelity::ALL,
+            Extent::Cheap => &[Fidelity::Paper, Fidelity::Draft],
+            Extent::Once => &[Fidelity::Draft],
             Extent::Own => &[],
         };
         let mut variants: Vec<_> = rungs.iter().map(|rung| (rung.name(), plan.at(*rung))).collect();
         if self.extent == Extent::Own {
-            variants.push(("its own", with(plan.models.gelpad.clone())));
+            variants.push(("its own", with(plan.simulator.models().gelpad.clone())));
         }
         if self.extent == Extent::All {
             variants.push(("none", with(Model::None(NoDeformation {}))));
@@ -310,29 +311,27 @@ impl fmt::Debug for Case {
     }
 }
 
-/// Runs cases and prints a line of figures for each; fails with everything that is wrong in any of them.
-pub fn run_all(cases: &[Case]) -> Vec<Figures> {
-    let mut wrong = Vec::new();
-    let mut all = Vec::new();
-    for case in cases {
-        match case.run() {
-            Ok(figures) if case.refused.is_some() => {
-                println!("| {} | {} | refused: {} |", case.name, case.trouble, case.refused.unwrap_or_default());
-                all.push(figures);
+/// Runs a case and prints a line of figures for it; fails with everything that is wrong.
+pub fn run(case: &Case) -> Figures {
+    match case.run() {
+        Ok(figures) => {
+            match case.refused {
+                Some(words) => println!("| {} | {} | refused: {words} |", case.name, case.trouble),
+                None => println!("| {} | {} | {figures} |", case.name, case.trouble),
             }
-            Ok(figures) => {
-                println!("| {} | {} | {figures} |", case.name, case.trouble);
-                all.push(figures);
-            }
-            Err(found) => wrong.extend(found),
+            figures
         }
+        Err(wrong) => panic!("{} findings:\n{}", wrong.len(), wrong.join("\n")),
     }
-    assert!(wrong.is_empty(), "{} findings:\n{}", wrong.len(), wrong.join("\n"));
-    all
+}
+
+/// Runs the case whose name, as an identifier, is `name`.
+pub fn run_named(cases: &[Case], name: &str) {
+    run(cases.iter().find(|case| identifier(case.name) == name).expect("a case of that name"));
 }
 
 fn resolve(job: String, folder: &Path, overrides: &Overrides) -> Result<Plan, String> {
-    let mut problems = Problems::default();
+    let mut problems = Diagnostics::default();
     let written = config::read_text("job", job, folder, overrides, &mut problems);
     Plan::resolve(written, problems).map_err(|report| report.to_string())
 }

@@ -1,7 +1,9 @@
 //! Contacts that are none, tiny, everywhere, deep or rough; views and pads of extreme size.
 
-use crate::case::{Case, Extent, Touches, run_all};
-use crate::shapes::{Random, Shape};
+use std::sync::LazyLock;
+
+use super::case::{Case, Extent, Touches};
+use super::shapes::{Random, Shape};
 
 const PX: [u32; 2] = [48, 36];
 const PITCH: [f64; 2] = [0.4; 2];
@@ -17,7 +19,9 @@ fn noise(i: i32, j: i32) -> f64 {
     Random(((i as u64) << 32) ^ (j as u64 & 0xffff_ffff)).unit()
 }
 
-pub fn cases() -> Vec<Case> {
+pub static CASES: LazyLock<Vec<Case>> = LazyLock::new(cases);
+
+fn cases() -> Vec<Case> {
     let wide = Shape::plate(60.0, 60.0);
     let islands = [(-6.0, -4.0), (6.0, -4.0), (0.0, 0.0), (-6.0, 4.0), (6.0, 4.0)]
         .map(|(x, y)| Shape::ball(1.5, 24, 12).moved([x, y, 0.0]))
@@ -151,7 +155,9 @@ fn grid(name: &'static str, px: [u32; 2]) -> Case {
     Case::new(name, "windows, lattices and transforms of odd sizes").view(px, [0.3, 0.3]).depth(0.5)
 }
 
-pub fn grids() -> Vec<Case> {
+pub static GRIDS: LazyLock<Vec<Case>> = LazyLock::new(grids);
+
+fn grids() -> Vec<Case> {
     vec![
         grid("1 x 1 px", [1, 1]),
         grid("2 x 1 px", [2, 1]),
@@ -166,12 +172,73 @@ pub fn grids() -> Vec<Case> {
     ]
 }
 
-#[test]
-fn every_contact_gives_a_sound_sample() {
-    run_all(&cases());
+/// Every contact gives a sound sample.
+mod sound {
+    use super::CASES;
+    use crate::stability::case::run_named;
+
+    tests_of_cases! {
+        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
+        no_contact,
+        an_object_beside_the_view,
+        grazing_by_0_1_um,
+        grazing_by_0_1_um_with_a_plate,
+        one_pixel,
+        one_pixel_in_a_corner,
+        along_the_border,
+        just_beyond_the_border,
+        the_whole_window_incompressible,
+        the_whole_window_compressible,
+        five_islands,
+        a_needle_on_a_pixel_s_centre,
+        a_needle_between_pixels,
+        a_plate_tilted_by_0_01_degrees,
+        pixel_noise,
+        checkerboard,
+        stripes_one_pixel_wide,
+        a_plate_with_holes_of_a_pixel,
+        an_annulus,
+        an_incompressible_annulus,
+        a_ball_to_99_of_the_pad,
+        a_plate_to_99_of_the_pad,
+        noise_to_99_of_the_pad,
+        a_pad_of_0_05_mm,
+        a_pad_of_1_m,
+        pixels_of_1_um,
+        pixels_of_10_mm,
+        pixels_of_0_05_x_1_mm,
+        pixels_of_1_x_0_05_mm,
+        a_plate_with_one_hole,
+        a_plate_with_one_hole_to_99,
+        pixels_of_10_x_0_01_mm,
+        pixels_of_100_x_0_01_mm,
+        a_depth_of_0,
+        a_depth_of_1e_300_mm,
+        the_stiffest_pad,
+        the_softest_pad,
+        one_iteration,
+        noise_in_one_iteration,
+        pressed_flat_to_the_shell,
+        an_exactly_incompressible_pad,
+    }
 }
 
-#[test]
-fn every_grid_gives_a_sound_sample() {
-    run_all(&grids());
+/// Every grid gives a sound sample.
+mod on_grids {
+    use super::GRIDS;
+    use crate::stability::case::run_named;
+
+    tests_of_cases! {
+        |name| run_named(&GRIDS, name), GRIDS.iter().map(|case| case.name);
+        _1_x_1_px,
+        _2_x_1_px,
+        _1_x_2_px,
+        _3_x_5_px,
+        _1_x_640_px,
+        _37_x_41_px,
+        _127_x_113_px,
+        _8192_x_16_px,
+        _8193_px,
+        _0_px,
+    }
 }

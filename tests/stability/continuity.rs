@@ -4,9 +4,9 @@
 //! jitter are left out: the sample's number decides them. A pixel shows the object at its centre, so where an edge
 //! crosses a pixel centre, depth jumps whatever one does: such pixels are counted.
 
-use gelsim::fidelity::Rung;
+use gelsim::core::fidelity::Fidelity;
 
-use crate::press::{Change, Extras, GENERIC, Numbers, Setting};
+use super::press::{Change, Extras, GENERIC, Numbers, Setting};
 
 /// A millionth of a radian, degrees.
 const MICRORADIAN_DEG: f64 = 1e-6 * 57.295_779_513_082_32;
@@ -53,7 +53,7 @@ fn most(setting: &Setting<'_>, numbers: &Numbers) -> Change {
 
 #[test]
 fn a_millionth_more_of_anything_does_not_show() {
-    for rung in Rung::ALL {
+    for rung in Fidelity::ALL {
         let mut all = Change::default();
         for (extras, objects) in [
             (Extras::None, &["sphere", "cone", "torus", "cube", "coin"][..]),
@@ -80,7 +80,7 @@ fn a_millionth_more_of_anything_does_not_show() {
 #[test]
 fn a_millionth_more_of_anything_moves_no_shadow_but_in_single_pixels() {
     // Where two obstacles are as high over a ray, the nearer one takes over, and how soft its shadow is jumps.
-    for rung in [Rung::Draft, Rung::Standard, Rung::High] {
+    for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High] {
         let mut all = Change::default();
         for object in ["sphere", "cone", "torus", "cube", "coin"] {
             let setting = Setting { object, rung, ..Setting::default() };
@@ -96,7 +96,7 @@ fn a_millionth_more_of_anything_moves_no_shadow_but_in_single_pixels() {
 #[test]
 fn an_edge_that_crosses_pixel_centres_moves_by_a_row_of_pixels() {
     // The sides of a cube of 5 mm lie on pixel centres: 20 of them on each.
-    for rung in Rung::ALL {
+    for rung in Fidelity::ALL {
         let setting = Setting { rung, object: "cube", more: NO_SHADOWS, ..Setting::default() };
         let numbers = |x_mm: f64| Numbers { x_mm, y_mm: 0.0, yaw_deg: 0.0, tilt_deg: 0.0, ..GENERIC };
         for x_mm in [0.125 - 1e-6, 0.125] {

@@ -3,11 +3,11 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
-use gelsim::fidelity::Rung;
+use gelsim::core::fidelity::Fidelity;
 
-use crate::case::{Case, Dress};
-use crate::shapes::{Random, Shape};
-use crate::sound;
+use super::case::{Case, Dress};
+use super::shapes::{Random, Shape};
+use super::sound;
 
 const JOBS: u64 = 200;
 
@@ -111,7 +111,7 @@ fn random_corners_of_all_ranges_give_sound_samples_or_are_refused() {
         let mut random = Random(1000 + number);
         let case = case(&mut random);
         let dress = pick(&mut random, &[Dress::Plain, Dress::Still, Dress::Noisy]);
-        let rung = pick(&mut random, &Rung::ALL);
+        let rung = pick(&mut random, &Fidelity::ALL);
         let start = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| match case.plan(dress) {
             Ok(plan) => sound::check(&plan.at(rung)).map(|_| false),

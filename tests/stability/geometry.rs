@@ -1,7 +1,9 @@
 //! Meshes as they are found: broken, degenerate, huge, tiny, turned.
 
-use crate::case::{Case, Extent, Touches, run_all};
-use crate::shapes::{Format, Random, Shape};
+use std::sync::LazyLock;
+
+use super::case::{Case, Extent, Touches};
+use super::shapes::{Format, Random, Shape};
 
 /// Triangles in the plane z = 0, at random within `half` mm of its middle.
 fn coincident(count: usize, half: f64) -> Shape {
@@ -32,7 +34,9 @@ fn minus_zero(shape: Shape) -> Shape {
     shape.map(|point| point.map(|x| if x == 0.0 { -0.0 } else { x }))
 }
 
-pub fn cases() -> Vec<Case> {
+pub static CASES: LazyLock<Vec<Case>> = LazyLock::new(cases);
+
+fn cases() -> Vec<Case> {
     let brick = Shape::brick([-3.1, -2.1, 0.0], [3.1, 2.1, 4.0]);
     let triangle = [[-3.0, -2.0, 0.0], [3.0, -2.0, 0.0], [0.0, 3.0, 0.0]];
     let slivers = (0..200).map(|k| {
@@ -134,7 +138,45 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-#[test]
-fn every_mesh_gives_a_sound_sample_or_is_refused() {
-    run_all(&cases());
+/// Every mesh gives a sound sample, or is refused.
+mod sound {
+    use super::CASES;
+    use crate::stability::case::run_named;
+
+    tests_of_cases! {
+        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
+        vertical_walls,
+        overhangs,
+        duplicate_faces,
+        coincident_faces,
+        ten_thousand_duplicate_faces,
+        ten_thousand_coincident_faces,
+        slivers_of_1e_12_mm_2,
+        nothing_but_slivers,
+        an_object_at_1e6_mm,
+        an_object_of_1e6_mm,
+        an_object_of_1e_6_mm_on_a_pixel_s_centre,
+        an_object_of_1e_6_mm_at_1e6_mm,
+        an_object_of_1e7_mm,
+        an_object_of_1e8_mm,
+        coordinates_of_1e30,
+        coordinates_of_1e300,
+        one_triangle,
+        one_triangle_on_its_edge,
+        nothing_but_points,
+        an_open_mesh,
+        an_inverted_mesh,
+        a_self_intersecting_mesh,
+        a_non_manifold_mesh,
+        vertices_and_edges_on_pixel_centres,
+        walls_on_pixel_centres,
+        _0_0_everywhere,
+        turned_by_1e_9_rad,
+        tilted_by_90_degrees,
+        five_million_triangles,
+        a_quarter_turn,
+        half_a_turn,
+        three_quarters_of_a_turn,
+        a_full_turn,
+    }
 }

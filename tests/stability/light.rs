@@ -1,14 +1,15 @@
 //! LEDs, surfaces and backgrounds at the ends of their ranges, under both models of the light.
 
 use std::io::Cursor;
+use std::sync::LazyLock;
 
-use gelsim::calibrate::{Geometry, table};
+use gelsim::core::base::rng::stream;
+use gelsim::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
 use gelsim::dataset::encode::json;
-use gelsim::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
-use gelsim::rng::{Stage, stream};
+use gelsim::lab::calibrate::{Geometry, table};
 
-use crate::case::{Case, Dress, run_all};
-use crate::shapes::Shape;
+use super::case::{Case, Dress, run};
+use super::shapes::Shape;
 
 fn photograph(width: u32, height: u32, level: u8) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
@@ -28,7 +29,7 @@ fn photo(name: &'static str, trouble: &'static str, bytes: Vec<u8>) -> Case {
 
 /// A case with measured light, as strong as LEDs have it; the dress with near LEDs wears those instead.
 fn measured(name: &'static str, trouble: &'static str) -> Case {
-    let mut random = stream(4, Stage::Calibration, 0);
+    let mut random = stream(4, "calibration", 0);
     let mut weight = || (0.1 * random.normal()) as f32;
     let hidden: Vec<_> = (0..8).map(|_| std::array::from_fn(|_| weight())).collect();
     let outputs = (0..OUTPUTS).map(|_| (0..hidden.len() + INPUTS + 1).map(|_| weight()).collect()).collect();
@@ -40,7 +41,9 @@ fn measured(name: &'static str, trouble: &'static str) -> Case {
 /// The case with walls; its normals are asked for.
 const WALL: &str = "normals at 89.999 degrees";
 
-pub fn cases() -> Vec<Case> {
+pub static CASES: LazyLock<Vec<Case>> = LazyLock::new(cases);
+
+fn cases() -> Vec<Case> {
     let shiny = |name, shininess: &str| {
         Case::new(name, "0 to the power of 0; a power that underflows")
             .set(format!("optics.MODEL.shininess = {shininess}"))
@@ -99,9 +102,44 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-#[test]
-fn every_light_gives_a_sound_sample_or_is_refused() {
-    run_all(&cases());
+/// Every light gives a sound sample, or is refused.
+mod sound {
+    use super::CASES;
+    use crate::stability::case::run_named;
+
+    tests_of_cases! {
+        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
+        an_led_at_the_horizon,
+        a_point_at_the_horizon,
+        an_led_in_the_pad_s_plane_on_a_pixel_s_centre,
+        an_led_0_01_mm_away,
+        an_led_1_km_away,
+        an_led_below_the_horizon,
+        an_led_at_the_zenith,
+        normals_at_89_999_degrees,
+        shininess_0,
+        shininess_0_5,
+        shininess_1,
+        shininess_1000,
+        shininess_1001,
+        literal_light,
+        leds_without_light,
+        leds_a_hundred_times_as_bright,
+        leds_too_bright,
+        a_black_rendered_background,
+        a_saturated_rendered_background,
+        a_ball_in_measured_light,
+        walls_in_measured_light,
+        a_corner_in_measured_light,
+        a_pixel_of_measured_light,
+        half_a_table,
+        a_black_photograph,
+        a_white_photograph,
+        a_photograph_of_7_x_5_px,
+        a_photograph_of_1_x_1_px,
+        a_photograph_of_900_x_700_px,
+        a_photograph_that_is_none,
+    }
 }
 
 /// Mean brightness of the untouched pad under LEDs of this intensity.
@@ -109,7 +147,7 @@ fn untouched(intensity: f64) -> f64 {
     let dim = Case::new("untouched", "").set("sensor.rendered_background.glow = 10.0");
     let leds = [0.0, 90.0, 180.0].map(|azimuth| format!("{{ azimuth_deg = {azimuth:?}, intensity = {intensity:?} }}"));
     let plan = dim.set(format!("sensor.led = [{}]", leds.join(", "))).plan(Dress::Plain).expect("a plain job");
-    let rgb = &plan.ready.body.untouched.rgb;
+    let rgb = &plan.simulator.untouched().rgb;
     rgb.iter().map(|value| f64::from(*value)).sum::<f64>() / rgb.len() as f64
 }
 
@@ -122,7 +160,7 @@ fn brighter_leds_never_darken_the_untouched_pad() {
 
 #[test]
 fn the_steepest_walls_have_normals_of_89_999_degrees() {
-    let wall: Vec<Case> = cases().into_iter().filter(|case| case.name == WALL).collect();
-    let steepest = run_all(&wall)[0].steepest_deg;
+    let wall = CASES.iter().find(|case| case.name == WALL).expect("the case with walls");
+    let steepest = run(wall).steepest_deg;
     assert!(steepest >= 89.999, "{steepest} degrees");
 }

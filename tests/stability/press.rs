@@ -1,11 +1,12 @@
 //! Jobs whose numbers a test moves one at a time, and what comes of them.
 
-use gelsim::effects::{Gate, Ledger};
-use gelsim::fidelity::Rung;
-use gelsim::grid::{Grid, Rect};
-use gelsim::optics::Light;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::core::base::grid::{Grid, Rect};
+use gelsim::core::base::light::Light;
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 
 use crate::plan::plan;
 
@@ -84,7 +85,7 @@ impl Extras {
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
     pub object: &'a str,
-    pub rung: Rung,
+    pub rung: Fidelity,
     pub extras: Extras,
     pub resolution_px: [u32; 2],
     /// The point of the object that the pose places.
@@ -97,7 +98,7 @@ impl Default for Setting<'_> {
     fn default() -> Self {
         Self {
             object: "sphere",
-            rung: Rung::Standard,
+            rung: Fidelity::Standard,
             extras: Extras::None,
             resolution_px: [80, 60],
             anchor: "bounds",
@@ -157,12 +158,16 @@ pub struct Shown {
 
 impl Shown {
     pub fn of(plan: &Plan, sample: Sample) -> Self {
-        let light = plan.ready.shader.shade(&sample.contact, &plan.reference, &mut Ledger::new(Gate::CalledFor));
+        let light = plan.simulator.shader().shade(
+            &sample.impression.contact,
+            plan.simulator.background(),
+            &mut EffectLog::new(EffectPolicy::WhereNeeded),
+        );
         Self {
-            depth: sample.depth.below_pad(),
-            surface: sample.contact.surface,
+            depth: sample.impression.depth.below_pad(),
+            surface: sample.impression.contact.surface,
             light: levels(plan, &light),
-            rgb: sample.image.rgb,
+            rgb: sample.impression.image.rgb,
         }
     }
 
@@ -193,12 +198,12 @@ fn share(all: impl Iterator<Item = bool>) -> f64 {
 
 /// Red, green, blue of the whole view, grey levels, before any camera.
 pub fn levels(plan: &Plan, light: &Light) -> Vec<f32> {
-    let mut whole: Vec<f32> = plan.reference.rgb.iter().map(|level| f32::from(*level)).collect();
+    let mut whole: Vec<f32> = plan.simulator.background().rgb.iter().map(|level| f32::from(*level)).collect();
     let Rect { x0, y0, x1, y1 } = light.region;
     for (channel, plane) in light.planes.iter().enumerate() {
         for (row, values) in (y0..y1).zip(plane.chunks_exact((x1 - x0).max(1))) {
             for (column, value) in (x0..x1).zip(values) {
-                whole[3 * (row * plan.reference.width + column) + channel] = 255.0 * value;
+                whole[3 * (row * plan.simulator.background().width + column) + channel] = 255.0 * value;
             }
         }
     }

@@ -1,29 +1,30 @@
 //! Random jobs: whatever they ask for, every number is finite, within its range, and the same a second time.
 
-use gelsim::config::sensor::Led;
+use gelsim::core::base::grid::{Grid, bounding_box};
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::optics::Model;
+use gelsim::core::optics::led::Led;
 use gelsim::dataset::encode::members;
-use gelsim::effects::{Gate, Ledger};
-use gelsim::grid::{Grid, bounding_box};
-use gelsim::label::Label;
-use gelsim::optics::Model;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::job::label::Label;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use crate::jobs::job;
+use crate::effects::jobs::job;
 use crate::plan::plan;
 
 /// The largest share of an LED's light that a pixel can get, over that in the middle of the image: a near LED's falls
 /// with the square of the distance.
 fn strongest(plan: &Plan, led: &Led) -> f64 {
-    if matches!(plan.models.optics, Model::Phong(_)) {
+    if matches!(plan.simulator.models().optics, Model::Phong(_)) {
         return 1.0;
     }
     let (azimuth, elevation) = (led.azimuth_deg.to_radians(), led.elevation_deg.to_radians());
     let along = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos()];
     let beside: f64 = (0..2)
         .map(|k| {
-            let half = plan.job.sensor.field_of_view_mm[k] / 2.0;
+            let half = plan.job().sensor.field_of_view_mm[k] / 2.0;
             let at = along[k] * led.distance_mm;
             (at - at.clamp(-half, half)).powi(2)
         })
@@ -34,42 +35,54 @@ fn strongest(plan: &Plan, led: &Led) -> f64 {
 /// The range that light before the camera stays in, whatever the surface: k_d and k_s bound Phong's terms, a flat pad's
 /// are taken off, and a bulge brightens by the darkening that it lacks.
 fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
-    let phong = plan.models.optics.phong().expect("LEDs");
+    let phong = plan.simulator.models().optics.phong().expect("LEDs");
     let most = (0..3)
         .map(|k| {
             let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led);
-            plan.job.sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular)
+            plan.job().sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular)
         })
         .fold(0.0, f64::max);
-    let brightened = 1.0 + phong.darkening * f64::from(sample.contact.bulge_mm.max(0.0)) / plan.thickness_mm;
+    let brightened =
+        1.0 + phong.darkening * f64::from(sample.impression.contact.bulge_mm.max(0.0)) / plan.thickness_mm();
     [-most * brightened, (1.0 + most) * brightened]
 }
 
 fn check(plan: &Plan, sample: &Sample) -> Result<(), &'static str> {
     let all_finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
     let holds = |so: bool, otherwise: &'static str| if so { Ok(()) } else { Err(otherwise) };
-    let (contact, label) = (&sample.contact, &sample.label);
-    let thickness = plan.thickness_mm as f32;
+    let (contact, label) = (&sample.impression.contact, &sample.label);
+    let thickness = plan.thickness_mm() as f32;
 
-    holds(sample.depth.below_pad().data.iter().all(|mm| (0.0..=thickness).contains(mm)), "a depth out of the pad")?;
+    holds(
+        sample.impression.depth.below_pad().data.iter().all(|mm| (0.0..=thickness).contains(mm)),
+        "a depth out of the pad",
+    )?;
     holds(contact.surface.data.iter().all(|w| w.abs() <= thickness), "a surface out of the pad")?;
     holds(contact.pressure.iter().all(|p| all_finite(&p.data) && p.data.iter().all(|p| *p >= 0.0)), "a pressure")?;
-    let light = plan.ready.shader.shade(contact, &plan.reference, &mut Ledger::new(Gate::CalledFor));
+    let light = plan.simulator.shader().shade(
+        contact,
+        plan.simulator.background(),
+        &mut EffectLog::new(EffectPolicy::WhereNeeded),
+    );
     let [low, high] = light_range(plan, sample);
     let slack = 1e-4 * (high - low);
     let within = |value: &f32| (low - slack..=high + slack).contains(&f64::from(*value));
     holds(light.planes.iter().flatten().all(within), "light out of its range")?;
-    holds(label.health.finite && contact.finite && sample.image.finite, "the label finds something not finite")?;
+    holds(
+        label.health.finite && contact.finite && sample.impression.image.finite,
+        "the label finds something not finite",
+    )?;
 
     let touching = contact.mask.data.iter().filter(|value| **value == 255).count();
-    let [dx, dy] = plan.camera.mm_per_px;
+    let [dx, dy] = plan.simulator.view().mm_per_px;
     let area = touching as f64 * dx * dy;
     holds(contact.mask.data.iter().all(|value| [0, 255].contains(value)), "a mask that is neither")?;
     holds(label.contact.in_contact == (touching > 0), "in contact or not")?;
     holds((label.contact.area_mm2 - area).abs() <= 1e-9 * area.max(1.0), "the area")?;
     let fraction = touching as f64 / contact.mask.data.len() as f64;
     holds((label.contact.fraction - fraction).abs() < 1e-12, "the share of the view")?;
-    let mask: Grid<u8> = sample.lens.map_or_else(|| contact.mask.clone(), |lens| lens.warp_mask(&contact.mask));
+    let mask: Grid<u8> =
+        sample.impression.lens.map_or_else(|| contact.mask.clone(), |lens| lens.warp_mask(&contact.mask));
     let seen = bounding_box(&mask, |value| value > 0);
     let box_px = [seen.x0, seen.y0, seen.x1, seen.y1].map(|at| at as u32);
     holds(label.contact.bbox_px == box_px, "the box")?;
@@ -81,8 +94,11 @@ fn check(plan: &Plan, sample: &Sample) -> Result<(), &'static str> {
     holds(pressed, "pressure without contact")?;
     let numerics = &label.numerics;
     holds(numerics.residual_um.is_none_or(|um| um >= 0.0 && um.is_finite()), "the residual")?;
-    let pixels = (sample.image.width * sample.image.height) as u64;
-    holds(sample.image.clipped_px <= pixels && sample.image.saturated_px <= pixels, "a count of pixels")?;
+    let pixels = (sample.impression.image.width * sample.impression.image.height) as u64;
+    holds(
+        sample.impression.image.clipped_px <= pixels && sample.impression.image.saturated_px <= pixels,
+        "a count of pixels",
+    )?;
 
     let text = serde_json::to_string(label).map_err(|_| "a label that is no JSON")?;
     let read: Label = serde_json::from_str(&text).map_err(|_| "a label that cannot be read back")?;

@@ -6,20 +6,24 @@
 //! So no pixel is displaced by more than sqrt(K sum p max g), K being what a pixel's own pressure does to it; nor is any
 //! raised by more than sum p times the most that a pixel's pressure raises another.
 
+use gelsim::core::simulator::Impression;
 use std::fmt;
 use std::io::Cursor;
 use std::time::Duration;
 
 use exr::prelude::{ReadChannels, ReadLayers};
-use gelsim::camera::Shot;
-use gelsim::dataset::encode::{self, Member};
-use gelsim::effects::Ledger;
-use gelsim::gelpad::{Model, Pad, SURFACE_BORDER};
-use gelsim::grid::{Rect, bounding_box};
-use gelsim::label::Label;
-use gelsim::optics::normals::normals;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::core::base::grid::{Rect, bounding_box};
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::camera::CameraParams;
+use gelsim::core::effects::EffectLog;
+use gelsim::core::gelpad::{Model, Pad};
+use gelsim::core::optics::normals::normals;
+use gelsim::dataset::archive::Member;
+use gelsim::dataset::encode;
+use gelsim::job::label::Label;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 
 /// What was seen of a case.
 #[derive(Clone, Copy, Debug, Default)]
@@ -121,9 +125,9 @@ fn finite<'a>(what: &str, values: impl IntoIterator<Item = &'a f32>) -> Result<(
 
 /// Depth, surface, normals, pressure.
 fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String> {
-    let Sample { depth, contact, .. } = sample;
-    let [width, height] = plan.camera.resolution_px;
-    let thickness = plan.thickness_mm as f32;
+    let Impression { depth, contact, .. } = &sample.impression;
+    let [width, height] = plan.simulator.view().resolution_px;
+    let thickness = plan.thickness_mm() as f32;
     finite("the overlap", &depth.overlap.data)?;
     finite("the surface", &contact.surface.data)?;
     ensure!(contact.finite, "the pad says that it is not finite");
@@ -138,7 +142,7 @@ fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String
     ensure!(contact.mask.data.iter().all(|value| [0, 255].contains(value)), "a mask that is neither 0 nor 255");
     heights(plan, sample, figures)?;
 
-    let normals = normals(contact, &plan.camera);
+    let normals = normals(contact, plan.simulator.view());
     finite("the normals", normals.as_flattened())?;
     for [x, y, z] in &normals {
         let length = (x * x + y * y + z * z).sqrt();
@@ -157,12 +161,12 @@ fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String
 
 /// The surface keeps between the highest bulge and the shell.
 fn heights(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String> {
-    let Sample { depth, contact, .. } = sample;
+    let Impression { depth, contact, .. } = &sample.impression;
     let (mut lowest, mut highest) = (0.0_f32, 0.0_f32);
     for w in &contact.surface.data {
         (lowest, highest) = (lowest.min(*w), highest.max(*w));
     }
-    let thickness = plan.thickness_mm as f32;
+    let thickness = plan.thickness_mm() as f32;
     figures.highest = f64::from(highest / thickness);
     ensure!(highest <= thickness * (1.0 + 1e-6), "the surface is at {highest} in a pad of {thickness} mm");
 
@@ -178,7 +182,7 @@ fn heights(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), St
     figures.overshoot = if range > 0.0 { f64::from(overshoot / range) } else { 0.0 };
     ensure!(overshoot <= 0.5625 * range, "the surface is at {lowest}, the solver's no lower than {}", -bulge);
 
-    let Pad::Elastic(pad) = &plan.ready.pad else {
+    let Pad::Elastic(pad) = &plan.simulator.pad() else {
         ensure!(lowest == 0.0 && bulge == 0.0, "a blur that bulges, to {lowest}");
         return Ok(());
     };
@@ -202,7 +206,7 @@ fn solution(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), S
     figures.iterations = numerics.iterations;
     figures.touching = u32::from(sample.label.contact.in_contact);
     figures.unsolved = u32::from(!numerics.converged);
-    let Model::Elastic(elastic) = &plan.models.gelpad else {
+    let Model::Elastic(elastic) = &plan.simulator.models().gelpad else {
         ensure!(numerics.converged && numerics.residual_um.is_none(), "a direct model that iterates");
         return Ok(());
     };
@@ -217,11 +221,15 @@ fn solution(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), S
 
 /// Light and image.
 fn picture(plan: &Plan, sample: &Sample) -> Result<(), String> {
-    let image = &sample.image;
-    let [width, height] = plan.camera.resolution_px;
+    let image = &sample.impression.image;
+    let [width, height] = plan.simulator.view().resolution_px;
     ensure!((image.width, image.height) == (width, height), "an image of another size");
     ensure!(image.rgb.len() == 3 * width * height, "{} bytes", image.rgb.len());
-    let light = plan.ready.shader.shade(&sample.contact, &plan.reference, &mut Ledger::new(plan.gate));
+    let light = plan.simulator.shader().shade(
+        &sample.impression.contact,
+        plan.simulator.background(),
+        &mut EffectLog::new(plan.simulator.policy()),
+    );
     for plane in &light.planes {
         finite("the light", plane)?;
     }
@@ -232,8 +240,8 @@ fn picture(plan: &Plan, sample: &Sample) -> Result<(), String> {
 
     let camera = &sample.label.camera;
     let noisy = camera.shot_noise_levels > 0.0 || camera.read_noise_levels > 0.0;
-    if sample.depth.touching.is_empty() && !noisy {
-        let untouched = &plan.ready.body.untouched;
+    if sample.impression.depth.touching.is_empty() && !noisy {
+        let untouched = &plan.simulator.untouched();
         ensure!(image.rgb == untouched.rgb, "nothing touches, and the picture is not that of the untouched pad");
         let counts = (image.clipped_px, image.saturated_px) == (untouched.clipped_px, untouched.saturated_px);
         ensure!(counts, "nothing touches, and pixels are cut");
@@ -243,8 +251,8 @@ fn picture(plan: &Plan, sample: &Sample) -> Result<(), String> {
 
 /// The label says what the layers show.
 fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
-    let Sample { contact, depth, image, lens, label, .. } = sample;
-    let [width, height] = plan.camera.resolution_px;
+    let (Impression { contact, depth, image, lens, .. }, label) = (&sample.impression, &sample.label);
+    let [width, height] = plan.simulator.view().resolution_px;
     let said = &label.contact;
     ensure!(label.health.finite, "health.finite is false");
     ensure!(label.health.clipped_px == image.clipped_px, "another count of clipped pixels");
@@ -253,7 +261,7 @@ fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
 
     let touching = contact.mask.data.iter().filter(|value| **value > 0).count();
     ensure!(said.in_contact == (touching > 0), "in_contact is {}, {touching} pixels touch", said.in_contact);
-    let [dx, dy] = plan.camera.mm_per_px;
+    let [dx, dy] = plan.simulator.view().mm_per_px;
     ensure!(close(said.area_mm2, touching as f64 * dx * dy), "an area of {} mm^2", said.area_mm2);
     ensure!(close(said.fraction, touching as f64 / (width * height) as f64), "a share of {}", said.fraction);
     let half = [width as f64 * dx / 2.0, height as f64 * dy / 2.0];
@@ -270,7 +278,7 @@ fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
         force += f64::from(*kpa) * dx * dy * 1e-3;
         peak = peak.max(*kpa);
     }
-    let elastic = matches!(plan.ready.pad, Pad::Elastic(_));
+    let elastic = matches!(plan.simulator.pad(), Pad::Elastic(_));
     ensure!(said.force_n.is_some() == elastic, "a force of {:?}", said.force_n);
     ensure!(said.force_n.is_none_or(|said| said >= 0.0 && close(said, force)), "{:?} N, not {force}", said.force_n);
     let peak = f64::from(peak);
@@ -288,13 +296,13 @@ fn close(a: f64, b: f64) -> bool {
 
 /// What was encoded can be read again, and is finite.
 fn decodes(member: &Member, plan: &Plan, sample: &Sample) -> Result<(), String> {
-    let [width, height] = plan.camera.resolution_px;
+    let [width, height] = plan.simulator.view().resolution_px;
     let text = |error: &dyn fmt::Display| error.to_string();
     match member.suffix.as_str() {
         "json" => {
             // A number that is not finite becomes null, and null is none of a label's numbers.
             let read: Label = serde_json::from_slice(&member.bytes).map_err(|error| text(&error))?;
-            let camera = Shot { noise_key: read.camera.noise_key, ..sample.label.camera };
+            let camera = CameraParams { noise_key: read.camera.noise_key, ..sample.label.camera };
             ensure!(read == Label { camera, ..sample.label.clone() }, "another label was read");
         }
         "markers.json" => {

@@ -5,19 +5,19 @@
 
 use std::f64::consts::PI;
 
-use gelsim::camera::Shot;
-use gelsim::effects::Gate;
-use gelsim::fidelity::Rung;
-use gelsim::gelpad::SURFACE_BORDER;
-use gelsim::grid::Grid;
-use gelsim::optics::normals::normals;
-use gelsim::plan::Plan;
-use gelsim::render::render;
-use gelsim::scene::Scene;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::camera::CameraParams;
+use gelsim::core::effects::EffectPolicy;
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::optics::normals::normals;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::job::scene::Scene;
 
-use crate::press::{GENERIC, Setting};
-use crate::shading::phong;
-use crate::twin::{apart, light, light_of, misrounded, normals_of, slopes_of, turned_deg};
+use super::press::{GENERIC, Setting};
+use super::twin::{apart, light, light_of, misrounded, normals_of, slopes_of, turned_deg};
+use crate::oracle::shading::phong;
 
 fn exact(surface: &Grid<f32>) -> Grid<f64> {
     Grid { width: surface.width, height: surface.height, data: surface.data.iter().map(|w| f64::from(*w)).collect() }
@@ -25,16 +25,19 @@ fn exact(surface: &Grid<f32>) -> Grid<f64> {
 
 #[test]
 fn normals_light_and_levels_follow_from_the_surface_at_every_rung() {
-    for rung in Rung::ALL {
+    for rung in Fidelity::ALL {
         for object in ["sphere", "coin", "knurl"] {
             let setting = Setting { object, rung, more: "optics.phong.shadows = 'none'\n", ..Setting::default() };
-            let plan = setting.plan(&GENERIC).with_gate(Gate::All);
+            let plan = setting.plan(&GENERIC).with_policy(EffectPolicy::All);
             let sample = render(&plan, 0);
-            let surface = exact(&sample.contact.surface);
-            let turned = turned_deg(&normals(&sample.contact, &plan.camera), &normals_of(&surface, &plan.camera));
+            let surface = exact(&sample.impression.contact.surface);
+            let turned = turned_deg(
+                &normals(&sample.impression.contact, plan.simulator.view()),
+                &normals_of(&surface, plan.simulator.view()),
+            );
             let expected = light_of(&surface, &plan);
             let off = apart(&light(&plan, &sample), &expected);
-            let misrounded = misrounded(&sample.image.rgb, &expected);
+            let misrounded = misrounded(&sample.impression.image.rgb, &expected);
             println!(
                 "{object}, {rung:?}: normals {turned:.1e} degrees, light {off:.1e}, image {misrounded:.1e} levels"
             );
@@ -48,8 +51,8 @@ fn normals_light_and_levels_follow_from_the_surface_at_every_rung() {
 
 /// The share of an LED that each pixel of the view sees over the horizon, by rays marched over the surface.
 fn marched(plan: &Plan, surface: &Grid<f64>, azimuth_deg: f64, slopes: [f64; 2]) -> Vec<f64> {
-    let [width, height] = plan.camera.resolution_px;
-    let pitch = plan.camera.mm_per_px;
+    let [width, height] = plan.simulator.view().resolution_px;
+    let pitch = plan.simulator.view().mm_per_px;
     let (sin, cos) = azimuth_deg.to_radians().sin_cos();
     let step_mm = 0.5 * pitch[0].min(pitch[1]);
     let height_at = |x: f64, y: f64| {
@@ -77,17 +80,17 @@ fn shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap() {
     // Where penumbras overlap, as between the dots, one obstacle stands for all.
     for (object, most_mean, most_over) in [("sphere", 0.2, 0.01), ("cone", 0.3, 0.04), ("dots", 1.5, 0.25)] {
         let setting =
-            Setting { object, rung: Rung::High, more: "optics.phong.darkening = 0.0\n", ..Setting::default() };
+            Setting { object, rung: Fidelity::High, more: "optics.phong.darkening = 0.0\n", ..Setting::default() };
         // So narrow that rays of one azimuth are all there are.
         let plan = setting.plan_with(&GENERIC, "angular_size_deg = [0.1, 10.0]\n");
         let sample = render(&plan, 0);
-        let surface = exact(&sample.contact.surface);
-        let constants = plan.models.optics.phong().expect("LEDs");
-        let slopes = slopes_of(&surface, &plan.camera);
+        let surface = exact(&sample.impression.contact.surface);
+        let constants = plan.simulator.models().optics.phong().expect("LEDs");
+        let slopes = slopes_of(&surface, plan.simulator.view());
         let elevation = GENERIC.led_elevation_deg;
         let rays = [elevation - 5.0, elevation + 5.0].map(|deg| deg.to_radians().tan());
-        let mut expected: Vec<f64> = plan.reference.rgb.iter().map(|level| f64::from(*level)).collect();
-        for led in &plan.job.sensor.led {
+        let mut expected: Vec<f64> = plan.simulator.background().rgb.iter().map(|level| f64::from(*level)).collect();
+        for led in &plan.job().sensor.led {
             let flat = phong([0.0; 2], led, constants);
             for (at, share) in marched(&plan, &surface, led.azimuth_deg, rays).into_iter().enumerate() {
                 let gain = phong(slopes[at], led, constants) * share - flat;
@@ -119,8 +122,8 @@ fn weights(sigma: f64) -> Vec<f64> {
 }
 
 /// What a camera makes of light, levels: defocus, distortion, vignette, exposure.
-fn seen(light: &[f64], plan: &Plan, shot: &Shot) -> Vec<f64> {
-    let [width, height] = plan.camera.resolution_px;
+fn seen(light: &[f64], plan: &Plan, shot: &CameraParams) -> Vec<f64> {
+    let [width, height] = plan.simulator.view().resolution_px;
     let at = |from: &[f64], x: isize, y: isize, channel: usize| {
         let (x, y) = (x.clamp(0, width as isize - 1) as usize, y.clamp(0, height as isize - 1) as usize);
         from[3 * (y * width + x) + channel]
@@ -136,7 +139,7 @@ fn seen(light: &[f64], plan: &Plan, shot: &Shot) -> Vec<f64> {
             weights[0] * one(0) + sides.sum::<f64>()
         })
     };
-    let [sigma_x, sigma_y] = plan.camera.mm_per_px.map(|pitch| shot.defocus_mm / pitch);
+    let [sigma_x, sigma_y] = plan.simulator.view().mm_per_px.map(|pitch| shot.defocus_mm / pitch);
     let soft = blurred(&blurred(light, sigma_x, [1, 0]), sigma_y, [0, 1]);
 
     let middle = [width, height].map(|size| size as f64 / 2.0);
@@ -174,21 +177,21 @@ fn the_camera_makes_the_image_from_the_light_at_every_rung() {
             1e-2,
         ),
     ] {
-        for rung in Rung::ALL {
+        for rung in Fidelity::ALL {
             let more = format!("sensor.field_of_view_mm = [20.0, 12.0]\n{camera}");
             let setting = Setting { object: "gear", rung, more: &more, ..Setting::default() };
-            let plan = setting.plan(&GENERIC).with_gate(Gate::All);
+            let plan = setting.plan(&GENERIC).with_policy(EffectPolicy::All);
             let sample = render(&plan, 0);
             let light: Vec<f64> = light(&plan, &sample).iter().map(|level| f64::from(*level)).collect();
-            let expected = seen(&light, &plan, &Scene::draw(&plan, 0, 0).shot);
-            let misrounded = misrounded(&sample.image.rgb, &expected);
+            let expected = seen(&light, &plan, &Scene::draw(&plan, 0, 0).camera);
+            let misrounded = misrounded(&sample.impression.image.rgb, &expected);
             println!("{rung:?} {}: {misrounded:.1e} beyond half a level", camera.trim());
             assert!(misrounded < bound, "{rung:?}, {camera}: {misrounded}");
 
             // Without what it does not call for, by the bound of docs/effects.md.
             let gated = setting.plan(&GENERIC);
-            let gain = Scene::draw(&gated, 0, 0).shot.gains.iter().copied().fold(0.0, f64::max);
-            let misrounded = self::misrounded(&render(&gated, 0).image.rgb, &expected);
+            let gain = Scene::draw(&gated, 0, 0).camera.gains.iter().copied().fold(0.0, f64::max);
+            let misrounded = self::misrounded(&render(&gated, 0).impression.image.rgb, &expected);
             assert!(misrounded < 0.46 * gain + bound, "{rung:?}, {camera}: {misrounded} with what is called for");
         }
     }

@@ -4,15 +4,15 @@
 //! than the step, and by what the solver tolerates. On a coarser grid it may jump besides, where a pixel of that grid
 //! comes to touch: by up to a twentieth of the distance between them.
 
-use gelsim::depth;
-use gelsim::effects::{Gate, Ledger};
-use gelsim::fidelity::Rung;
-use gelsim::gelpad;
-use gelsim::plan::Plan;
-use gelsim::render::render;
-use gelsim::scene::Scene;
+use gelsim::core::depth;
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::render;
+use gelsim::job::scene::Scene;
 
-use crate::press::{Change, GENERIC, Numbers, Setting, Shown, levels};
+use super::press::{Change, GENERIC, Numbers, Setting, Shown, levels};
 
 const NO_SHADOWS: &str = "optics.phong.shadows = 'none'\n";
 /// Distance between pixels in a view of 20 mm and 80 px.
@@ -30,13 +30,13 @@ fn most(steps: u32, shown: impl Fn(f64) -> Shown) -> Change {
 }
 
 /// By how much a surface may move, um, when an object goes `step_um` deeper.
-fn allowed_um(rung: Rung, step_um: f64, pitch_mm: f64) -> f64 {
+fn allowed_um(rung: Fidelity, step_um: f64, pitch_mm: f64) -> f64 {
     let (tolerance_um, factor) = match rung {
-        Rung::Paper => (0.01, 0.0),
-        Rung::Draft => (3.0, 4.0),
-        Rung::Standard => (1.0, 2.0),
-        Rung::High => (1.0, 0.0),
-        Rung::Reference => (0.05, 0.0),
+        Fidelity::Paper => (0.01, 0.0),
+        Fidelity::Draft => (3.0, 4.0),
+        Fidelity::Standard => (1.0, 2.0),
+        Fidelity::High => (1.0, 0.0),
+        Fidelity::Reference => (0.05, 0.0),
     };
     // Incompressible pads give way beside the object by more than it moves.
     2.0 * step_um + tolerance_um + 50.0 * factor * pitch_mm
@@ -47,27 +47,27 @@ fn lowered(plan: &Plan, lower_mm: f64) -> Shown {
     let scene = Scene::draw(plan, 0, 0);
     let mut placement = scene.pose.placement();
     placement.translation_mm[2] -= lower_mm;
-    let mut effects = Ledger::new(Gate::CalledFor);
-    let window = plan.ready.pad.window((scene.indentation_depth_mm + lower_mm).max(0.0));
-    let object = &plan.objects[0].clusters;
-    let depth = depth::capture(object, &placement, &plan.camera, window, plan.thickness_mm);
-    let contact = gelpad::deform(&plan.ready.pad, &depth, &mut effects);
-    let light = plan.ready.shader.shade(&contact, &plan.reference, &mut effects);
+    let mut effects = EffectLog::new(EffectPolicy::WhereNeeded);
+    let window = plan.simulator.pad().window((scene.indentation_depth_mm + lower_mm).max(0.0));
+    let object = &plan.sampling.objects[0].clusters;
+    let depth = depth::capture(object, &placement, plan.simulator.view(), window, plan.thickness_mm());
+    let contact = gelpad::deform(plan.simulator.pad(), &depth, &mut effects);
+    let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects);
     let light_levels = levels(plan, &light);
-    let image = plan.ready.body.expose(light, None, &scene.shot, &mut effects);
+    let image = plan.simulator.camera().expose(light, None, &scene.camera, &mut effects);
     Shown { depth: depth.below_pad(), surface: contact.surface, light: light_levels, rgb: image.rgb }
 }
 
 #[test]
 fn first_contact_comes_gradually() {
     // From 0.5 um above the pad to 0.5 um below, pixels of 0.05 mm: it begins with single pixels.
-    for rung in Rung::ALL {
+    for rung in Fidelity::ALL {
         for object in ["sphere", "torus", "cube", "coin"] {
             let more = "sensor.field_of_view_mm = [4.0, 3.0]\n";
             let setting = Setting { object, rung, more, anchor: "contact", ..Setting::default() };
             let plan = setting.plan(&Numbers { depth_mm: 0.0, tilt_deg: 0.02, x_mm: 0.2, ..GENERIC });
             let (away, touching) = (lowered(&plan, -5e-4), lowered(&plan, 5e-4));
-            assert!(away.surface.data.iter().all(|w| *w == 0.0) && away.rgb == plan.ready.body.untouched.rgb);
+            assert!(away.surface.data.iter().all(|w| *w == 0.0) && away.rgb == plan.simulator.untouched().rgb);
             assert!(away.change(&touching).surface_um > 0.2, "{object}, {rung:?}: it touches");
             let change = most(40, |t| lowered(&plan, 1e-3 * (t - 0.5)));
             println!("first contact, {object}, {rung:?}: {change:?}");
@@ -82,7 +82,7 @@ fn a_step_in_depth_moves_the_surface_by_little_more() {
     // Grazing; through the depth at which the overlap's box gets so large that a coarser grid is tried first; through
     // half of the pad's thickness, where the theory ends; down to the shell.
     for (from_mm, to_mm) in [(0.01, 0.015), (0.3, 0.32), (1.4555, 1.4755), (2.91, 2.93)] {
-        for rung in Rung::ALL {
+        for rung in Fidelity::ALL {
             for object in ["sphere", "torus", "coin"] {
                 let setting = Setting { object, rung, more: NO_SHADOWS, ..Setting::default() };
                 let at = |t: f64| Numbers { depth_mm: from_mm + (to_mm - from_mm) * t, ..GENERIC };
@@ -99,7 +99,7 @@ fn a_step_in_depth_moves_the_surface_by_little_more() {
 
 #[test]
 fn a_step_in_depth_moves_shadows_by_few_levels() {
-    for rung in [Rung::Draft, Rung::Standard, Rung::High] {
+    for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High] {
         for model in ["phong", "led"] {
             for object in ["sphere", "torus", "coin"] {
                 let more = format!("optics.{model} = {{}}\n");
@@ -118,24 +118,34 @@ fn a_step_in_depth_moves_shadows_by_few_levels() {
 fn crossing_the_size_from_which_a_coarser_grid_is_tried_first_does_not_show() {
     // A ball whose overlap's box grows through 64 x 64 px.
     let more = "sensor.field_of_view_mm = [10.0, 7.5]\noptics.phong.shadows = 'none'\n";
-    let setting = Setting { rung: Rung::High, resolution_px: [160, 120], more, ..Setting::default() };
+    let setting = Setting { rung: Fidelity::High, resolution_px: [160, 120], more, ..Setting::default() };
     let at = |t: f64| Numbers { depth_mm: 0.5 + 0.08 * t, ..GENERIC };
     let area = |t: f64| {
         let plan = setting.plan(&at(t));
-        render(&plan, 0).depth.touching.area()
+        render(&plan, 0).impression.depth.touching.area()
     };
     assert!(area(0.0) <= 64 * 64 && area(1.0) > 64 * 64, "{} {}", area(0.0), area(1.0));
     let change = most(40, |t| setting.shown(&at(t)));
     println!("box of 64 x 64 px: {change:?}");
-    assert!(change.surface_um < allowed_um(Rung::High, 2.0, 0.0), "{change:?}");
+    assert!(change.surface_um < allowed_um(Fidelity::High, 2.0, 0.0), "{change:?}");
 }
 
 /// True if the press makes the pad bulge up to where nothing is known of the object.
 fn looks_higher(plan: &Plan) -> bool {
-    let (scene, pad) = (Scene::draw(plan, 0, 0), &plan.ready.pad);
+    let (scene, pad) = (Scene::draw(plan, 0, 0), plan.simulator.pad());
     let window = pad.window(scene.indentation_depth_mm);
-    let mut effects = Ledger::new(Gate::CalledFor);
-    let depth = depth::overlap(plan, &scene, window, &mut effects);
+    let mut effects = EffectLog::new(EffectPolicy::WhereNeeded);
+    let press = scene.press(plan);
+    let (view, drop_mm) = (plan.simulator.view(), plan.simulator.drop_mm());
+    let depth = depth::overlap(
+        &press.indenter,
+        press.texture.as_ref(),
+        drop_mm,
+        plan.thickness_mm(),
+        view,
+        window,
+        &mut effects,
+    );
     let contact = gelpad::deform(pad, &depth, &mut effects);
     pad.higher(window, &contact).is_some()
 }
@@ -143,7 +153,7 @@ fn looks_higher(plan: &Plan) -> bool {
 #[test]
 fn looking_higher_because_of_a_bulge_does_not_show() {
     let mut looked = [0; 2];
-    for rung in [Rung::Draft, Rung::Standard, Rung::High, Rung::Reference] {
+    for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference] {
         for object in ["washer", "torus", "gear", "letter"] {
             let setting = Setting { rung, object, more: NO_SHADOWS, ..Setting::default() };
             let at = |t: f64| Numbers {
@@ -159,8 +169,8 @@ fn looking_higher_because_of_a_bulge_does_not_show() {
             let change = most(30, |t| setting.shown(&at(t)));
             println!("bulges, {object}, {rung:?}: {change:?}");
             // So shallow that a coarse grid's jumps are no larger than the depth.
-            let bound =
-                allowed_um(rung, 0.5, 0.0) + if rung == Rung::Standard || rung == Rung::Draft { 6.5 } else { 0.0 };
+            let bound = allowed_um(rung, 0.5, 0.0)
+                + if rung == Fidelity::Standard || rung == Fidelity::Draft { 6.5 } else { 0.0 };
             assert!(change.surface_um < bound, "{object}, {rung:?}: {change:?}");
         }
     }
@@ -169,12 +179,12 @@ fn looking_higher_because_of_a_bulge_does_not_show() {
 
 #[test]
 fn beside_a_shallow_press_the_pad_does_not_rise_to_a_flank_that_it_does_not_touch() {
-    for rung in [Rung::Draft, Rung::Standard] {
+    for rung in [Fidelity::Draft, Fidelity::Standard] {
         for object in ["letter", "gear", "washer", "cube", "coin"] {
             for depth_mm in [5e-4, 5e-3, 0.02] {
                 let setting = Setting { rung, object, ..Setting::default() };
                 let plan = setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, thickness_mm: 1.2, ..GENERIC });
-                let contact = render(&plan, 0).contact;
+                let contact = render(&plan, 0).impression.contact;
                 let highest = contact.surface.data.iter().fold(0.0_f32, |highest, w| highest.max(-w));
                 // Interpolation may overshoot a little.
                 let allowed = 1.5 * contact.bulge_mm + 1e-6;
@@ -186,13 +196,13 @@ fn beside_a_shallow_press_the_pad_does_not_rise_to_a_flank_that_it_does_not_touc
 
 #[test]
 fn a_press_shallower_than_the_tolerance_has_a_force_in_proportion_to_its_depth() {
-    let stiffness = |rung: Rung, depth_mm: f64| {
+    let stiffness = |rung: Fidelity, depth_mm: f64| {
         let setting = Setting { rung, object: "cube", ..Setting::default() };
-        let contact = render(&setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, ..GENERIC }), 0).contact;
+        let contact = render(&setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, ..GENERIC }), 0).impression.contact;
         contact.force_n.expect("an elastic pad knows it") / depth_mm
     };
-    let exact = stiffness(Rung::Reference, 0.02);
-    for rung in [Rung::Draft, Rung::Standard, Rung::High, Rung::Reference] {
+    let exact = stiffness(Fidelity::Reference, 0.02);
+    for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference] {
         for depth_mm in [1e-4, 1e-3, 1e-2] {
             let ratio = stiffness(rung, depth_mm) / exact;
             println!("{rung:?}, {depth_mm} mm: {ratio:.3} of the reference's stiffness");
@@ -212,7 +222,7 @@ fn where_the_pads_response_is_computed_otherwise_the_surface_hardly_jumps() {
         ("a wide window", 23.5 / 22.5, 0.2, 0.05),
         ("nothing", 3.333, 0.5, 0.01),
     ] {
-        for rung in [Rung::Draft, Rung::Standard, Rung::High, Rung::Reference] {
+        for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference] {
             for object in ["cube", "wave", "torus"] {
                 let setting = Setting { rung, object, more: NO_SHADOWS, ..Setting::default() };
                 let at = |t: f64| Numbers {
@@ -231,7 +241,7 @@ fn where_the_pads_response_is_computed_otherwise_the_surface_hardly_jumps() {
 
 #[test]
 fn an_effect_of_hardly_any_strength_hardly_shows() {
-    for rung in [Rung::Paper, Rung::Standard] {
+    for rung in [Fidelity::Paper, Fidelity::Standard] {
         for (line, other) in [
             ("camera.distortion_k1 = 1e-9", ""),
             ("camera.distortion_k2 = -1e-9", ""),

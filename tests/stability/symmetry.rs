@@ -6,10 +6,11 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::fidelity::Rung;
-use gelsim::gelpad::Pad;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::Pad;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
 
 use crate::plan::plan;
 
@@ -104,7 +105,7 @@ fn objects(name: &str) -> [PathBuf; 2] {
 }
 
 impl Scene {
-    fn plan(&self, object: &[PathBuf; 2], rung: Rung, extras: &str) -> Plan {
+    fn plan(&self, object: &[PathBuf; 2], rung: Fidelity, extras: &str) -> Plan {
         let Self { size_px, view_mm, at_mm: [x, y], yaw_deg, tilt_azimuth_deg, shift_mm: [u, v], twist_deg, .. } = self;
         let colors = ["[1.0, 0.2, 0.2]", "[0.2, 1.0, 0.3]", "[0.2, 0.3, 1.0]"];
         let led = |(azimuth, color): (&f64, &str)| {
@@ -129,15 +130,15 @@ impl Scene {
 
 /// Largest difference of the surfaces, um, and of the images, levels.
 fn differences(a: &Sample, b: &Sample, place: impl Fn([usize; 2], [usize; 2]) -> [usize; 2]) -> (f64, u8) {
-    let (other, first) = (b.contact.surface.inner(1), a.contact.surface.inner(1));
+    let (other, first) = (b.impression.contact.surface.inner(1), a.impression.contact.surface.inner(1));
     let (mut um, mut most) = (0.0_f64, 0_u8);
     for y in 0..other.height {
         for x in 0..other.width {
             let [u, v] = place([x, y], [first.width, first.height]);
             um = um.max(1e3 * f64::from(other.at(x, y) - first.at(u, v)).abs());
             for channel in 0..3 {
-                let found = b.image.rgb[3 * (y * other.width + x) + channel];
-                most = most.max(found.abs_diff(a.image.rgb[3 * (v * first.width + u) + channel]));
+                let found = b.impression.image.rgb[3 * (y * other.width + x) + channel];
+                most = most.max(found.abs_diff(a.impression.image.rgb[3 * (v * first.width + u) + channel]));
             }
         }
     }
@@ -145,15 +146,15 @@ fn differences(a: &Sample, b: &Sample, place: impl Fn([usize; 2], [usize; 2]) ->
 }
 
 /// True if the grids on which a rung finds contact and shadows lie the same in a view of `size_px` and in its mirror.
-fn lies_evenly(plan: &Plan, rung: Rung) -> bool {
+fn lies_evenly(plan: &Plan, rung: Fidelity) -> bool {
     let factor = match rung {
-        Rung::Draft => 4,
-        Rung::Standard => 2,
-        Rung::Paper | Rung::High | Rung::Reference => 1,
+        Fidelity::Draft => 4,
+        Fidelity::Standard => 2,
+        Fidelity::Paper | Fidelity::High | Fidelity::Reference => 1,
     };
-    let Pad::Elastic(pad) = &plan.ready.pad else { return true };
+    let Pad::Elastic(pad) = &plan.simulator.pad() else { return true };
     let margin = pad.window(0.0).margin_px;
-    plan.camera.resolution_px.iter().all(|size| {
+    plan.simulator.view().resolution_px.iter().all(|size| {
         let window = size + 2 * margin;
         let (first, last) = (factor / 2, (window - 1 - factor / 2) / factor * factor + factor / 2);
         first == window - 1 - last && (size + 1) % factor != 1 && (size + 1) % factor != 3
@@ -166,7 +167,7 @@ fn a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is() {
     let everything = "markers = { jitter_mm = 0.0 }\ncamera = { distortion_k1 = 0.07, vignette = 0.3, defocus_mm = 0.1 }\n\
          sensor.rest_shape.dome.radius_mm = 100.0\n";
     let views = [([64, 48], [16.0, 12.0]), ([63, 49], [15.75, 12.25]), ([61, 45], [15.25, 13.5])];
-    for rung in Rung::ALL {
+    for rung in Fidelity::ALL {
         let (mut compared, mut most) = (0, (0.0_f64, 0));
         for (size_px, view_mm) in views {
             let scene = Scene { size_px, view_mm, ..STRAIGHT };

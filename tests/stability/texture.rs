@@ -1,8 +1,9 @@
 //! Textures without height, of huge height, finer than any pixel and coarser than any view; prints of too many dots.
 
 use std::io::Cursor;
+use std::sync::LazyLock;
 
-use crate::case::{Case, Touches, run_all};
+use super::case::{Case, Touches};
 
 fn textured(name: &'static str, trouble: &'static str, amplitude_mm: &str, scale_mm: &str) -> Case {
     Case::new(name, trouble).set(format!("texture = {{ amplitude_mm = {amplitude_mm}, scale_mm = {scale_mm} }}"))
@@ -15,7 +16,9 @@ fn heights(width: u32, height: u32) -> Vec<u8> {
     bytes.into_inner()
 }
 
-pub fn cases() -> Vec<Case> {
+pub static CASES: LazyLock<Vec<Case>> = LazyLock::new(cases);
+
+fn cases() -> Vec<Case> {
     let patterns = ["noise", "brushed", "knurled", "woven", "dimples"];
     let fine = ["sub-pixel noise", "sub-pixel brushed", "sub-pixel knurled", "sub-pixel woven", "sub-pixel dimples"];
     let deep = ["deep noise", "deep brushed", "deep knurled", "deep woven", "deep dimples"];
@@ -58,7 +61,35 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-#[test]
-fn every_texture_gives_a_sound_sample_or_is_refused() {
-    run_all(&cases());
+/// Every texture gives a sound sample, or is refused.
+mod sound {
+    use super::CASES;
+    use crate::stability::case::run_named;
+
+    tests_of_cases! {
+        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
+        a_texture_of_amplitude_0,
+        a_texture_of_1e_300_mm,
+        a_texture_deeper_than_the_pad,
+        a_texture_of_scale_1e_3_mm,
+        a_texture_of_scale_1_m,
+        a_texture_of_scale_0,
+        a_texture_of_11_mm,
+        a_texture_of_one_pixel,
+        a_texture_of_2_x_501_px,
+        four_million_dots,
+        dots_over_dots,
+        dots_without_size_or_edge,
+        no_pattern,
+        sub_pixel_noise,
+        deep_noise,
+        sub_pixel_brushed,
+        deep_brushed,
+        sub_pixel_knurled,
+        deep_knurled,
+        sub_pixel_woven,
+        deep_woven,
+        sub_pixel_dimples,
+        deep_dimples,
+    }
 }

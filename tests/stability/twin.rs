@@ -6,27 +6,28 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use gelsim::depth::Camera;
-use gelsim::effects::{Gate, Ledger};
-use gelsim::fidelity::Rung;
-use gelsim::gelpad::SURFACE_BORDER;
-use gelsim::gelpad::elastic::layer::Layer;
-use gelsim::grid::Grid;
-use gelsim::object;
-use gelsim::optics::normals::normals;
-use gelsim::plan::Plan;
-use gelsim::render::{Sample, render};
-use gelsim::scene::Scene;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::base::view::View;
+use gelsim::core::effects::{EffectLog, EffectPolicy};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::elastic::layer::ElasticLayer;
+use gelsim::core::optics::normals::normals;
+use gelsim::files::mesh;
+use gelsim::job::plan::Plan;
+use gelsim::job::sample::Sample;
+use gelsim::job::sample::render;
+use gelsim::job::scene::Scene;
 
-use crate::dense_contact::dense_contact;
-use crate::press::{Extras, GENERIC, Numbers, Setting, levels};
-use crate::pressed_pixel::pressed_pixel;
-use crate::shading::brightness;
+use super::press::{Extras, GENERIC, Numbers, Setting, levels};
+use crate::oracle::dense_contact::dense_contact;
+use crate::oracle::pressed_pixel::pressed_pixel;
+use crate::oracle::shading::brightness;
 
 /// 12 x 9 mm in pixels of 0.25 mm, on a pad that is 2.1 mm thick.
 const SETTING: Setting<'_> = Setting {
     object: "sphere",
-    rung: Rung::Reference,
+    rung: Fidelity::Reference,
     extras: Extras::None,
     resolution_px: [48, 36],
     anchor: "bounds",
@@ -39,7 +40,7 @@ const OBJECTS: [&str; 4] = ["sphere", "cone", "dots", "cube"];
 /// where there is none of it.
 fn overlap(plan: &Plan, name: &str, margin: usize) -> Grid<f64> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("objects/{name}.obj"));
-    let mesh = object::load(&path, 1.0).unwrap_or_else(|error| panic!("{error}")).mesh;
+    let mesh = mesh::load(&path, 1.0).unwrap_or_else(|error| panic!("{error}")).mesh;
     let placement = Scene::draw(plan, 0, 0).pose.placement();
     let placed = |vertex: &[f32; 3]| {
         let point: [f64; 3] = std::array::from_fn(|k| f64::from(vertex[k]) + mesh.centre_mm[k]);
@@ -49,13 +50,13 @@ fn overlap(plan: &Plan, name: &str, margin: usize) -> Grid<f64> {
         })
     };
     let placed: Vec<[f64; 3]> = mesh.vertices.iter().map(placed).collect();
-    let [width, height] = plan.camera.resolution_px.map(|px| px + 2 * margin);
+    let [width, height] = plan.simulator.view().resolution_px.map(|px| px + 2 * margin);
     let mut grid = Grid { width, height, data: vec![f64::NEG_INFINITY; width * height] };
     for (at, deepest) in grid.data.iter_mut().enumerate() {
-        let point = plan.camera.point_mm([at % width, at / width].map(|px| px as f64 + 0.5 - margin as f64));
+        let point = plan.simulator.view().point_mm([at % width, at / width].map(|px| px as f64 + 0.5 - margin as f64));
         for corners in &mesh.triangles {
             if let Some(z) = height_of(corners.map(|corner| placed[corner as usize]), point) {
-                *deepest = deepest.max(-z).min(plan.thickness_mm);
+                *deepest = deepest.max(-z).min(plan.thickness_mm());
             }
         }
     }
@@ -73,7 +74,7 @@ fn height_of(triangle: [[f64; 3]; 3], point: [f64; 2]) -> Option<f64> {
 }
 
 /// Displacement at all lags of a window around one pressed pixel, a square of `pitch` mm.
-fn lags(layer: Layer, pitch: f64, size: [usize; 2]) -> Grid<f64> {
+fn lags(layer: ElasticLayer, pitch: f64, size: [usize; 2]) -> Grid<f64> {
     // G(q) q less the half-space's over s = q h: gone beyond s = 24.
     let h = layer.thickness_mm;
     let panel = |k: usize| GAUSS.map(|(at, weight)| ((k as f64 + 0.5 + at) * 0.08, weight * 0.08));
@@ -110,11 +111,11 @@ const GAUSS: [(f64, f64); 3] =
     [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];
 
 /// Pixels from one solved pixel to the next.
-fn factor(rung: Rung) -> usize {
+fn factor(rung: Fidelity) -> usize {
     match rung {
-        Rung::Draft => 4,
-        Rung::Standard => 2,
-        Rung::Paper | Rung::High | Rung::Reference => 1,
+        Fidelity::Draft => 4,
+        Fidelity::Standard => 2,
+        Fidelity::Paper | Fidelity::High | Fidelity::Reference => 1,
     }
 }
 
@@ -147,7 +148,7 @@ fn blurred(overlap: &Grid<f64>) -> Grid<f64> {
 }
 
 /// Unit normals of the view from a surface given with [`SURFACE_BORDER`] around it.
-pub fn normals_of(surface: &Grid<f64>, camera: &Camera) -> Vec<[f64; 3]> {
+pub fn normals_of(surface: &Grid<f64>, camera: &View) -> Vec<[f64; 3]> {
     slopes_of(surface, camera).into_iter().map(unit).collect()
 }
 
@@ -157,7 +158,7 @@ fn unit([x, y]: [f64; 2]) -> [f64; 3] {
 }
 
 /// How fast the displacement of the view's pixels grows along x and y.
-pub fn slopes_of(surface: &Grid<f64>, camera: &Camera) -> Vec<[f64; 2]> {
+pub fn slopes_of(surface: &Grid<f64>, camera: &View) -> Vec<[f64; 2]> {
     let [width, height] = camera.resolution_px;
     let [dx, dy] = camera.mm_per_px.map(|pitch| 2.0 * pitch);
     let slope = |x: usize, y: usize| {
@@ -179,13 +180,13 @@ pub fn turned_deg(found: &[[f32; 3]], expected: &[[f64; 3]]) -> f64 {
 
 /// Light of a surface without shadows, grey levels, not cut.
 pub fn light_of(surface: &Grid<f64>, plan: &Plan) -> Vec<f64> {
-    let constants = plan.models.optics.phong().expect("LEDs");
+    let constants = plan.simulator.models().optics.phong().expect("LEDs");
     let inner = surface_in_view(surface);
     let pixel = |(at, slope): (usize, [f64; 2])| {
-        let rest = std::array::from_fn(|k| f64::from(plan.reference.rgb[3 * at + k]) / 255.0);
-        brightness(slope, inner[at], &plan.job.sensor, constants, rest).map(|value| 255.0 * value)
+        let rest = std::array::from_fn(|k| f64::from(plan.simulator.background().rgb[3 * at + k]) / 255.0);
+        brightness(slope, inner[at], &plan.job().sensor, constants, rest).map(|value| 255.0 * value)
     };
-    slopes_of(surface, &plan.camera).into_iter().enumerate().flat_map(pixel).collect()
+    slopes_of(surface, plan.simulator.view()).into_iter().enumerate().flat_map(pixel).collect()
 }
 
 fn surface_in_view(surface: &Grid<f64>) -> Vec<f64> {
@@ -205,7 +206,14 @@ pub fn apart(found: &[f32], expected: &[f64]) -> f64 {
 
 /// The sample's light, grey levels, everywhere.
 pub fn light(plan: &Plan, sample: &Sample) -> Vec<f32> {
-    levels(plan, &plan.ready.shader.shade(&sample.contact, &plan.reference, &mut Ledger::new(Gate::All)))
+    levels(
+        plan,
+        &plan.simulator.shader().shade(
+            &sample.impression.contact,
+            plan.simulator.background(),
+            &mut EffectLog::new(EffectPolicy::All),
+        ),
+    )
 }
 
 /// By how much quantised values are away from the levels that they stand for, beyond half a level.
@@ -216,37 +224,37 @@ pub fn misrounded(rgb: &[u8], levels: &[f64]) -> f64 {
 
 #[test]
 fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
-    let plan_of = |object, rung| Setting { object, rung, ..SETTING }.plan(&NUMBERS).with_gate(Gate::All);
-    let plan = plan_of(OBJECTS[0], Rung::Reference);
-    let margin = |plan: &Plan| plan.ready.pad.window(NUMBERS.depth_mm).margin_px;
+    let plan_of = |object, rung| Setting { object, rung, ..SETTING }.plan(&NUMBERS).with_policy(EffectPolicy::All);
+    let plan = plan_of(OBJECTS[0], Fidelity::Reference);
+    let margin = |plan: &Plan| plan.simulator.pad().window(NUMBERS.depth_mm).margin_px;
     // Of the elastic pad; the response on each of its grids.
-    let window = plan.camera.resolution_px.map(|px| px + 2 * margin(&plan));
-    let layer = Layer::of(&plan.job.sensor);
+    let window = plan.simulator.view().resolution_px.map(|px| px + 2 * margin(&plan));
+    let layer = ElasticLayer::new(&plan.simulator.sensor().gelpad);
     let lags = [1, 2, 4].map(|factor| {
-        let pitch = plan.camera.mm_per_px[0] * factor as f64;
+        let pitch = plan.simulator.view().mm_per_px[0] * factor as f64;
         lags(layer, pitch, window.map(|size| size.div_ceil(factor)))
     });
     for object in OBJECTS {
         // The blur reaches further than any margin here.
-        let plan = plan_of(object, Rung::Paper);
+        let plan = plan_of(object, Fidelity::Paper);
         let widest = margin(&plan);
         let overlap = overlap(&plan, object, widest);
-        for rung in Rung::ALL {
+        for rung in Fidelity::ALL {
             let plan = plan_of(object, rung);
             let sample = render(&plan, 0);
             let (margin, factor) = (margin(&plan), factor(rung));
             let known = overlap.inner(widest - margin);
             let window = match rung {
-                Rung::Paper => blurred(&known),
+                Fidelity::Paper => blurred(&known),
                 _ => pressed(&known, factor, &lags[factor.ilog2() as usize]),
             };
             let surface_um = surface_error_um(&sample, &window, margin, factor);
             let (most_um, most_deg, most_levels) = match rung {
-                Rung::Paper => (0.05, 0.005, 0.02),
-                Rung::Draft => (3.0, 0.0, 0.0),
-                Rung::Standard => (1.0, 0.0, 0.0),
-                Rung::High => (1.0, 0.1, 0.4),
-                Rung::Reference => (0.05, 0.005, 0.02),
+                Fidelity::Paper => (0.05, 0.005, 0.02),
+                Fidelity::Draft => (3.0, 0.0, 0.0),
+                Fidelity::Standard => (1.0, 0.0, 0.0),
+                Fidelity::High => (1.0, 0.1, 0.4),
+                Fidelity::Reference => (0.05, 0.005, 0.02),
             };
             assert!(surface_um < most_um, "{object}, {rung:?}: {surface_um} um");
             if factor > 1 {
@@ -254,10 +262,13 @@ fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
                 continue;
             }
             let expected = window.inner(margin - SURFACE_BORDER);
-            let turned = turned_deg(&normals(&sample.contact, &plan.camera), &normals_of(&expected, &plan.camera));
+            let turned = turned_deg(
+                &normals(&sample.impression.contact, plan.simulator.view()),
+                &normals_of(&expected, plan.simulator.view()),
+            );
             let expected = light_of(&expected, &plan);
             let off = apart(&light(&plan, &sample), &expected);
-            let misrounded = misrounded(&sample.image.rgb, &expected);
+            let misrounded = misrounded(&sample.impression.image.rgb, &expected);
             println!(
                 "{object}, {rung:?}: surface {surface_um:.4} um, normals {turned:.4} degrees, light {off:.4} levels, \
                  image {misrounded:.4} beyond half a level"
@@ -270,7 +281,7 @@ fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
 
 /// Largest error of a sample's surface on the pixels that its rung solves, um.
 fn surface_error_um(sample: &Sample, window: &Grid<f64>, margin: usize, factor: usize) -> f64 {
-    let (surface, corner) = (&sample.contact.surface, margin - SURFACE_BORDER);
+    let (surface, corner) = (&sample.impression.contact.surface, margin - SURFACE_BORDER);
     let mut worst = 0.0_f64;
     for (at, w) in surface.data.iter().enumerate() {
         let [u, v] = [at % surface.width + corner, at / surface.width + corner];

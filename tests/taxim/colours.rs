@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use gelsim::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
-use gelsim::simd::{narrow, wide};
+use gelsim::core::base::simd::{scalar_only, simd_dispatch};
+use gelsim::core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
 
 use super::folder::{self, BINS, SIZE};
 
@@ -35,7 +35,7 @@ fn rows(lookup: &Lookup, y: usize, x0: usize, slopes: [&[f32]; 2]) -> [Vec<f32>;
     let mut change = [(); 3].map(|()| vec![f32::NAN; slopes[0].len()]);
     let mut scratch = Scratch::default();
     let [red, green, blue] = &mut change;
-    wide(
+    simd_dispatch(
         #[inline(always)]
         || lookup.row(y, x0, slopes, &mut scratch, [red, green, blue]),
     );
@@ -139,7 +139,7 @@ fn a_part_of_a_row_is_as_in_the_whole_row_on_every_processor() {
     let lookup = Lookup::new(&colours(), [40, 10]);
     let [along, across] = slopes(40);
     let whole = rows(&lookup, 7, 0, [&along, &across]);
-    assert_eq!(narrow(|| rows(&lookup, 7, 0, [&along, &across])), whole);
+    assert_eq!(scalar_only(|| rows(&lookup, 7, 0, [&along, &across])), whole);
     let part = rows(&lookup, 7, 11, [&along[11..32], &across[11..32]]);
     for (part, whole) in part.iter().zip(&whole) {
         assert_eq!(part, &whole[11..32]);

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use gelsim::calibrate::taxim::{Imported, import};
-use gelsim::dataset::npz::Npz;
-use gelsim::grid::Grid;
-use gelsim::optics::calibrated::taxim::{Lookup, Scratch};
-use gelsim::simd::wide;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::simd::simd_dispatch;
+use gelsim::core::optics::calibrated::taxim::{Lookup, Scratch};
+use gelsim::files::npz::Npz;
+use gelsim::lab::calibrate::taxim::{Imported, import};
 
 use super::colours::bins;
 
@@ -67,7 +67,7 @@ fn compare(sensor: &Imported, case: &Case) -> [(Part, Agreement); 3] {
         let slopes = case.slopes(y, mm_per_px);
         let slopes = slopes.each_ref().map(Vec::as_slice);
         let [red, green, blue] = &mut change;
-        wide(
+        simd_dispatch(
             #[inline(always)]
             || lookup.row(y, 0, slopes, &mut scratch, [red, green, blue]),
         );

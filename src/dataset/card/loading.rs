@@ -1,6 +1,7 @@
 //! Python that loads a dataset, as its card shows it: each snippet runs by itself in the dataset's folder.
 
-use crate::config::output::{Coding, Container, Layer, Output};
+use crate::job::config::output::{Container, Output};
+use crate::job::layers::{Coding, OutputLayer};
 
 /// The snippets for a dataset that has samples in `split`.
 pub fn snippets(output: &Output, split: &str) -> Vec<String> {
@@ -16,7 +17,7 @@ pub fn snippets(output: &Output, split: &str) -> Vec<String> {
 
 /// How depth is written, if it is.
 fn depth_coding(output: &Output) -> Option<Coding> {
-    output.layers.contains(&Layer::Depth).then(|| Layer::Depth.coding(output.depth_format))
+    output.layers.contains(&OutputLayer::Depth).then(|| OutputLayer::Depth.coding(output.depth_format))
 }
 
 const READ_EXR: &str = "\
@@ -30,24 +31,24 @@ def read_exr(data):  # rows and columns; with several channels a third axis, in 
 /// Samples by WebDataset, decoded. Only what is in the dataset is imported.
 fn webdataset(output: &Output) -> String {
     let format = output.depth_format;
-    let has = |coding: Coding| output.layers.iter().any(|layer| layer.coding(format) == coding);
+    let has = |ending: &str| output.layers.iter().any(|layer| layer.coding(format).ending() == ending);
     let mut imports = vec!["import glob"];
     let (mut helpers, mut handlers, mut decoders) = (String::new(), String::new(), String::from("\"rgb8\""));
-    if has(Coding::Exr) || has(Coding::Png16) {
+    if has("exr") || has("png16") {
         imports.push("import io");
     }
     imports.extend(["import itertools", ""]);
-    if has(Coding::Exr) || has(Coding::Png16) {
+    if has("exr") || has("png16") {
         imports.push("import numpy");
     }
-    if has(Coding::Exr) {
+    if has("exr") {
         imports.push("import OpenEXR  # 3.5 or later");
         helpers += READ_EXR;
         handlers += "exr = wds.handle_extension(\"exr\", read_exr)\n";
         decoders += ", exr";
     }
     imports.push("import webdataset as wds");
-    if has(Coding::Png16) {
+    if has("png16") {
         imports.push("from PIL import Image");
         helpers += "def read_png16(data):\n    return numpy.array(Image.open(io.BytesIO(data)))\n\n";
         handlers += "png16 = wds.handle_extension(\"png16\", read_png16)\n";
@@ -57,8 +58,11 @@ fn webdataset(output: &Output) -> String {
         None => String::new(),
         Some(coding) => format!(
             "    depth_mm = sample[\"{}\"]{}\n",
-            Layer::Depth.suffix(format),
-            if coding == Coding::Png16 { " * label[\"png16\"][\"depth_mm_per_step\"]" } else { "" }
+            OutputLayer::Depth.suffix(format),
+            match coding {
+                Coding::Png16(scale) => format!(" * label[\"png16\"][\"{}\"]", scale.step_key()),
+                _ => String::new(),
+            }
         ),
     };
     let deepest = if depth.is_empty() { "" } else { ", depth_mm.shape, depth_mm.max()" };
@@ -105,18 +109,18 @@ for images, deepest_mm in DataLoader(batches, batch_size=None, num_workers=2):
 /// Rows of metadata.jsonl by `datasets`, with the depth map from its own file.
 fn rows(output: &Output) -> String {
     let (imports, read) = match depth_coding(output) {
-        None => ("", ""),
-        Some(Coding::Npy) => ("import numpy\n", "numpy.load(sample[\"depth_path\"])"),
-        Some(Coding::Png16) => (
+        None => ("", String::new()),
+        Some(Coding::Npy) => ("import numpy\n", String::from("numpy.load(sample[\"depth_path\"])")),
+        Some(Coding::Png16(scale)) => (
             "import numpy\nfrom PIL import Image\n",
-            "numpy.array(Image.open(sample[\"depth_path\"])) * sample[\"png16\"][\"depth_mm_per_step\"]",
+            format!("numpy.array(Image.open(sample[\"depth_path\"])) * sample[\"png16\"][\"{}\"]", scale.step_key()),
         ),
         Some(_) => (
             "import OpenEXR  # 3.5 or later\n",
-            "OpenEXR.File(sample[\"depth_path\"], separate_channels=True).channels()[\"Z\"].pixels",
+            String::from("OpenEXR.File(sample[\"depth_path\"], separate_channels=True).channels()[\"Z\"].pixels"),
         ),
     };
-    let (depth, deepest) = match read {
+    let (depth, deepest) = match read.as_str() {
         "" => (String::new(), ""),
         read => (format!("    depth_mm = {read}\n"), ", depth_mm.shape, depth_mm.max()"),
     };

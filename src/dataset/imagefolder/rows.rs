@@ -22,7 +22,8 @@ pub fn row<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, &
         }
     }
     let mut row = format!("{{{first}{rest},").into_bytes();
-    row.extend(label.strip_prefix(b"{").unwrap_or_default());
+    // What is no object is no label of ours, and its row nobody's.
+    row.extend(label.strip_prefix(b"{").unwrap_or(label));
     row.push(b'\n');
     row
 }

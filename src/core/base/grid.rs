@@ -1,0 +1,223 @@
+//! Row-major images and rectangles of pixels.
+
+use serde::{Deserialize, Serialize};
+
+/// A row-major image. Row 0 is the top one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Grid<T> {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` values.
+    pub data: Vec<T>,
+}
+
+impl<T: Copy + Default> Grid<T> {
+    /// An image of default values (zeros).
+    pub fn new(width: usize, height: usize) -> Self {
+        Self { width, height, data: vec![T::default(); width * height] }
+    }
+
+    /// Makes it `width` x `height` and sets every value to the default, in the memory that it has.
+    pub fn reset(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.data.clear();
+        self.data.resize(width * height, T::default());
+    }
+
+    /// One row.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.data[y * self.width..][..self.width]
+    }
+
+    /// One row, to be written.
+    pub fn row_mut(&mut self, y: usize) -> &mut [T] {
+        &mut self.data[y * self.width..][..self.width]
+    }
+
+    /// The value in column `x`, row `y`.
+    pub fn at(&self, x: usize, y: usize) -> T {
+        self.data[y * self.width + x]
+    }
+
+    /// The part that is left when `border` pixels are taken off every side.
+    pub fn inner(&self, border: usize) -> Self {
+        self.crop(Rect { x0: border, y0: border, x1: self.width - border, y1: self.height - border })
+    }
+
+    /// The part inside `rect`, which must lie within the image.
+    pub fn crop(&self, rect: Rect) -> Self {
+        let mut data = Vec::with_capacity(rect.area());
+        for y in rect.y0..rect.y1 {
+            data.extend_from_slice(&self.row(y)[rect.x0..rect.x1]);
+        }
+        Self { width: rect.width(), height: rect.height(), data }
+    }
+
+    /// Copies `other` in where they overlap; `there` and `here` are the rectangles of a common image that `other` and
+    /// this one show.
+    pub fn paste(&mut self, other: &Self, there: Rect, here: Rect) {
+        let both = Rect {
+            x0: there.x0.max(here.x0),
+            y0: there.y0.max(here.y0),
+            x1: there.x1.min(here.x1),
+            y1: there.y1.min(here.y1),
+        };
+        for y in both.y0..both.y1 {
+            if both.x0 < both.x1 {
+                let from = &other.row(y - there.y0)[both.x0 - there.x0..both.x1 - there.x0];
+                self.row_mut(y - here.y0)[both.x0 - here.x0..both.x1 - here.x0].copy_from_slice(from);
+            }
+        }
+    }
+}
+
+impl Grid<f32> {
+    /// The value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between pixel
+    /// centres, the border's values beyond them.
+    pub fn stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
+        let place = |at: usize, to: usize, own: usize| {
+            let at = ((at as f64 + 0.5) * own as f64 / to as f64 - 0.5).clamp(0.0, own as f64 - 1.0);
+            let whole = (at as usize).min(own.saturating_sub(2));
+            (whole, (whole + 1).min(own - 1), (at - whole as f64) as f32)
+        };
+        let ((x0, x1, u), (y0, y1, v)) = (place(x, width, self.width), place(y, height, self.height));
+        let above = self.at(x0, y0) * (1.0 - u) + self.at(x1, y0) * u;
+        let below = self.at(x0, y1) * (1.0 - u) + self.at(x1, y1) * u;
+        above * (1.0 - v) + below * v
+    }
+}
+
+/// Half-open rectangle of pixels: columns `x0..x1`, rows `y0..y1`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rect {
+    /// First column.
+    pub x0: usize,
+    /// First row.
+    pub y0: usize,
+    /// One past the last column.
+    pub x1: usize,
+    /// One past the last row.
+    pub y1: usize,
+}
+
+impl Rect {
+    /// The whole of a `width` x `height` image.
+    pub fn whole(width: usize, height: usize) -> Self {
+        Self { x0: 0, y0: 0, x1: width, y1: height }
+    }
+
+    /// Columns.
+    pub fn width(self) -> usize {
+        self.x1 - self.x0
+    }
+
+    /// Rows.
+    pub fn height(self) -> usize {
+        self.y1 - self.y0
+    }
+
+    /// Pixels.
+    pub fn area(self) -> usize {
+        self.width() * self.height()
+    }
+
+    /// True without any pixel.
+    pub fn is_empty(self) -> bool {
+        self.area() == 0
+    }
+
+    /// Larger by `by` pixels on every side, cut to a `width` x `height` image. An empty rectangle stays empty.
+    pub fn grown(self, by: usize, width: usize, height: usize) -> Self {
+        if self.is_empty() {
+            return self;
+        }
+        Self {
+            x0: self.x0.saturating_sub(by),
+            y0: self.y0.saturating_sub(by),
+            x1: (self.x1 + by).min(width),
+            y1: (self.y1 + by).min(height),
+        }
+    }
+
+    /// The smallest rectangle that holds both.
+    pub fn united(self, other: Self) -> Self {
+        match (self.is_empty(), other.is_empty()) {
+            (true, _) => other,
+            (_, true) => self,
+            _ => Self {
+                x0: self.x0.min(other.x0),
+                y0: self.y0.min(other.y0),
+                x1: self.x1.max(other.x1),
+                y1: self.y1.max(other.y1),
+            },
+        }
+    }
+
+    /// The same pixels counted in a window whose first pixel is (`left`, `top`) and whose size is `width` x `height`;
+    /// what lies outside the window is cut off.
+    pub fn seen_from(self, left: usize, top: usize, width: usize, height: usize) -> Self {
+        let clamp = |at: usize, start: usize, size: usize| at.saturating_sub(start).min(size);
+        let (x0, x1) = (clamp(self.x0, left, width), clamp(self.x1, left, width));
+        let (y0, y1) = (clamp(self.y0, top, height), clamp(self.y1, top, height));
+        if x0 == x1 || y0 == y1 { Self::default() } else { Self { x0, y0, x1, y1 } }
+    }
+}
+
+/// The smallest rectangle around the pixels for which `inside` holds; empty if there are none.
+pub fn bounding_box<T: Copy + Default>(grid: &Grid<T>, inside: impl Fn(T) -> bool) -> Rect {
+    let row_has = |y: &usize| grid.row(*y).iter().any(|value| inside(*value));
+    let Some(y0) = (0..grid.height).find(row_has) else { return Rect::default() };
+    let y1 = (y0..grid.height).rev().find(row_has).map_or(y0 + 1, |y| y + 1);
+    let (mut x0, mut x1) = (grid.width, 0);
+    for y in y0..y1 {
+        let row = grid.row(y);
+        x0 = row[..x0].iter().position(|value| inside(*value)).unwrap_or(x0);
+        x1 = row[x1..].iter().rposition(|value| inside(*value)).map_or(x1, |at| x1 + at + 1);
+    }
+    Rect { x0, y0, x1, y1 }
+}
+
+/// A grid beside the camera's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Resolution {
+    /// Every pixel.
+    Full,
+    /// Every second pixel along x and y; in between the surface is interpolated.
+    Half,
+    /// Every fourth.
+    Quarter,
+}
+
+impl Resolution {
+    /// Pixels of the camera from one pixel of the grid to the next.
+    pub fn factor(self) -> usize {
+        match self {
+            Self::Full => 1,
+            Self::Half => 2,
+            Self::Quarter => 4,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bounding_box_holds_exactly_the_marked_pixels() {
+        let mut grid = Grid::<u8>::new(7, 5);
+        assert_eq!(bounding_box(&grid, |v| v > 0), Rect::default());
+        for (x, y) in [(2, 1), (5, 3), (4, 1)] {
+            grid.row_mut(y)[x] = 1;
+        }
+        assert_eq!(bounding_box(&grid, |v| v > 0), Rect { x0: 2, y0: 1, x1: 6, y1: 4 });
+        let corner = Rect { x0: 6, y0: 4, x1: 7, y1: 5 };
+        assert_eq!(corner.grown(2, 7, 5), Rect { x0: 4, y0: 2, x1: 7, y1: 5 });
+        assert_eq!(corner.seen_from(1, 1, 4, 4), Rect::default());
+        assert_eq!(corner.seen_from(5, 1, 4, 4), Rect { x0: 1, y0: 3, x1: 2, y1: 4 });
+    }
+}

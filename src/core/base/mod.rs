@@ -1,0 +1,10 @@
+//! What every stage of the simulator stands on.
+
+pub mod angle;
+pub mod clock;
+pub mod grain;
+pub mod grid;
+pub mod light;
+pub mod rng;
+pub mod simd;
+pub mod view;

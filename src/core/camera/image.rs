@@ -1,0 +1,92 @@
+//! What the camera writes: 8 bits per channel.
+
+use crate::core::base::grid::Rect;
+use crate::core::base::light::Light;
+use crate::core::base::light::quantise;
+use crate::core::base::simd::simd_dispatch;
+
+/// An 8-bit RGB image and what quantising cut.
+#[derive(Clone, Debug)]
+pub struct Image {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row-major RGB.
+    pub rgb: Vec<u8>,
+    /// Pixels with a channel that was below 0 or above full scale and was cut.
+    pub clipped_px: u64,
+    /// Pixels with a channel at full scale.
+    pub saturated_px: u64,
+    /// True unless the light was NaN or infinite somewhere.
+    pub finite: bool,
+}
+
+impl Image {
+    /// A black one.
+    pub fn black(width: usize, height: usize) -> Self {
+        Self { width, height, rgb: vec![0; 3 * width * height], clipped_px: 0, saturated_px: 0, finite: true }
+    }
+
+    /// Writes light over a part of the image.
+    pub fn quantise(&mut self, light: &Light) {
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                if self.saturated_px > 0 {
+                    self.saturated_px -= self.saturated_in(light.region);
+                }
+                quantise_region(light, self);
+            },
+        );
+    }
+
+    /// Pixels of a part with a channel at full scale.
+    #[inline(always)]
+    fn saturated_in(&self, part: Rect) -> u64 {
+        let mut count = 0;
+        for y in part.y0..part.y1 {
+            let row = &self.rgb[(y * self.width + part.x0) * 3..][..part.width() * 3];
+            let saturated = row.chunks_exact(3).map(|pixel| u32::from(pixel[0].max(pixel[1]).max(pixel[2]) == 255));
+            count += u64::from(saturated.sum::<u32>());
+        }
+        count
+    }
+}
+
+#[inline(always)]
+fn quantise_region(light: &Light, image: &mut Image) {
+    let Rect { x0, y0, .. } = light.region;
+    let width = light.region.width();
+    let mut bytes = [vec![0_u8; width], vec![0; width], vec![0; width]];
+    for row in 0..light.region.height() {
+        let [red, green, blue] = light.planes.each_ref().map(|plane| &plane[row * width..][..width]);
+        let (mut clipped, mut not_finite) = (0_u32, 0_u32);
+        for x in 0..width {
+            let (low, high) = (red[x].min(green[x]).min(blue[x]), red[x].max(green[x]).max(blue[x]));
+            clipped += u32::from((low < 0.0) | (high > 1.0));
+            // Finite numbers times 0 are 0; NaN and infinities are NaN.
+            not_finite += u32::from((red[x] + green[x] + blue[x]) * 0.0 != 0.0);
+        }
+        image.clipped_px += u64::from(clipped);
+        image.finite &= not_finite == 0;
+
+        for (bytes, plane) in bytes.iter_mut().zip([red, green, blue]) {
+            for (byte, brightness) in bytes.iter_mut().zip(plane) {
+                *byte = quantise(*brightness);
+            }
+        }
+        let [red, green, blue] = bytes.each_ref().map(|bytes| &bytes[..width]);
+        let rgb = &mut image.rgb[((y0 + row) * image.width + x0) * 3..][..width * 3];
+        let mut saturated = 0_u32;
+        for (x, pixel) in rgb.chunks_exact_mut(3).enumerate() {
+            pixel[0] = red[x];
+            pixel[1] = green[x];
+            pixel[2] = blue[x];
+        }
+        for x in 0..width {
+            saturated += u32::from(red[x].max(green[x]).max(blue[x]) == 255);
+        }
+        image.saturated_px += u64::from(saturated);
+    }
+}

@@ -1,0 +1,118 @@
+//! Markers: dots printed on the pad, which show how its surface moves in its own plane.
+//!
+//! At rest they lie on a square grid, each a little beside its place as prints are. A press carries them along with the
+//! surface ([`crate::core::gelpad::elastic::inplane`]); each stays round, since the surface strains little over a dot.
+
+use super::CameraParams;
+use super::dots::{self, Dot};
+use super::lens::Lens;
+use crate::core::base::grid::Rect;
+use crate::core::base::view::View;
+use crate::core::gelpad::elastic::inplane::Field;
+
+/// How markers are printed: their ink, the same in every press.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MarkerPrint {
+    /// Red, green and blue share of the light that the ink lets through, 0 to 1.
+    pub color: [f64; 3],
+    /// Width of the dots' soft edge, mm.
+    pub edge_mm: f64,
+}
+
+/// The grid on which they are printed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MarkerPattern {
+    /// Distance between neighbours, mm, along x and y.
+    pub pitch_mm: f64,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// Largest offset of a dot from the grid along x and along y, mm.
+    pub jitter_mm: f64,
+}
+
+impl MarkerPrint {
+    /// The dots of a pattern that the camera may see, carried along by the pad.
+    pub fn positions(&self, pattern: &MarkerPattern, moved_by: Option<&Field>, view: &View) -> MarkerPositions {
+        let field_of_view_mm: [f64; 2] = std::array::from_fn(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
+        // As far as any dot moves, and its own size.
+        let margin_mm = MOTION_MM + pattern.diameter_mm;
+        // The same print in every sample.
+        const KEY: u64 = 0;
+        let rest_mm = dots::grid(pattern.pitch_mm, pattern.jitter_mm, KEY, field_of_view_mm, margin_mm);
+        let moved = |mm: &[f64; 2]| {
+            let by = moved_by.map_or([0.0; 2], |field| field.at(*mm));
+            view.point_px([mm[0] + f64::from(by[0]), mm[1] + f64::from(by[1])])
+        };
+        MarkerPositions {
+            color: self.color.map(|share| share as f32),
+            edge_mm: self.edge_mm,
+            radius_mm: 0.5 * pattern.diameter_mm,
+            moved_px: rest_mm.iter().map(moved).collect(),
+            rest_px: rest_mm.iter().map(|mm| view.point_px(*mm)).collect(),
+        }
+    }
+}
+
+/// How far beyond the view dots are followed, mm.
+const MOTION_MM: f64 = 1.0;
+
+/// The markers of one press.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkerPositions {
+    color: [f32; 3],
+    edge_mm: f64,
+    radius_mm: f64,
+    /// Where they were printed, in the view before any lens.
+    rest_px: Vec<[f64; 2]>,
+    /// Where the pad carried them, in the same order.
+    moved_px: Vec<[f64; 2]>,
+}
+
+impl MarkerPositions {
+    /// Where the dots that rest or lie in view are in the image, at rest and moved, px: the first pixel's centre is at
+    /// (0.5, 0.5).
+    pub fn in_view<'a>(
+        &'a self,
+        lens: Option<&'a Lens>,
+        size: [usize; 2],
+    ) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + 'a {
+        let place = move |px: &[f64; 2]| lens.map_or(*px, |lens| lens.image(*px));
+        let inside = move |px: &[f64; 2]| (0..2).all(|k| (0.0..=size[k] as f64).contains(&px[k]));
+        let pairs = self.rest_px.iter().zip(&self.moved_px).map(move |(rest, moved)| (place(rest), place(moved)));
+        pairs.filter(move |(rest, moved)| inside(rest) || inside(moved))
+    }
+
+    /// The dots as a camera sees them: a lens shifts and scales them.
+    pub(super) fn dots(&self, camera: &CameraParams, view: &View) -> Vec<Dot> {
+        let lens = camera.lens(view);
+        let radius_px = view.mm_per_px.map(|pitch| self.radius_mm / pitch);
+        let dot = |px: &[f64; 2]| {
+            let Some(lens) = &lens else {
+                return Dot { at_px: px.map(|px| px as f32), radius_px: radius_px.map(|px| px as f32) };
+            };
+            let edge = |k: usize, side: f64| {
+                let mut at = *px;
+                at[k] += side * radius_px[k];
+                lens.image(at)[k]
+            };
+            let radius_px = std::array::from_fn(|k| (0.5 * (edge(k, 1.0) - edge(k, -1.0))) as f32);
+            Dot { at_px: lens.image(*px).map(|px| px as f32), radius_px }
+        };
+        self.moved_px.iter().map(dot).collect()
+    }
+
+    /// Draws dots on the light of a part of the view. Defocus widens their edge: a ramp of width e has the standard
+    /// deviation e / sqrt(12), and variances add up.
+    pub(super) fn draw(
+        &self,
+        dots: &[Dot],
+        camera: &CameraParams,
+        view: &View,
+        planes: &mut [Vec<f32>; 3],
+        part: Rect,
+    ) {
+        let edge_mm = libm::sqrt(self.edge_mm * self.edge_mm + 12.0 * camera.defocus_mm * camera.defocus_mm);
+        let edge_px = (edge_mm / view.mm_per_px[0].max(view.mm_per_px[1])) as f32;
+        dots::draw(dots, self.color, edge_px, planes, part);
+    }
+}

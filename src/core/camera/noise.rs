@@ -1,0 +1,247 @@
+//! Noise of the camera: of reading a pixel, the same for all, and of counting light, larger where there is more.
+//!
+//! The variance of a value v is read^2 + shot^2 v (Janesick 2007, "Photon transfer"), its shape a normal curve, each
+//! value on its own. Valid while a pixel counts more than some ten photons. What a pixel gets is a pure function of
+//! key, channel, row and column: a counter is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly
+//! a normal curve, by the central limit), and a polynomial bends the sum the rest of the way.
+
+use crate::core::base::simd::simd_dispatch;
+
+/// What a camera adds to the light, as standard deviations, 1 = full scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Of every value, however dark; 0 = none.
+    pub read: f32,
+    /// Of a value at full scale, by counting light; it grows with the root of the value, and is 0 below 0.
+    pub shot: f32,
+    /// Which noise: another key, another sample of it.
+    pub key: u64,
+}
+
+impl Noise {
+    /// Adds noise to whole pictures of `width` columns (at least 1), row-major red, green and blue.
+    pub fn add(&self, width: usize, planes: &mut [Vec<f32>; 3]) {
+        let (read, shot) = (self.read * self.read, self.shot * self.shot);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for (channel, plane) in (0_u64..).zip(planes.iter_mut()) {
+                    for (row, values) in (0_u64..).zip(plane.chunks_mut(width.max(1))) {
+                        let keys = row_keys(self.key, channel, row);
+                        for (column, value) in (0_u32..).zip(values) {
+                            let light = if *value > 0.0 { *value } else { 0.0 };
+                            *value += (read + shot * light).sqrt() * normal(mixed(column, keys));
+                        }
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// Two keys of a row. Rows share one of them now and then, but not both: else they would share all their noise.
+fn row_keys(key: u64, channel: u64, row: u64) -> [u32; 2] {
+    let keys = mix(mix(key).wrapping_add((channel << 48) | row));
+    [keys as u32, (keys >> 32) as u32]
+}
+
+/// 64 bits that look random, another number for each number (the finaliser of SplitMix64; Steele, Lea, Flood 2014).
+pub(super) fn mix(number: u64) -> u64 {
+    let mut bits = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    bits ^ (bits >> 31)
+}
+
+/// 32 bits of a column that look random.
+#[inline(always)]
+fn mixed(column: u32, keys: [u32; 2]) -> u32 {
+    let mut bits = column.wrapping_add(keys[0]);
+    bits = (bits ^ (bits >> 16)).wrapping_mul(0x7feb_352d) ^ keys[1];
+    bits = (bits ^ (bits >> 15)).wrapping_mul(0x846c_a68b);
+    bits ^ (bits >> 16)
+}
+
+/// The sum of four bytes is 0 to twice this.
+const MIDDLE: i32 = 510;
+
+/// A number of the normal curve (mean 0, variance 1) from 32 random bits: one of 1021 levels, 1/150 apart in the middle,
+/// up to +-5.17.
+#[inline(always)]
+fn normal(bits: u32) -> f32 {
+    let pairs = (bits & 0x00ff_00ff) + ((bits >> 8) & 0x00ff_00ff);
+    let sum = ((pairs + (pairs >> 16)) & 0xffff) as i32;
+    let x = (sum - MIDDLE) as f32 * (1.0 / MIDDLE as f32);
+    let square = x * x;
+    // Fitted to the inverse of the normal distribution at the probability of each sum, and scaled to variance 1.
+    x * (3.324_18 + square * (0.295_463_1 + square * (1.389_822_6 + square * (-3.174_336_7 + square * 3.339_703_3))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::base::simd::scalar_only;
+
+    const WIDTH: usize = 640;
+    const HEIGHT: usize = 384;
+
+    /// Noise alone: what is added to `light` everywhere.
+    fn noise(read: f32, shot: f32, key: u64, light: f32) -> [Vec<f32>; 3] {
+        let mut planes = [(); 3].map(|()| vec![light; WIDTH * HEIGHT]);
+        Noise { read, shot, key }.add(WIDTH, &mut planes);
+        planes.map(|plane| plane.iter().map(|value| value - light).collect())
+    }
+
+    fn mean(values: impl Iterator<Item = f64>) -> f64 {
+        let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
+        sum / f64::from(count)
+    }
+
+    /// Correlation of `a` with `b` shifted by (`dx`, `dy`), of values and of their squares.
+    fn correlation(a: &[f32], b: &[f32], dx: usize, dy: usize) -> [f64; 2] {
+        let pairs = || {
+            let places = (0..HEIGHT - dy).flat_map(move |y| (0..WIDTH - dx).map(move |x| y * WIDTH + x));
+            places.map(|i| (f64::from(a[i]), f64::from(b[i + dy * WIDTH + dx])))
+        };
+        [mean(pairs().map(|(a, b)| a * b)), mean(pairs().map(|(a, b)| (a * a - 1.0) * (b * b - 1.0))) / 2.0]
+    }
+
+    #[test]
+    fn every_level_has_the_place_that_the_normal_distribution_gives_it() {
+        let mut ways = vec![1.0];
+        for _ in 0..4 {
+            let mut more = vec![0.0; ways.len() + 255];
+            for (sum, ways) in ways.iter().enumerate() {
+                more[sum..sum + 256].iter_mut().for_each(|more| *more += ways / 256.0);
+            }
+            ways = more;
+        }
+        let (mut below, mut moments) = (0.0, [0.0; 5]);
+        for (sum, share) in (0_u32..).zip(ways) {
+            let bits = (0..4).fold(0, |bits, k| (bits << 8) | sum.saturating_sub(255 * k).min(255));
+            let level = f64::from(normal(bits));
+            for (power, moment) in (0..).zip(&mut moments) {
+                *moment += share * level.powi(power);
+            }
+            // Above the middle, the distribution's own mirror image.
+            let expected = 0.5 * libm::erfc(-level / std::f64::consts::SQRT_2);
+            if level < 0.0 {
+                let middle: f64 = below + share / 2.0;
+                assert!((middle - expected).abs() < 4e-4, "{level}: {middle} {expected}");
+                assert!(level < -4.5 || (middle / expected - 1.0).abs() < 0.25, "{level}: {middle} {expected}");
+            }
+            below += share;
+        }
+        let [one, mean, variance, skew, kurtosis] = moments;
+        assert!((one - 1.0).abs() < 1e-12 && mean.abs() < 1e-6 && skew.abs() < 1e-6);
+        assert!((variance - 1.0).abs() < 1e-5 && (kurtosis - 3.0).abs() < 0.001, "{variance} {kurtosis}");
+        assert!(normal(u32::MAX) > 5.1 && normal(u32::MAX) == -normal(0));
+    }
+
+    #[test]
+    fn a_picture_of_noise_has_the_moments_of_the_normal_curve() {
+        let planes = noise(1.0, 0.0, 3, 0.0);
+        let all = || planes.iter().flatten().map(|value| f64::from(*value));
+        assert!(mean(all()).abs() < 0.005, "{}", mean(all()));
+        assert!((mean(all().map(|v| v * v)) - 1.0).abs() < 0.008);
+        assert!((mean(all().map(|v| v.powi(4))) - 3.0).abs() < 0.06);
+        assert!(all().fold(0.0, f64::max) > 4.3 && all().fold(0.0, f64::min) < -4.3);
+    }
+
+    #[test]
+    fn variance_is_that_of_reading_plus_what_light_adds() {
+        for (light, variance) in [(-0.5, 4e-4), (0.0, 4e-4), (0.25, 6e-4), (1.0, 12e-4)] {
+            let planes = noise(0.02, libm::sqrtf(8e-4), 9, light);
+            let found = mean(planes[1].iter().map(|value| f64::from(*value).powi(2)));
+            assert!((found / variance - 1.0).abs() < 0.02, "{light}: {found} {variance}");
+        }
+        let mut still = [vec![0.3], vec![-2.0], vec![0.0]];
+        Noise { read: 0.0, shot: 0.0, key: 1 }.add(1, &mut still);
+        assert_eq!(still, [vec![0.3], vec![-2.0], vec![0.0]]);
+    }
+
+    #[test]
+    fn neighbours_channels_and_samples_know_nothing_of_each_other() {
+        let [first, second] = [noise(1.0, 0.0, 0, 0.0), noise(1.0, 0.0, 1, 0.0)];
+        let [red, green, blue] = &first;
+        let lags =
+            [(1, 0), (2, 0), (3, 0), (4, 0), (8, 0), (16, 0), (64, 0), (256, 0), (0, 1), (0, 2), (0, 16), (1, 1)];
+        let mut found: Vec<[f64; 2]> = lags.iter().map(|(dx, dy)| correlation(red, red, *dx, *dy)).collect();
+        found.extend([correlation(red, green, 0, 0), correlation(green, blue, 0, 0), correlation(red, blue, 1, 0)]);
+        found.extend((0..3).map(|channel| correlation(&first[channel], &second[channel], 0, 0)));
+        found.extend([correlation(red, &second[0], 0, 1), correlation(red, &second[0], 1, 0)]);
+        for (case, found) in found.iter().enumerate() {
+            // Five standard errors of the fewest pairs.
+            assert!(found.iter().all(|correlation| correlation.abs() < 0.014), "case {case}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn rows_and_columns_have_a_flat_spectrum() {
+        const SIZE: usize = 128;
+        let cosines: [f64; SIZE] = std::array::from_fn(|k| libm::cos(std::f64::consts::TAU * k as f64 / SIZE as f64));
+        let plane = &noise(1.0, 0.0, 77, 0.0)[0];
+        for (stride, next) in [(1, WIDTH), (WIDTH, 1)] {
+            let lines: Vec<usize> = if stride == 1 {
+                (0..HEIGHT).flat_map(|y| (0..WIDTH / SIZE).map(move |k| y * next + k * SIZE)).collect()
+            } else {
+                (0..WIDTH).flat_map(|x| (0..HEIGHT / SIZE).map(move |k| x * next + k * SIZE * WIDTH)).collect()
+            };
+            for wave in 1..SIZE / 2 {
+                let power = mean(lines.iter().map(|start| {
+                    let (mut cosine, mut sine) = (0.0, 0.0);
+                    for k in 0..SIZE {
+                        let value = f64::from(plane[start + k * stride]);
+                        cosine += value * cosines[wave * k % SIZE];
+                        sine += value * cosines[(wave * k + SIZE / 4) % SIZE];
+                    }
+                    (cosine * cosine + sine * sine) / SIZE as f64
+                }));
+                // The standard error is 0.023.
+                assert!((power - 1.0).abs() < 0.11, "stride {stride}, wave {wave}: {power}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pixel_s_noise_depends_on_its_place_alone_and_on_no_processor() {
+        let noise = Noise { read: 0.01, shot: 0.02, key: 0x1234_5678_9abc_def0 };
+        let wide_view = {
+            let mut planes = [(); 3].map(|()| vec![0.25; 61 * 7]);
+            noise.add(61, &mut planes);
+            planes
+        };
+        let mut small_view = [(); 3].map(|()| vec![0.25; 5 * 4]);
+        scalar_only(|| noise.add(5, &mut small_view));
+        for (channel, plane) in small_view.iter().enumerate() {
+            for (i, value) in plane.iter().enumerate() {
+                assert_eq!(value.to_bits(), wide_view[channel][i / 5 * 61 + i % 5].to_bits());
+            }
+        }
+        // Pinned: a change here changes every dataset with noise.
+        assert_eq!(wide_view[1][100].to_bits(), PINNED);
+    }
+
+    const PINNED: u32 = 0x3e82_2015;
+
+    #[test]
+    fn no_two_rows_of_many_samples_begin_alike() {
+        let mut starts: Vec<[u32; 2]> = (0..200)
+            .flat_map(|key| (0..3).flat_map(move |channel| (0..100).map(move |row| row_keys(key, channel, row))))
+            .collect();
+        starts.sort_unstable();
+        starts.dedup();
+        assert_eq!(starts.len(), 200 * 3 * 100);
+    }
+
+    #[test]
+    fn extremes_give_finite_numbers() {
+        for (width, size) in [(1, 1), (1, 640), (640, 640), (7, 10), (0, 0), (0, 3)] {
+            for light in [0.0, -0.0, f32::MIN_POSITIVE, -1e30, 1e30] {
+                let mut planes = [(); 3].map(|()| vec![light; size]);
+                Noise { read: 1e3, shot: 1e-30, key: u64::MAX }.add(width, &mut planes);
+                assert!(planes.iter().flatten().all(|value| value.is_finite()));
+            }
+        }
+    }
+}

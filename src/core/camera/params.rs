@@ -1,0 +1,90 @@
+//! The camera's parameters in one press.
+
+use serde::{Deserialize, Serialize};
+
+use super::lens::Lens;
+use super::{Planes, defocus, vignette};
+use crate::core::base::grid::Rect;
+use crate::core::base::view::View;
+use crate::core::effects::{Effect, EffectPolicy};
+
+/// The camera in one sample.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "datasets", schemars(rename = "Shot"))]
+pub struct CameraParams {
+    /// Radial distortion k1 and k2.
+    pub distortion: [f64; 2],
+    /// Share of the light that is lost in the corners.
+    pub vignette: f64,
+    /// Standard deviation of the blur, mm on the pad.
+    pub defocus_mm: f64,
+    /// Factors on red, green and blue.
+    pub gains: [f64; 3],
+    /// Standard deviation of a white pixel's shot noise, grey levels.
+    pub shot_noise_levels: f64,
+    /// Standard deviation of the read noise, grey levels.
+    pub read_noise_levels: f64,
+    /// Key of the noise; known from seed and index, so not in the label.
+    #[serde(skip)]
+    pub noise_key: u64,
+}
+
+impl Default for CameraParams {
+    /// An ideal camera.
+    fn default() -> Self {
+        Self {
+            distortion: [0.0; 2],
+            vignette: 0.0,
+            defocus_mm: 0.0,
+            gains: [1.0; 3],
+            shot_noise_levels: 0.0,
+            read_noise_levels: 0.0,
+            noise_key: 0,
+        }
+    }
+}
+
+impl CameraParams {
+    /// The same without an effect that is to be left out.
+    pub fn under(self, policy: EffectPolicy) -> Self {
+        match policy {
+            EffectPolicy::Without(Effect::Distortion) => Self { distortion: [0.0; 2], ..self },
+            EffectPolicy::Without(Effect::Vignette) => Self { vignette: 0.0, ..self },
+            EffectPolicy::Without(Effect::Defocus) => Self { defocus_mm: 0.0, ..self },
+            EffectPolicy::Without(Effect::Exposure) => Self { gains: [1.0; 3], ..self },
+            EffectPolicy::Without(Effect::Noise) => Self { shot_noise_levels: 0.0, read_noise_levels: 0.0, ..self },
+            _ => self,
+        }
+    }
+
+    /// The lens's distortion, if it has any.
+    pub fn lens(&self, view: &View) -> Option<Lens> {
+        let [width, height] = view.resolution_px;
+        let [k1, k2] = self.distortion;
+        (k1 != 0.0 || k2 != 0.0).then_some(Lens { k1, k2, width, height })
+    }
+
+    pub(super) fn same_optics(&self, other: &Self) -> bool {
+        let of = |camera: &Self| (camera.distortion, camera.vignette, camera.defocus_mm);
+        of(self) == of(other)
+    }
+
+    /// Light of the whole view through lens and vignette.
+    pub(super) fn through(&self, planes: &Planes, view: &View) -> Planes {
+        let [width, height] = view.resolution_px;
+        let mut planes = planes.clone();
+        if self.defocus_mm > 0.0 {
+            planes = defocus::blur_whole(&planes, width, height, self.blur_px(view));
+        }
+        if let Some(lens) = self.lens(view) {
+            planes = lens.warp_whole(&planes);
+        }
+        vignette::darken(&mut planes, Rect::whole(width, height), view, self.vignette);
+        planes
+    }
+
+    pub(super) fn blur_px(&self, view: &View) -> [f64; 2] {
+        view.mm_per_px.map(|pitch| self.defocus_mm / pitch)
+    }
+}

@@ -1,0 +1,98 @@
+//! What is pressed into the pad, and where.
+
+use std::sync::Arc;
+
+use super::height_map::HeightMap;
+use crate::core::base::grid::Grid;
+use crate::core::mesh::Mesh;
+use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::Pose;
+
+/// What is pressed into the pad, and where it is.
+///
+/// A clone shares the geometry.
+#[derive(Clone, Debug)]
+pub struct Indenter {
+    /// Its geometry.
+    pub shape: Shape,
+    /// Where a mesh is; of a height map, from where texture is laid out and what motion in the pad's plane turns about.
+    pub pose: Pose,
+    /// How deep its lowest point reaches below the undeformed pad, mm; 0 or less without contact.
+    pub depth_mm: f64,
+}
+
+/// The geometry of an indenter.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum Shape {
+    /// A mesh, made ready for capture.
+    Mesh(Arc<Clusters>),
+    /// Heights over the pad, at the pixels of the simulator's view.
+    HeightMap(Arc<HeightMap>),
+}
+
+/// Why an array is no height map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum HeightMapError {
+    /// The array has another length than the size says.
+    #[error("{found} values for {width} x {height} pixels")]
+    Length {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Values.
+        found: usize,
+    },
+    /// A value is not a number, or infinitely deep.
+    #[error("the depth of pixel {index} (row-major) is NaN or infinite; where nothing is, minus infinity stands")]
+    NotADepth {
+        /// Which value.
+        index: usize,
+    },
+}
+
+impl Indenter {
+    /// A mesh at a pose. To press it elsewhere, see [`Indenter::moved_to`].
+    pub fn mesh(mesh: &Mesh, pose: Pose) -> Self {
+        Self::clusters(Arc::new(Clusters::new(mesh)), pose)
+    }
+
+    /// A mesh that was made ready before.
+    pub fn clusters(clusters: Arc<Clusters>, pose: Pose) -> Self {
+        let depth_mm = 0.0 - pose.lowest_mm(&clusters);
+        Self { shape: Shape::Mesh(clusters), pose, depth_mm }
+    }
+
+    /// The same at another pose. A height map stays where it is.
+    pub fn moved_to(&self, pose: Pose) -> Self {
+        match &self.shape {
+            Shape::Mesh(clusters) => Self::clusters(Arc::clone(clusters), pose),
+            Shape::HeightMap(_) => Self { pose, ..self.clone() },
+        }
+    }
+
+    /// From an array: how far the object reaches below the undeformed pad at each pixel of the view, mm, row-major; negative
+    /// over the pad, minus infinity where there is no object.
+    ///
+    /// # Errors
+    ///
+    /// Where the array has not `width * height` values, or one of them is NaN or infinitely deep.
+    pub fn height_map([width, height]: [usize; 2], depth_mm: Vec<f32>) -> Result<Self, HeightMapError> {
+        if depth_mm.len() != width * height {
+            return Err(HeightMapError::Length { width, height, found: depth_mm.len() });
+        }
+        if let Some(index) = depth_mm.iter().position(|depth| depth.is_nan() || *depth == f32::INFINITY) {
+            return Err(HeightMapError::NotADepth { index });
+        }
+        let data = depth_mm.into_iter().map(|depth| 0.0 - depth).collect();
+        Ok(Self::heights(HeightMap { above_mm: Grid { width, height, data }, unseen_px: 0 }))
+    }
+
+    /// From heights over the pad.
+    pub fn heights(map: HeightMap) -> Self {
+        let depth_mm = map.indentation_depth_mm();
+        Self { shape: Shape::HeightMap(Arc::new(map)), pose: Pose::IDENTITY, depth_mm }
+    }
+}

@@ -1,0 +1,219 @@
+//! From object to depth map: how far the object reaches below the undeformed pad, at every pixel centre.
+//!
+//! Orthographic and exact: the value at a pixel is the lowest point of the object's triangles on the line through the
+//! pixel's centre. Rays would give the same (they are the oracle in the tests); rasterising the triangles that a
+//! bounding-volume query finds above the window is 8 to 25 times quicker and leaves no hole.
+
+use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::View;
+use crate::core::effects::{Effect, EffectLog, Requirement};
+use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::{Placement, Pose};
+
+pub mod height_map;
+pub mod indenter;
+pub mod patterns;
+pub mod raster;
+pub mod relief;
+pub mod rest;
+pub mod texture;
+
+use height_map::HeightMap;
+use indenter::{Indenter, Shape};
+use raster::{Canvas, Projection};
+use texture::Texture;
+
+/// The depth map of a press.
+#[derive(Clone, Debug)]
+pub struct Depth {
+    /// mm below the undeformed pad surface, in the view and a margin around it. Where the object stays above, minus its
+    /// height over the pad, but no less than minus [`Window::above_mm`]; that also where there is no object.
+    pub overlap: Grid<f32>,
+    /// Pixels around the view on every side.
+    pub margin_px: usize,
+    /// The smallest rectangle around all overlap, in `overlap`; empty if the object does not reach the pad.
+    pub touching: Rect,
+    /// The largest overlap in view, mm.
+    pub deepest_mm: f32,
+    /// Pixels in view where the object would go through the shell and was limited to the pad's thickness.
+    pub over_thickness_px: u64,
+}
+
+/// What of an object a model of the gelpad has to know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// Pixels around the view on every side.
+    pub margin_px: usize,
+    /// Height over the undeformed pad up to which the object counts, mm.
+    pub above_mm: f64,
+}
+
+impl Depth {
+    /// That of an object which stays above the pad.
+    pub fn clear(view: &View) -> Self {
+        let [width, height] = view.resolution_px;
+        let overlap = Grid::new(width, height);
+        Self { overlap, margin_px: 0, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 }
+    }
+
+    /// Finds the touching rectangle and the largest overlap anew, after the overlap was changed.
+    pub fn measure(&mut self) {
+        self.touching = bounding_box(&self.overlap, |mm| mm > 0.0);
+        let view = Rect::whole(self.overlap.width - 2 * self.margin_px, self.overlap.height - 2 * self.margin_px);
+        // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+        let mut deepest_bits = 0;
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in 0..view.height() {
+                    for mm in &self.overlap.row(y + self.margin_px)[self.margin_px..][..view.width()] {
+                        deepest_bits = mm.max(0.0).to_bits().max(deepest_bits);
+                    }
+                }
+            },
+        );
+        self.deepest_mm = f32::from_bits(deepest_bits);
+    }
+
+    /// How far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
+    pub fn below_pad(&self) -> Grid<f32> {
+        let mut view = self.overlap.inner(self.margin_px);
+        for value in &mut view.data {
+            *value = value.max(0.0);
+        }
+        view
+    }
+}
+
+/// The overlap of what is pressed with the undeformed pad: captured or given, its texture cut in, the pad's curvature
+/// taken off. `drop_mm` is how far a curved pad lies below its highest point ([`rest::drop_mm`]).
+pub fn overlap(
+    indenter: &Indenter,
+    texture: Option<&Texture>,
+    drop_mm: Option<&Grid<f32>>,
+    thickness_mm: f64,
+    view: &View,
+    window: Window,
+    effects: &mut EffectLog,
+) -> Depth {
+    // Its lowest point is known: an object above the pad need not be looked at.
+    let mut depth = match indenter.depth_mm > 0.0 || effects.everywhere() {
+        true => captured(indenter, view, window, thickness_mm),
+        false => Depth::clear(view),
+    };
+
+    let if_touching = |depth: &Depth, why| match depth.touching.is_empty() {
+        true => Requirement::Unneeded("nothing reaches into the pad"),
+        false => Requirement::Needed(why),
+    };
+    let need = match texture {
+        None => Requirement::Absent("the job has none"),
+        Some(texture) if texture.sample.amplitude_mm == 0.0 => Requirement::Unneeded("its amplitude is 0"),
+        Some(_) => if_touching(&depth, "a textured object reaches into the pad"),
+    };
+    effects.run(Effect::Texture, need, || {
+        if let Some(Texture { relief, sample }) = texture {
+            let Pose { translation_mm, angles, .. } = indenter.pose;
+            let origin_mm = [translation_mm.x, translation_mm.y];
+            relief.cut(sample, origin_mm, angles.yaw_deg, view, window.above_mm, &mut depth);
+        }
+    });
+
+    let need = match drop_mm {
+        None => Requirement::Absent("the pad is flat"),
+        Some(_) => if_touching(&depth, "the pad is curved under the object"),
+    };
+    effects.run(Effect::RestShape, need, || {
+        if let Some(drop_mm) = drop_mm {
+            rest::lower(&mut depth, drop_mm, window.above_mm);
+        }
+    });
+    depth
+}
+
+/// What is pressed, seen in `view`; a height map has a view of its own.
+pub fn captured(indenter: &Indenter, view: &View, window: Window, thickness_mm: f64) -> Depth {
+    match &indenter.shape {
+        Shape::Mesh(clusters) => capture(clusters, &indenter.pose.placement(), view, window, thickness_mm),
+        Shape::HeightMap(map) => framed(map, window, thickness_mm),
+    }
+}
+
+/// Captures `object` at `placement` in `window`, limited to a pad of `thickness_mm`.
+pub fn capture(object: &Clusters, placement: &Placement, view: &View, window: Window, thickness_mm: f64) -> Depth {
+    let [width, height] = view.resolution_px;
+    let margin_px = window.margin_px;
+    let canvas = Canvas {
+        width: width + 2 * margin_px,
+        height: height + 2 * margin_px,
+        margin: margin_px,
+        ceiling: window.above_mm as f32,
+    };
+    let projection = Projection::new(placement, view, object.centre_mm());
+    let mut overlap = Grid { width: canvas.width, height: canvas.height, data: Vec::new() };
+    overlap.data.resize(canvas.width * canvas.height, canvas.ceiling);
+    simd_dispatch(
+        #[inline(always)]
+        || raster::raster(object, &projection, canvas, &mut overlap),
+    );
+    limited(overlap, margin_px, thickness_mm)
+}
+
+/// A height map in `window`, limited to a pad of `thickness_mm`. Around the view, where nothing is known, its border
+/// goes on: what the border cuts would else end there in a wall.
+fn framed(map: &HeightMap, window: Window, thickness_mm: f64) -> Depth {
+    let Grid { width, height, .. } = map.above_mm;
+    let margin_px = window.margin_px;
+    let ceiling = window.above_mm as f32;
+    let mut overlap: Grid<f32> = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
+    for y in 0..overlap.height {
+        let from = map.above_mm.row(y.saturating_sub(margin_px).min(height - 1));
+        let row = overlap.row_mut(y);
+        for (to, above) in row[margin_px..].iter_mut().zip(from) {
+            *to = above.min(ceiling);
+        }
+        let (first, last) = (row[margin_px], row[margin_px + width - 1]);
+        row[..margin_px].fill(first);
+        row[margin_px + width..].fill(last);
+    }
+    limited(overlap, margin_px, thickness_mm)
+}
+
+/// A depth map from heights over the pad, limited to a pad of `thickness_mm`.
+fn limited(heights: Grid<f32>, margin_px: usize, thickness_mm: f64) -> Depth {
+    let mut overlap = heights;
+    let (deepest_mm, over_thickness_px) = limit(&mut overlap, margin_px, thickness_mm as f32);
+    let touching = bounding_box(&overlap, |mm| mm > 0.0);
+    Depth { overlap, margin_px, touching, deepest_mm, over_thickness_px }
+}
+
+/// Turns heights over the pad into depths below it, cut at the pad's thickness. The largest depth in view, and how many
+/// pixels in view were cut.
+fn limit(heights: &mut Grid<f32>, margin_px: usize, thickness: f32) -> (f32, u64) {
+    let [width, height] = [heights.width, heights.height].map(|px| px - 2 * margin_px);
+    // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+    let (mut deepest_bits, mut cut) = (0, 0);
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            let columns = heights.width;
+            for (y, row) in heights.data.chunks_exact_mut(columns).enumerate() {
+                let in_view = (margin_px..margin_px + height).contains(&y);
+                if in_view {
+                    let view = &row[margin_px..margin_px + width];
+                    cut += u64::from(view.iter().map(|above| u32::from(-above > thickness)).sum::<u32>());
+                }
+                for value in row.iter_mut() {
+                    *value = (0.0 - *value).min(thickness);
+                }
+                if in_view {
+                    for depth in &row[margin_px..margin_px + width] {
+                        deepest_bits = depth.max(0.0).to_bits().max(deepest_bits);
+                    }
+                }
+            }
+        },
+    );
+    (f32::from_bits(deepest_bits), cut)
+}

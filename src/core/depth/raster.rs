@@ -1,0 +1,245 @@
+//! Rasteriser of clusters into a height map that keeps the lowest value per pixel.
+//!
+//! A triangle covers a pixel if the pixel's centre lies in it or on its edge. The edge functions are taken relative to
+//! the pixel's centre (Woop, Benthin and Wald 2013): for two triangles that share an edge they are exact negatives of
+//! each other, so that, with edges counted in on both sides, no centre falls between them. No fused multiply-add: the
+//! result is the same on every x86-64.
+
+use super::Placement;
+use crate::core::base::grid::Grid;
+use crate::core::base::view::View;
+use crate::core::mesh::clusters::{Clusters, MAX_VERTICES, Part};
+
+/// The image to fill.
+#[derive(Clone, Copy, Debug)]
+pub struct Canvas {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Height over the pad from which on nothing is kept, mm.
+    pub ceiling: f32,
+    /// Columns left of the projection, and rows above it, that are part of the canvas.
+    pub margin: usize,
+}
+
+impl Canvas {
+    /// Coordinate of the centre of the image's column or row number `at`. Coordinates count from the projection's corner, so
+    /// that no bit of the projection depends on the margin.
+    #[inline(always)]
+    fn centre(self, at: usize) -> f32 {
+        (at as i32 - self.margin as i32) as f32 + 0.5
+    }
+}
+
+/// Affine map from an object's vertices (mm, relative to its centre) to column px, row px and height over the pad mm.
+/// The centre of the projection's pixel in column i, row j is at (i + 0.5, j + 0.5).
+#[derive(Clone, Copy, Debug)]
+pub struct Projection {
+    linear: [[f32; 3]; 3],
+    offset: [f32; 3],
+}
+
+impl Projection {
+    /// The map for an object at `placement`, seen by `camera`.
+    pub fn new(placement: &Placement, view: &View, centre_mm: [f64; 3]) -> Self {
+        let per_mm = [1.0 / view.mm_per_px[0], 1.0 / view.mm_per_px[1], 1.0];
+        let middle = [view.resolution_px[0] as f64 / 2.0, view.resolution_px[1] as f64 / 2.0, 0.0];
+        let mut projection = Self { linear: [[0.0; 3]; 3], offset: [0.0; 3] };
+        for k in 0..3 {
+            let row = placement.rotation[k];
+            // In f64: the object's centre may be far from its origin.
+            let centre: f64 = row.iter().zip(centre_mm).map(|(r, c)| r * c).sum();
+            projection.linear[k] = row.map(|r| (r * per_mm[k]) as f32);
+            projection.offset[k] = ((centre + placement.translation_mm[k]) * per_mm[k] + middle[k]) as f32;
+        }
+        projection
+    }
+
+    #[inline(always)]
+    fn map(&self, k: usize, x: f32, y: f32, z: f32) -> f32 {
+        let [a, b, c] = self.linear[k];
+        a * x + b * y + c * z + self.offset[k]
+    }
+
+    /// False if a box cannot put a point below the ceiling inside the canvas.
+    #[inline(always)]
+    fn may_touch(&self, canvas: Canvas, min: [f32; 3], max: [f32; 3]) -> bool {
+        let low = |k: usize| {
+            let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).min(self.linear[k][j] * max[j])).sum();
+            reach + self.offset[k]
+        };
+        let high = |k: usize| {
+            let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).max(self.linear[k][j] * max[j])).sum();
+            reach + self.offset[k]
+        };
+        // Rounding of the box's corners and of the vertices differs: a hair more than either can be off.
+        let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5;
+        high(0) + slack(0) >= canvas.centre(0)
+            && low(0) - slack(0) <= canvas.centre(canvas.width)
+            && high(1) + slack(1) >= canvas.centre(0)
+            && low(1) - slack(1) <= canvas.centre(canvas.height)
+            && low(2) - slack(2) < canvas.ceiling
+    }
+}
+
+/// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below.
+#[inline(always)]
+pub fn raster(object: &Clusters, projection: &Projection, canvas: Canvas, heights: &mut Grid<f32>) {
+    let mut seen = Seen::default();
+    object.query(
+        #[inline(always)]
+        |min, max| projection.may_touch(canvas, min, max),
+        #[inline(always)]
+        |part: Part<'_>| {
+            seen.look(&part, projection, canvas);
+            for corners in part.corners {
+                let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
+                if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
+                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
+                }
+            }
+        },
+    );
+}
+
+/// The vertices of a part as the camera sees them.
+struct Seen {
+    /// Column, px.
+    x: [f32; MAX_VERTICES],
+    /// Row, px.
+    y: [f32; MAX_VERTICES],
+    /// Height over the pad, mm.
+    z: [f32; MAX_VERTICES],
+    /// Where the vertex lies among the pixel centres: column half, row half.
+    key: [u32; MAX_VERTICES],
+}
+
+impl Default for Seen {
+    fn default() -> Self {
+        let zeros = [0.0; MAX_VERTICES];
+        Self { x: zeros, y: zeros, z: zeros, key: [0; MAX_VERTICES] }
+    }
+}
+
+impl Seen {
+    #[inline(always)]
+    fn look(&mut self, part: &Part<'_>, projection: &Projection, canvas: Canvas) {
+        let count = part.x.len().min(MAX_VERTICES);
+        let (px, py, pz) = (&part.x[..count], &part.y[..count], &part.z[..count]);
+        let (x, y) = (&mut self.x[..count], &mut self.y[..count]);
+        let (z, key) = (&mut self.z[..count], &mut self.key[..count]);
+        for i in 0..count {
+            x[i] = projection.map(0, px[i], py[i], pz[i]);
+            y[i] = projection.map(1, px[i], py[i], pz[i]);
+            z[i] = projection.map(2, px[i], py[i], pz[i]);
+            key[i] = place(x[i], canvas.width, canvas.margin) << 16 | place(y[i], canvas.height, canvas.margin);
+        }
+    }
+
+    /// False if all pixel centres lie outside the triangle's bounding box.
+    #[inline(always)]
+    fn covers_a_centre(&self, a: usize, b: usize, c: usize) -> bool {
+        let differs = (self.key[a] ^ self.key[b]) | (self.key[a] ^ self.key[c]);
+        (differs >> 16 != 0) & (differs & 0xffff != 0)
+    }
+
+    #[inline(always)]
+    fn corner(&self, at: usize) -> [f32; 3] {
+        [self.x[at], self.y[at], self.z[at]]
+    }
+}
+
+/// Where a coordinate lies among the pixel centres: twice the number of centres below it, plus one if it is on a
+/// centre itself. Coordinates with the same place have no centre between them. Exact: taking off the whole part of a
+/// float leaves no rounding. With at most 8192 px and their margins it fits 16 bits.
+#[inline(always)]
+fn place(px: f32, size: usize, margin: usize) -> u32 {
+    let margin = margin as i32;
+    // NaN stays NaN and becomes 0 in the cast.
+    let near = px.clamp((-margin - 1) as f32, (size as i32 - margin) as f32);
+    let whole = near.floor();
+    let rest = near - whole;
+    (2 * (whole as i32 + margin + 1) + i32::from(rest > 0.5) + i32::from(rest >= 0.5)) as u32
+}
+
+/// First and one past the last of the image's columns (or rows) whose centre lies within `min..=max`, cut to `0..end`.
+#[inline(always)]
+fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
+    let margin = margin as i32;
+    let cut = |px: f32| px.clamp((-margin - 1) as f32, (end as i32 - margin) as f32);
+    let (low, high) = (cut(min), cut(max));
+    let first = low.floor() as i32 + margin + i32::from(low - low.floor() > 0.5);
+    let last = high.floor() as i32 + margin + i32::from(high - high.floor() >= 0.5);
+    (first.max(0) as usize, last.clamp(0, end as i32) as usize)
+}
+
+/// Rasterises one triangle: corners in px, px, mm.
+#[inline(always)]
+fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
+    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
+    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
+    if x0 >= x1 || y0 >= y1 {
+        return;
+    }
+    for y in y0..y1 {
+        let py = canvas.centre(y);
+        let (x0, x1) = match x1 - x0 {
+            // Eight pixels at once take less time than a few one by one; those outside change nothing.
+            3..=8 if x0 + 8 <= canvas.width => (x0, x0 + 8),
+            0..=8 => (x0, x1),
+            _ => span([a, b, c], py, (x0, x1), canvas.margin),
+        };
+        let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
+        let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
+        let mut x = canvas.centre(x0);
+        let mut eights = row.chunks_exact_mut(8);
+        for eight in &mut eights {
+            for (k, value) in eight.iter_mut().enumerate() {
+                let (inside, height) = at_pixel(&rows, x + k as f32);
+                // A triangle seen edge-on gives 0 / 0: not below anything.
+                *value = if inside & (height < *value) { height } else { *value };
+            }
+            x += 8.0;
+        }
+        for value in eights.into_remainder() {
+            let (inside, height) = at_pixel(&rows, x);
+            if inside && height < *value {
+                *value = height;
+            }
+            x += 1.0;
+        }
+    }
+}
+
+/// Whether a triangle covers the point at column `x` of a row, and its height there. The corners' second coordinates
+/// are relative to the row.
+#[inline(always)]
+fn at_pixel([a, b, c]: &[[f32; 3]; 3], x: f32) -> (bool, f32) {
+    let (ax, bx, cx) = (a[0] - x, b[0] - x, c[0] - x);
+    let (ea, eb, ec) = (bx * c[1] - b[1] * cx, cx * a[1] - c[1] * ax, ax * b[1] - a[1] * bx);
+    let inside = ((ea >= 0.0) & (eb >= 0.0) & (ec >= 0.0)) | ((ea <= 0.0) & (eb <= 0.0) & (ec <= 0.0));
+    (inside, (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec))
+}
+
+/// Columns of a row at height `py` that a triangle can cover, a little too many rather than one too few.
+#[inline(always)]
+fn span([a, b, c]: [[f32; 3]; 3], py: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
+    let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
+    for (p, q) in [(a, b), (b, c), (c, a)] {
+        let (low, high) = (p[1].min(q[1]), p[1].max(q[1]));
+        if py < low || py > high {
+            continue;
+        }
+        let along = ((py - p[1]) / (q[1] - p[1])).clamp(0.0, 1.0);
+        // NaN for a level edge: both of its ends count.
+        let at = p[0] + along * (q[0] - p[0]);
+        let (from, to) = if along.is_nan() { (p[0], q[0]) } else { (at, at) };
+        min = min.min(from).min(to);
+        max = max.max(from).max(to);
+    }
+    let slack = 1.0 + 1e-5 * (min.abs() + max.abs());
+    let (first, end) = centres(min - slack, max + slack, x1, margin);
+    let first = first.max(x0);
+    (first, end.max(first))
+}

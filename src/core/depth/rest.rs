@@ -1,0 +1,138 @@
+//! The pad's own surface at rest, where it is not smooth and flat: curved, or covered with a grainy coating.
+//!
+//! The undeformed surface touches the plane z = 0 at its highest point and lies `drop` below it elsewhere, towards the
+//! camera. An object's overlap is taken against that surface; the contact is then solved as on a flat layer, which is
+//! right for slopes of the rest surface that are small against 1 (what that costs: docs/effects.md). Of the coating's
+//! grain only the light takes notice: it is far finer than what changes a contact.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::grain::grain;
+use crate::core::base::grid::Grid;
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::depth::Depth;
+
+/// The shape of a pad that is not flat.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RestSurface {
+    /// Part of a ball, highest in the middle of the image.
+    Dome {
+        /// Radius of the ball, mm, at least half the view's diagonal.
+        radius_mm: f64,
+    },
+    /// Heights, stretched over the view: 1 is highest.
+    HeightMap {
+        /// Fractions of the height.
+        heights: Arc<Grid<f32>>,
+        /// Height of 1 over 0, mm.
+        height_mm: f64,
+    },
+}
+
+/// The coating's grain.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Grain {
+    /// Standard deviation of its height, um, 0 to 100.
+    pub height_um: f64,
+    /// Size of the grain, mm.
+    pub size_mm: f64,
+}
+
+/// How far the surface of a curved pad lies below its highest point, mm, on the grid of [`crate::core::gelpad::Contact::surface`].
+pub fn drop_mm(shape: &RestSurface, view: &View) -> Grid<f32> {
+    let [width, height] = view.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
+    let mut drop = Grid::new(width, height);
+    for row in 0..height {
+        for column in 0..width {
+            let below = match shape {
+                RestSurface::Dome { radius_mm } => {
+                    let centre = |at: usize| at as f64 + 0.5 - SURFACE_BORDER as f64;
+                    let [x, y] = view.point_mm([centre(column), centre(row)]);
+                    let (r2, radius2) = (x * x + y * y, radius_mm * radius_mm);
+                    // R - sqrt(R^2 - r^2) without cancellation.
+                    r2 / (radius_mm + libm::sqrt((radius2 - r2).max(0.0)))
+                }
+                RestSurface::HeightMap { heights, height_mm } => {
+                    height_mm * (1.0 - f64::from(heights.stretched(column, row, width, height)))
+                }
+            };
+            drop.row_mut(row)[column] = below as f32;
+        }
+    }
+    drop
+}
+
+/// Takes an overlap against a curved pad. Beyond the view the pad goes on as high as it is at the border. Of an object
+/// captured no higher than `above_mm` over the pad nothing falls below minus that: as elsewhere, it stands for no object.
+pub fn lower(depth: &mut Depth, drop: &Grid<f32>, above_mm: f64) {
+    let Depth { overlap, margin_px, .. } = depth;
+    // The margin of every pad model holds the surface's border.
+    let beyond = margin_px.saturating_sub(SURFACE_BORDER);
+    let inside = drop.width.min(overlap.width);
+    let floor = 0.0 - above_mm as f32;
+    let mut below = vec![0.0; overlap.width];
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for y in 0..overlap.height {
+                let row = drop.row(y.saturating_sub(beyond).min(drop.height - 1));
+                below[..beyond].fill(row[0]);
+                below[beyond..beyond + inside].copy_from_slice(&row[..inside]);
+                below[beyond + inside..].fill(row[drop.width - 1]);
+                for (overlap, below) in overlap.row_mut(y).iter_mut().zip(&below) {
+                    *overlap = (*overlap - below).max(floor);
+                }
+            }
+        },
+    );
+    depth.measure();
+}
+
+/// The relief that the light sees on the pad at rest: mm towards the camera, on the grid of
+/// [`crate::core::gelpad::Contact::surface`]. `None` for a smooth and flat pad.
+pub fn relief(drop: Option<&Grid<f32>>, coating: Option<&Grain>, view: &View) -> Option<Grid<f32>> {
+    let [width, height] = view.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
+    let rough = coating.filter(|coating| coating.height_um > 0.0).map(|coating| {
+        let mut noise = grain(width, height, coating.size_mm, view, "coating");
+        let mm = (coating.height_um * 1e-3) as f32;
+        noise.data.iter_mut().for_each(|value| *value *= mm);
+        noise
+    });
+    match (rough, drop) {
+        (None, None) => None,
+        (Some(rough), None) => Some(rough),
+        (None, Some(drop)) => Some(drop.clone()),
+        (Some(mut rough), Some(drop)) => {
+            rough.data.iter_mut().zip(&drop.data).for_each(|(sum, drop)| *sum += drop);
+            Some(rough)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::base::grid::Rect;
+
+    #[test]
+    fn a_curved_pad_lies_lower_under_the_object_and_no_object_stays_none() {
+        let overlap = Grid { width: 6, height: 5, data: [0.5, 0.5, 0.0, 0.0, -0.2, -0.2].repeat(5) };
+        let drop = Grid { width: 4, height: 3, data: [0.1, 0.2, 0.3, 0.1].repeat(3) };
+        let mut depth =
+            Depth { overlap, margin_px: 2, touching: Rect::default(), deepest_mm: 9.0, over_thickness_px: 0 };
+        lower(&mut depth, &drop, 0.2);
+        let expected = [0.4_f32, 0.4, -0.2, -0.2, -0.2, -0.2];
+        for row in 0..5 {
+            for (found, expected) in depth.overlap.row(row).iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-6, "{:?}", depth.overlap.row(row));
+            }
+        }
+        assert_eq!(depth.touching, Rect { x0: 0, y0: 0, x1: 2, y1: 5 });
+    }
+}

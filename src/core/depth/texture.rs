@@ -1,0 +1,365 @@
+//! Micro-texture: a fine relief cut into the object's surface, applied to its depth map.
+//!
+//! Peaks of the relief stay on the mesh and valleys lie the amplitude below, so an object never reaches deeper than
+//! its mesh does. Heights are along the pad's normal, not the object's, and the pattern is laid out in the pad's plane:
+//! right where the object faces the pad. On a flank inclined by t the pattern is stretched by 1 / cos t along the slope
+//! and its depth across the surface is cos t times the amplitude. The model is ours.
+
+use std::sync::Arc;
+
+use super::Depth;
+use super::relief::{BLOCK, Level, Relief, repeating};
+use crate::core::base::angle::sin_cos_deg;
+use crate::core::base::grid::{Grid, bounding_box};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::View;
+
+/// A relief, and how it lies on the object.
+#[derive(Clone, Debug)]
+pub struct Texture {
+    /// The pattern.
+    pub relief: Arc<Relief>,
+    /// How it lies on the object in this press.
+    pub sample: TextureSample,
+}
+
+/// The texture of one press.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureSample {
+    /// How far valleys lie below peaks, mm; nothing is cut below 0 or if NaN.
+    pub amplitude_mm: f64,
+    /// The pattern's scale, mm; the surface is lowered evenly if it is 0 or not finite.
+    pub scale_mm: f64,
+    /// Turn on the object about z, degrees, from x towards y.
+    pub angle_deg: f64,
+    /// The point of the pattern's tile that lies on the object's origin, 0 to 1 along each side.
+    pub offset: [f64; 2],
+}
+
+impl Relief {
+    /// Cuts the relief into an object captured no higher than `above_mm` over the pad. `origin_mm` is the object's
+    /// translation and `yaw_deg` its turn, with which the pattern goes. Nothing rises, and nothing falls below minus
+    /// `above_mm`; where there is no object nothing changes.
+    pub fn cut(
+        &self,
+        cut: &TextureSample,
+        origin_mm: [f64; 2],
+        yaw_deg: f64,
+        view: &View,
+        above_mm: f64,
+        depth: &mut Depth,
+    ) {
+        if cut.amplitude_mm > 0.0 {
+            let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
+            let level = self.level(cut.scale_mm, view.mm_per_px[0].max(view.mm_per_px[1]));
+            let path = Path::new(cut, origin_mm, yaw_deg, view, depth.margin_px, self.tile_mm(cut.scale_mm));
+            let floor = 0.0 - above_mm as f32;
+            simd_dispatch(
+                #[inline(always)]
+                || lower(level, &path, amplitude, floor, &mut depth.overlap),
+            );
+            depth.touching = bounding_box(&depth.overlap, |mm| mm > 0.0);
+            depth.deepest_mm = deepest(&depth.overlap, depth.margin_px);
+        }
+    }
+}
+
+/// Where pixels are on the tile, in tiles.
+struct Path {
+    start: [f64; 2],
+    per_column: [f64; 2],
+    per_row: [f64; 2],
+}
+
+impl Path {
+    fn new(
+        cut: &TextureSample,
+        origin_mm: [f64; 2],
+        yaw_deg: f64,
+        view: &View,
+        margin_px: usize,
+        tile_mm: [f64; 2],
+    ) -> Self {
+        let (sin, cos) = sin_cos_deg(yaw_deg + cut.angle_deg);
+        let on_tile = |[x, y]: [f64; 2]| [(x * cos + y * sin) / tile_mm[0], (y * cos - x * sin) / tile_mm[1]];
+        let first: [f64; 2] = std::array::from_fn(|k| {
+            let px = 0.5 - margin_px as f64 - view.resolution_px[k] as f64 / 2.0;
+            px * view.mm_per_px[k] - origin_mm[k]
+        });
+        let start = on_tile(first);
+        Self {
+            start: [start[0] + cut.offset[0], start[1] + cut.offset[1]],
+            per_column: on_tile([view.mm_per_px[0], 0.0]),
+            per_row: on_tile([0.0, view.mm_per_px[1]]),
+        }
+    }
+
+    /// Of the first pixel in a row.
+    fn row(&self, y: usize) -> [u32; 2] {
+        std::array::from_fn(|k| repeating(self.start[k] + y as f64 * self.per_row[k]))
+    }
+}
+
+#[inline(always)]
+fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, overlap: &mut Grid<f32>) {
+    let step = path.per_column.map(repeating);
+    let mut valleys = [0.0; BLOCK];
+    for y in 0..overlap.height {
+        let start = path.row(y);
+        let row = overlap.row_mut(y);
+        let Some(first) = row.iter().position(|mm| *mm > floor) else { continue };
+        let last = row.iter().rposition(|mm| *mm > floor).unwrap_or(first);
+        for (block, part) in row[first..=last].chunks_mut(BLOCK).enumerate() {
+            let x = (first + block * BLOCK) as u32;
+            let start = [0, 1].map(|k| start[k].wrapping_add(step[k].wrapping_mul(x)));
+            level.along(start, step, &mut valleys);
+            for (value, valley) in part.iter_mut().zip(&valleys) {
+                // Weights may sum to a little over 1.
+                let lowered = (*value - amplitude * valley.min(1.0)).max(floor);
+                *value = if *value > floor { lowered } else { *value };
+            }
+        }
+    }
+}
+
+/// The largest overlap in view, mm; 0 if there is none.
+fn deepest(overlap: &Grid<f32>, margin_px: usize) -> f32 {
+    let mut bits = 0;
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for y in margin_px..overlap.height - margin_px {
+                // Floats from 0 up are ordered like their bits.
+                for mm in &overlap.row(y)[margin_px..overlap.width - margin_px] {
+                    bits = mm.max(0.0).to_bits().max(bits);
+                }
+            }
+        },
+    );
+    f32::from_bits(bits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::base::grid::Rect;
+    use crate::core::base::rng::stream;
+    use crate::core::base::simd::scalar_only;
+    use crate::core::depth::patterns::Procedural;
+
+    const PATTERNS: [Procedural; 5] =
+        [Procedural::Noise, Procedural::Brushed, Procedural::Knurled, Procedural::Woven, Procedural::Dimples];
+    const CAMERA: View = View { resolution_px: [96, 64], mm_per_px: [0.03, 0.04] };
+    const SQUARE: View = View { resolution_px: [96, 96], mm_per_px: [0.03, 0.03] };
+
+    fn relief(pattern: Procedural) -> Relief {
+        Relief::of(pattern)
+    }
+
+    fn texture(scale_mm: f64) -> TextureSample {
+        TextureSample { amplitude_mm: 0.25, scale_mm, angle_deg: 25.0, offset: [0.3, 0.8] }
+    }
+
+    fn plate(view: &View) -> Depth {
+        let [width, height] = view.resolution_px;
+        let overlap = Grid { width, height, data: vec![1.0; width * height] };
+        Depth { overlap, margin_px: 0, touching: Rect::whole(width, height), deepest_mm: 1.0, over_thickness_px: 0 }
+    }
+
+    fn textured(relief: &Relief, cut: &TextureSample, origin_mm: [f64; 2], yaw_deg: f64, view: &View) -> Grid<f32> {
+        let mut depth = plate(view);
+        relief.cut(cut, origin_mm, yaw_deg, view, 0.1, &mut depth);
+        depth.overlap
+    }
+
+    /// Standard deviation.
+    fn spread(values: &[f32]) -> f64 {
+        let count = values.len() as f64;
+        let mean = values.iter().map(|value| f64::from(*value)).sum::<f64>() / count;
+        (values.iter().map(|value| (f64::from(*value) - mean).powi(2)).sum::<f64>() / count).sqrt()
+    }
+
+    /// Heights between -0.1 and 0.5 mm with holes at -0.1 mm, and a margin of two pixels.
+    fn rough() -> Depth {
+        let mut random = stream(3, "relief", 0);
+        let mut overlap = Grid::new(100, 68);
+        for value in &mut overlap.data {
+            *value = (0.6 * random.unit().min(0.8) as f32 + 0.02).min(0.45) - 0.1;
+            if random.unit() < 0.3 {
+                *value = -0.1;
+            }
+        }
+        overlap.row_mut(5).fill(-0.1);
+        Depth { overlap, margin_px: 2, touching: Rect::whole(100, 68), deepest_mm: 0.5, over_thickness_px: 17 }
+    }
+
+    #[test]
+    fn without_amplitude_no_bit_changes() {
+        let relief = relief(Procedural::Knurled);
+        for amplitude_mm in [0.0, -1.0, f64::NAN] {
+            let mut depth = rough();
+            relief.cut(&TextureSample { amplitude_mm, ..texture(0.3) }, [0.1, 0.2], 5.0, &CAMERA, 0.1, &mut depth);
+            assert!(depth.overlap == rough().overlap, "{amplitude_mm}");
+            assert_eq!(depth.deepest_mm, 0.5);
+        }
+    }
+
+    #[test]
+    fn nothing_rises_or_falls_by_more_than_the_amplitude_and_holes_stay() {
+        for pattern in PATTERNS {
+            let relief = relief(pattern);
+            for scale_mm in [0.01, 0.2, 4.0] {
+                let (before, mut after) = (rough(), rough());
+                let cut = texture(scale_mm);
+                relief.cut(&cut, [0.1, 0.2], 5.0, &CAMERA, 0.1, &mut after);
+                for (old, new) in before.overlap.data.iter().zip(&after.overlap.data) {
+                    let lowest = (old - cut.amplitude_mm as f32).max(-0.1);
+                    assert!((lowest..=*old).contains(new), "{new} from {old}, {:?}", pattern);
+                }
+                assert!(before.overlap != after.overlap);
+                let view = after.overlap.inner(2);
+                assert_eq!(after.deepest_mm, view.data.iter().copied().fold(0.0, f32::max));
+                assert_eq!(after.touching, bounding_box(&after.overlap, |mm| mm > 0.0));
+                assert_eq!(after.over_thickness_px, 17);
+
+                let mut same = rough();
+                scalar_only(|| relief.cut(&cut, [0.1, 0.2], 5.0, &CAMERA, 0.1, &mut same));
+                assert!(same.overlap == after.overlap, "other bits without AVX2");
+            }
+        }
+    }
+
+    #[test]
+    fn the_pattern_moves_and_turns_with_the_object() {
+        for pattern in PATTERNS {
+            let (relief, cut) = (relief(pattern), texture(0.4));
+            let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-4, "{a} and {b}, {:?}", pattern);
+            let here = textured(&relief, &cut, [0.1, 0.2], 5.0, &CAMERA);
+            let there = textured(&relief, &cut, [0.1 + 7.0 * 0.03, 0.2 - 3.0 * 0.04], 5.0, &CAMERA);
+            for y in 3..64 {
+                for x in 0..96 - 7 {
+                    near(there.at(x + 7, y - 3), here.at(x, y));
+                }
+            }
+            let turned = textured(&relief, &cut, [0.0, 0.0], 95.0, &SQUARE);
+            let straight = textured(&relief, &cut, [0.0, 0.0], 5.0, &SQUARE);
+            for y in 0..96 {
+                for x in 0..96 {
+                    near(turned.at(95 - y, x), straight.at(x, y));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_wave_as_a_height_map_has_the_scale_as_its_period_and_runs_along_the_angle() {
+        let wave = |turns: f64| 0.5 + 0.5 * libm::cos(std::f64::consts::TAU * turns);
+        let mut heights = Grid::new(128, 128);
+        for y in 0..128 {
+            for x in 0..128 {
+                heights.row_mut(y)[x] = 40.0 * wave(x as f64 / 128.0) as f32 - 3.0;
+            }
+        }
+        let relief = Relief::from_heights(heights);
+        let cut = TextureSample { offset: [0.25, 0.0], ..texture(0.7) };
+        let (sin, cos) = sin_cos_deg(30.0 + cut.angle_deg);
+        let overlap = textured(&relief, &cut, [0.2, -0.1], 30.0, &CAMERA);
+        for y in 0..64 {
+            for x in 0..96 {
+                let (px, py) = ((x as f64 - 47.5) * 0.03 - 0.2, (y as f64 - 31.5) * 0.04 + 0.1);
+                let expected = 1.0 - cut.amplitude_mm * (1.0 - wave((px * cos + py * sin) / 0.7 + 0.25));
+                let found = f64::from(overlap.at(x, y));
+                assert!((found - expected).abs() < 0.01 * cut.amplitude_mm, "{found} for {expected} at {x}, {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn regular_patterns_repeat_by_their_scale() {
+        let rows = 0.75_f64.sqrt();
+        let lattices = [
+            (Procedural::Knurled, [1.0, 0.5 / rows], [2.0, 0.0]),
+            (Procedural::Woven, [1.0, 1.0], [2.0, 0.0]),
+            (Procedural::Dimples, [0.5, rows], [1.0, 0.0]),
+        ];
+        for (pattern, first, second) in lattices {
+            let relief = relief(pattern);
+            let cut = TextureSample { angle_deg: 0.0, ..texture(0.9) };
+            let shifted = |by: [f64; 2]| {
+                let there = textured(&relief, &cut, by.map(|scales| scales * 0.9), 0.0, &CAMERA);
+                let here = textured(&relief, &cut, [0.0, 0.0], 0.0, &CAMERA);
+                spread(&there.data.iter().zip(&here.data).map(|(a, b)| a - b).collect::<Vec<_>>())
+            };
+            let different = shifted(first.map(|scales| scales / 2.0));
+            for by in [first, second] {
+                assert!(shifted(by) < 0.05 * different, "{:?} {}", pattern, shifted(by));
+            }
+        }
+    }
+
+    #[test]
+    fn a_pattern_far_below_the_pixel_only_lowers_the_surface() {
+        for pattern in PATTERNS {
+            let regular = matches!(pattern, Procedural::Knurled | Procedural::Woven | Procedural::Dimples);
+            let scale_mm = if regular { 0.02 } else { 0.0004 };
+            let overlap = textured(&relief(pattern), &texture(scale_mm), [0.0, 0.0], 0.0, &SQUARE);
+            assert!(spread(&overlap.data) < 0.02 * 0.25, "{:?} {}", pattern, spread(&overlap.data));
+            assert!((0.76..0.99).contains(&overlap.at(0, 0)), "{}", overlap.at(0, 0));
+        }
+    }
+
+    #[test]
+    fn pixels_are_close_to_the_mean_over_their_area_at_every_scale() {
+        let fine = View { resolution_px: SQUARE.resolution_px.map(|px| 4 * px), mm_per_px: [0.03 / 4.0; 2] };
+        for pattern in PATTERNS {
+            let relief = relief(pattern);
+            for (scale_mm, allowed) in [(0.045, 0.1), (0.06, 0.1), (0.08, 0.1), (0.11, 0.06), (0.2, 0.03), (0.5, 0.02)]
+            {
+                let pixels = textured(&relief, &texture(scale_mm), [0.0, 0.0], 0.0, &SQUARE);
+                let parts = textured(&relief, &texture(scale_mm), [0.0, 0.0], 0.0, &fine);
+                let mut errors = Vec::new();
+                for y in 0..96 {
+                    for x in 0..96 {
+                        let mean = (0..16).map(|k| parts.at(4 * x + k % 4, 4 * y + k / 4)).sum::<f32>() / 16.0;
+                        errors.push(pixels.at(x, y) - mean);
+                    }
+                }
+                let error = spread(&errors) / 0.25;
+                assert!(error < allowed, "{error} of {:?} at {scale_mm} mm", pattern);
+            }
+        }
+    }
+
+    #[test]
+    fn periods_near_the_pixel_leave_no_moire() {
+        let fine = View { resolution_px: SQUARE.resolution_px.map(|px| 4 * px), mm_per_px: [0.03 / 4.0; 2] };
+        for pattern in [Procedural::Knurled, Procedural::Woven, Procedural::Dimples] {
+            let relief = relief(pattern);
+            for scale_mm in [0.028, 0.031, 0.033, 0.036] {
+                let cut = TextureSample { angle_deg: 1.0, ..texture(scale_mm) };
+                let pixels = textured(&relief, &cut, [0.0, 0.0], 0.0, &SQUARE);
+                let parts = textured(&relief, &cut, [0.0, 0.0], 0.0, &fine);
+                let points: Vec<f32> = (0..96 * 96).map(|k| parts.at(4 * (k % 96), 4 * (k / 96))).collect();
+                assert!(spread(&points) > 0.1 * 0.25, "points do alias: {:?}", pattern);
+                let left = spread(&pixels.data) / 0.25;
+                assert!(left < 0.02, "{left} of {:?} at {scale_mm} mm", pattern);
+            }
+        }
+    }
+
+    #[test]
+    fn finite_numbers_never_give_nan_and_images_may_be_of_one_pixel() {
+        let relief = relief(Procedural::Woven);
+        let tiny = View { resolution_px: [1, 1], mm_per_px: [0.03, 0.03] };
+        let values = [0.0, -1.0, 1e-320, 1e-30, 0.3, 1e30, f64::MAX];
+        for value in values {
+            for other in values {
+                for view in [&tiny, &CAMERA] {
+                    let cut = TextureSample { amplitude_mm: value, scale_mm: other, angle_deg: value, ..texture(1.0) };
+                    let overlap = textured(&relief, &cut, [other, -value], value, view);
+                    assert!(overlap.data.iter().all(|mm| (-0.1..=1.0).contains(mm)), "{value} {other}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Fidelity levels: names for choices of models. The only place where a level is matched.
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::grid::Resolution;
+use crate::core::gelpad;
+use crate::core::gelpad::elastic::Elastic;
+use crate::core::gelpad::mean_blur::MeanBlur;
+use crate::core::optics;
+use crate::core::optics::calibrated::Calibrated;
+use crate::core::optics::phong::{Phong, Shadows, Soft};
+
+/// A fidelity level: a named choice of models, from cheap to exact.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "datasets", schemars(rename = "Rung"))]
+pub enum Fidelity {
+    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
+    Paper,
+    /// Elastic pad, solved on every fourth pixel; so are shadows.
+    Draft,
+    /// Elastic pad, solved on every second pixel; so are shadows.
+    #[default]
+    Standard,
+    /// Elastic pad and shadows, solved on every pixel.
+    High,
+    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
+    Reference,
+}
+
+/// The models of gelpad and light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Models {
+    /// Model of the gelpad.
+    pub gelpad: gelpad::Model,
+    /// Model of the light.
+    pub optics: optics::Model,
+}
+
+impl Fidelity {
+    /// Every level, from cheap to exact.
+    pub const ALL: [Self; 5] = [Self::Paper, Self::Draft, Self::Standard, Self::High, Self::Reference];
+
+    /// Its name in jobs and labels.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Draft => "draft",
+            Self::Standard => "standard",
+            Self::High => "high",
+            Self::Reference => "reference",
+        }
+    }
+
+    /// The level of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|level| level.name() == name)
+    }
+
+    /// What it is.
+    pub fn summary(self) -> &'static str {
+        match self {
+            Self::Paper => "The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows",
+            Self::Draft => "Elastic pad, solved on every fourth pixel; so are shadows",
+            Self::Standard => "Elastic pad, solved on every second pixel; so are shadows",
+            Self::High => "Elastic pad and shadows, solved on every pixel",
+            Self::Reference => {
+                "Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against"
+            }
+        }
+    }
+
+    /// The models that it stands for; `measured` if the sensor has calibrated optics.
+    pub fn models(self, measured: bool) -> Models {
+        let elastic = |resolution, tolerance_um, max_iterations| {
+            gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations })
+        };
+        let phong = |shadows| optics::Model::Phong(Phong { shadows, ..Phong::default() });
+        Models {
+            gelpad: match self {
+                Self::Paper => gelpad::Model::MeanBlur(MeanBlur::default()),
+                Self::Draft => elastic(Resolution::Quarter, 3.0, 100),
+                Self::Standard => elastic(Resolution::Half, 1.0, 200),
+                Self::High => elastic(Resolution::Full, 1.0, 200),
+                Self::Reference => elastic(Resolution::Full, 0.05, 1000),
+            },
+            optics: match (measured, self) {
+                // Finer costs much, and is nothing beside the distance to the real sensor (docs/reality.md).
+                (true, _) => optics::Model::Calibrated(Calibrated::default()),
+                (false, Self::Paper) => phong(Shadows::None),
+                (false, Self::Draft) => phong(Shadows::Soft(Soft { resolution: Resolution::Quarter })),
+                (false, Self::Standard) => phong(Shadows::Soft(Soft { resolution: Resolution::Half })),
+                (false, Self::High | Self::Reference) => phong(Shadows::Soft(Soft { resolution: Resolution::Full })),
+            },
+        }
+    }
+}

@@ -1,0 +1,417 @@
+//! Convolution of images with a kernel that is even in x and in y, by Fourier transforms on a padded torus.
+//!
+//! Columns are transformed first, sixteen at a time (two real columns make one complex signal), then rows, eight at a
+//! time: forward, times the kernel's spectrum, and back, while they are in cache.
+
+use pulp::{Simd, WithSimd};
+
+use super::fft::{Fft, LANES, Signals, fast_length};
+use crate::core::base::grid::Grid;
+use crate::core::base::simd::dispatch;
+
+/// Transforms of every length that a torus may have.
+#[derive(Clone, Debug)]
+pub struct Lengths(Vec<Fft>);
+
+impl Lengths {
+    /// Those that hold up to `longest` values.
+    pub fn new(longest: usize) -> Self {
+        let end = fast_length(longest);
+        let lengths = std::iter::successors(Some(fast_length(1)), |length| Some(fast_length(length + 1)));
+        Self(lengths.take_while(|length| *length <= end).map(Fft::new).collect())
+    }
+
+    /// The shortest that holds `len` values.
+    fn holding(&self, len: usize) -> &Fft {
+        &self.0[self.0.partition_point(|fft| fft.length() < len)]
+    }
+}
+
+/// Memory that convolutions of any size share.
+#[derive(Clone, Debug, Default)]
+pub struct Buffers {
+    line: Signals,
+    /// Spectrum along y, not yet along x: for eight frequencies at a time, all columns.
+    half: Signals,
+}
+
+/// From a source image to a target image that contains it.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    /// Width and height of the source, px.
+    pub source: [usize; 2],
+    /// Column and row of the target at which the source starts.
+    pub offset: [usize; 2],
+    /// Width and height of the target, px.
+    pub target: [usize; 2],
+}
+
+/// A kernel's spectrum on a torus: for eight frequencies along y at a time, all up to half the torus along x.
+#[derive(Clone, Debug, Default)]
+pub struct Spectrum(Vec<[f32; LANES]>);
+
+/// Convolutions of one shape.
+pub struct Torus<'a> {
+    shape: Shape,
+    x: &'a Fft,
+    y: &'a Fft,
+}
+
+impl<'a> Torus<'a> {
+    /// A torus on which a kernel of `reach` px along x and y does not meet itself.
+    pub fn new(lengths: &'a Lengths, shape: Shape, reach: [usize; 2]) -> Self {
+        let length = |k: usize| {
+            // Lags from source to target, ahead and behind. The kernel is even on the torus too: the longer of them must
+            // not meet its own mirror image.
+            let ahead = shape.target[k] - 1 - shape.offset[k];
+            let behind = shape.offset[k] + shape.source[k] - 1;
+            let longest = ahead.max(behind);
+            lengths.holding((longest + longest.min(reach[k]) + 1).max(shape.target[k]))
+        };
+        Self { shape, x: length(0), y: length(1) }
+    }
+
+    /// Its width and height, px.
+    pub fn size(&self) -> [usize; 2] {
+        [self.x.length(), self.y.length()]
+    }
+
+    /// Frequencies along x that are kept, from 0 up; the others are their mirror images.
+    fn columns(&self) -> usize {
+        self.x.length() / 2 + 1
+    }
+
+    /// Blocks of eight frequencies along y that are kept.
+    fn blocks(&self) -> usize {
+        (self.y.length() / 2 + 1).div_ceil(LANES)
+    }
+
+    /// The spectrum of an even kernel: its values at lags from 0 px up along x and y, 0 beyond the last.
+    pub fn set_spectrum(&self, kernel: &Grid<f32>, buffers: &mut Buffers, spectrum: &mut Spectrum) {
+        dispatch(MakeSpectrum { torus: self, kernel, buffers, spectrum });
+    }
+
+    /// `target = kernel * source`; the target is made as large as the shape says.
+    pub fn convolve(&self, spectrum: &Spectrum, source: &Grid<f32>, target: &mut Grid<f32>, buffers: &mut Buffers) {
+        let [width, height] = self.shape.target;
+        target.reset(width, height);
+        dispatch(Convolve { torus: self, spectrum, source, target, buffers });
+    }
+
+    /// The spectrum of a convolution that roughly undoes another, whose spectrum is `response`. It is that one's
+    /// reciprocal, no larger than 1e5 times that of `softest`, and `1 / plateau` below the frequency `cutoff` (rad/mm).
+    pub fn invert(
+        &self,
+        response: &Spectrum,
+        mm_per_px: [f64; 2],
+        cutoff: f64,
+        plateau: f64,
+        softest: f64,
+        inverse: &mut Spectrum,
+    ) {
+        let step = |k: usize, len: usize| (std::f64::consts::TAU / (len as f64 * mm_per_px[k])) as f32;
+        let (step_x, step_y) = (step(0, self.x.length()), step(1, self.y.length()));
+        let norm = self.norm();
+        let (stiffest, plateau) = (norm * (1e-5 * softest) as f32, norm * plateau.max(1e-5 * softest) as f32);
+        let limit = (cutoff * cutoff) as f32;
+        inverse.0.clone_from(&response.0);
+        let columns = self.columns();
+        for (block, row) in inverse.0.chunks_exact_mut(columns).enumerate() {
+            for (x, lanes) in row.iter_mut().enumerate() {
+                let qx = x as f32 * step_x;
+                for (k, value) in lanes.iter_mut().enumerate() {
+                    let qy = (block * LANES + k) as f32 * step_y;
+                    let low = qx * qx + qy * qy < limit;
+                    *value = norm * norm / if low { plateau } else { value.max(stiffest) };
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn spectrum_with<S: Simd>(&self, simd: S, kernel: &Grid<f32>, buffers: &mut Buffers, spectrum: &mut Spectrum) {
+        let [width, height] = self.size();
+        let (columns, blocks) = (self.columns(), self.blocks());
+        let wide = columns.next_multiple_of(2 * LANES);
+        // An even real signal has an even real spectrum: two of them make one complex signal and never mix.
+        let Buffers { line, half } = buffers;
+        half.resize(blocks * wide);
+        line.resize(height);
+        for x in (0..columns).step_by(2 * LANES) {
+            for y in 0..=height / 2 {
+                let mut values = [0.0; 2 * LANES];
+                let row = if y < kernel.height { kernel.row(y) } else { &[] };
+                let rest = row.get(x..).unwrap_or_default();
+                let count = rest.len().min(2 * LANES);
+                values[..count].copy_from_slice(&rest[..count]);
+                for y in [y, (height - y) % height] {
+                    line.re[y * LANES..][..LANES].copy_from_slice(&values[..LANES]);
+                    line.im[y * LANES..][..LANES].copy_from_slice(&values[LANES..]);
+                }
+            }
+            self.y.forward(simd, &mut line.re, &mut line.im);
+            for block in 0..blocks {
+                for (plane, x) in [(&line.re, x), (&line.im, x + LANES)] {
+                    let mut rows = [[0.0; LANES]; LANES];
+                    for (k, row) in rows.iter_mut().enumerate() {
+                        *row = lanes(plane, self.y.place((block * LANES + k) % height));
+                    }
+                    half.re[(block * wide + x) * LANES..][..LANES * LANES]
+                        .copy_from_slice(transposed(&rows).as_flattened());
+                }
+            }
+        }
+        spectrum.0.resize(blocks * columns, [0.0; LANES]);
+        let norm = self.norm();
+        line.resize(width);
+        for first in (0..blocks).step_by(2) {
+            let second = (first + 1).min(blocks - 1);
+            for x in 0..columns {
+                for x_there in [x, (width - x) % width] {
+                    let (re, im) = (lanes(&half.re, first * wide + x), lanes(&half.re, second * wide + x));
+                    line.re[x_there * LANES..][..LANES].copy_from_slice(&re);
+                    line.im[x_there * LANES..][..LANES].copy_from_slice(&im);
+                }
+            }
+            self.x.forward(simd, &mut line.re, &mut line.im);
+            for x in 0..columns {
+                let at = self.x.place(x);
+                for (plane, block) in [(&line.im, second), (&line.re, first)] {
+                    let values = lanes(plane, at);
+                    for (out, value) in spectrum.0[block * columns + x].iter_mut().zip(values) {
+                        *out = value * norm;
+                    }
+                }
+            }
+        }
+    }
+
+    /// What makes up for transforms that are not normalised. Half of it, because pairs of columns are not halved when
+    /// they are taken apart.
+    fn norm(&self) -> f32 {
+        0.5 / (self.x.length() * self.y.length()) as f32
+    }
+
+    #[inline(always)]
+    fn convolve_with<S: Simd>(
+        &self,
+        simd: S,
+        spectrum: &Spectrum,
+        source: &Grid<f32>,
+        target: &mut Grid<f32>,
+        buffers: &mut Buffers,
+    ) {
+        let Shape { source: [source_width, _], offset: [left, _], target: [target_width, _] } = self.shape;
+        let wide = source_width.max(target_width).next_multiple_of(2 * LANES);
+        let (width, columns) = (self.x.length(), self.columns());
+        let Buffers { line, half } = buffers;
+        half.resize(self.blocks() * wide);
+        self.columns_forward(simd, source, wide, line, half);
+        line.resize(width);
+        for (block, response) in spectrum.0.chunks_exact(columns).enumerate() {
+            let start = block * wide * LANES;
+            for (line, half) in [(&mut line.re, &half.re), (&mut line.im, &half.im)] {
+                let line = &mut line[..width * LANES];
+                line[..left * LANES].fill(0.0);
+                line[left * LANES..][..source_width * LANES].copy_from_slice(&half[start..][..source_width * LANES]);
+                line[(left + source_width) * LANES..].fill(0.0);
+            }
+            self.x.forward(simd, &mut line.re, &mut line.im);
+            for (x, response) in response.iter().enumerate() {
+                let (here, there) = (self.x.place(x), self.x.place((width - x) % width));
+                times(simd, line, here, response);
+                // The first and the middle frequency are their own mirror images.
+                if there != here {
+                    times(simd, line, there, response);
+                }
+            }
+            self.x.back(simd, &mut line.re, &mut line.im);
+            for (line, half) in [(&line.re, &mut half.re), (&line.im, &mut half.im)] {
+                let (inside, beyond) = half[start..][..wide * LANES].split_at_mut(target_width * LANES);
+                inside.copy_from_slice(&line[..inside.len()]);
+                // Columns beyond the target share signals with those inside.
+                beyond.fill(0.0);
+            }
+        }
+        self.columns_back(simd, target, wide, line, half);
+    }
+
+    /// Transforms the source's columns and keeps the frequencies from 0 to half the torus.
+    #[inline(always)]
+    fn columns_forward<S: Simd>(
+        &self,
+        simd: S,
+        source: &Grid<f32>,
+        wide: usize,
+        line: &mut Signals,
+        half: &mut Signals,
+    ) {
+        let height = self.y.length();
+        line.resize(height);
+        let top = self.shape.offset[1];
+        for x in (0..source.width).step_by(2 * LANES) {
+            let mut any = false;
+            for plane in [&mut line.re, &mut line.im] {
+                plane[..top * LANES].fill(0.0);
+                plane[(top + source.height) * LANES..height * LANES].fill(0.0);
+            }
+            for y in 0..source.height {
+                let row = &source.row(y)[x..];
+                let mut values = [0.0; 2 * LANES];
+                if row.len() >= 2 * LANES {
+                    values.copy_from_slice(&row[..2 * LANES]);
+                } else {
+                    values[..row.len()].copy_from_slice(row);
+                }
+                any |= values.iter().fold(0, |bits, value| bits | value.to_bits()) != 0;
+                line.re[(top + y) * LANES..][..LANES].copy_from_slice(&values[..LANES]);
+                line.im[(top + y) * LANES..][..LANES].copy_from_slice(&values[LANES..]);
+            }
+            if any {
+                self.y.forward(simd, &mut line.re, &mut line.im);
+            }
+            for block in 0..self.blocks() {
+                let mut first = [[[0.0; LANES]; LANES]; 2];
+                let mut second = [[[0.0; LANES]; LANES]; 2];
+                for k in 0..LANES {
+                    let at = block * LANES + k;
+                    let here = self.y.place(at % height);
+                    let there = self.y.place((2 * height - at) % height);
+                    let (re, im) = (lanes(&line.re, here), lanes(&line.im, here));
+                    let (re_there, im_there) = (lanes(&line.re, there), lanes(&line.im, there));
+                    for j in 0..LANES {
+                        first[0][k][j] = re[j] + re_there[j];
+                        first[1][k][j] = im[j] - im_there[j];
+                        second[0][k][j] = im[j] + im_there[j];
+                        second[1][k][j] = re_there[j] - re[j];
+                    }
+                }
+                let at = (block * wide + x) * LANES;
+                let size = LANES * LANES;
+                half.re[at..][..size].copy_from_slice(transposed(&first[0]).as_flattened());
+                half.im[at..][..size].copy_from_slice(transposed(&first[1]).as_flattened());
+                half.re[at + size..][..size].copy_from_slice(transposed(&second[0]).as_flattened());
+                half.im[at + size..][..size].copy_from_slice(transposed(&second[1]).as_flattened());
+            }
+        }
+    }
+
+    /// The way back of [`Torus::columns_forward`].
+    #[inline(always)]
+    fn columns_back<S: Simd>(&self, simd: S, target: &mut Grid<f32>, wide: usize, line: &mut Signals, half: &Signals) {
+        let height = self.y.length();
+        line.resize(height);
+        for x in (0..target.width).step_by(2 * LANES) {
+            for block in 0..self.blocks() {
+                let at = block * wide + x;
+                let (re, im) = (turned(&half.re, at), turned(&half.im, at));
+                let (re_next, im_next) = (turned(&half.re, at + LANES), turned(&half.im, at + LANES));
+                for k in 0..LANES.min(height / 2 + 1 - block * LANES) {
+                    let frequency = block * LANES + k;
+                    let (mut sums, mut differences) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
+                    for j in 0..LANES {
+                        sums[0][j] = re[k][j] + im_next[k][j];
+                        sums[1][j] = re_next[k][j] + im[k][j];
+                        differences[0][j] = re[k][j] - im_next[k][j];
+                        differences[1][j] = re_next[k][j] - im[k][j];
+                    }
+                    let there = self.y.place((height - frequency) % height) * LANES;
+                    line.re[there..][..LANES].copy_from_slice(&sums[0]);
+                    line.im[there..][..LANES].copy_from_slice(&differences[1]);
+                    // Last: the frequencies that are their own mirror images have no imaginary part of their own.
+                    let here = self.y.place(frequency) * LANES;
+                    line.re[here..][..LANES].copy_from_slice(&differences[0]);
+                    line.im[here..][..LANES].copy_from_slice(&sums[1]);
+                }
+            }
+            self.y.back(simd, &mut line.re, &mut line.im);
+            for y in 0..target.height {
+                let row = &mut target.row_mut(y)[x..];
+                let (re, im) = (lanes(&line.re, y), lanes(&line.im, y));
+                if row.len() >= 2 * LANES {
+                    row[..LANES].copy_from_slice(&re);
+                    row[LANES..2 * LANES].copy_from_slice(&im);
+                } else {
+                    for (value, from) in row.iter_mut().zip(re.iter().chain(&im)) {
+                        *value = *from;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// [`Torus::set_spectrum`] with vectors to be chosen.
+struct MakeSpectrum<'a, 'b> {
+    torus: &'a Torus<'b>,
+    kernel: &'a Grid<f32>,
+    buffers: &'a mut Buffers,
+    spectrum: &'a mut Spectrum,
+}
+
+impl WithSimd for MakeSpectrum<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.torus.spectrum_with(simd, self.kernel, self.buffers, self.spectrum);
+    }
+}
+
+/// [`Torus::convolve`] with vectors to be chosen.
+struct Convolve<'a, 'b> {
+    torus: &'a Torus<'b>,
+    spectrum: &'a Spectrum,
+    source: &'a Grid<f32>,
+    target: &'a mut Grid<f32>,
+    buffers: &'a mut Buffers,
+}
+
+impl WithSimd for Convolve<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.torus.convolve_with(simd, self.spectrum, self.source, self.target, self.buffers);
+    }
+}
+
+/// Value number `at` of eight signals.
+#[inline(always)]
+fn lanes(plane: &[f32], at: usize) -> [f32; LANES] {
+    let mut values = [0.0; LANES];
+    values.copy_from_slice(&plane[at * LANES..][..LANES]);
+    values
+}
+
+/// Eight values of eight signals from number `at` on, signal by signal.
+#[inline(always)]
+fn turned(plane: &[f32], at: usize) -> [[f32; LANES]; LANES] {
+    let mut rows = [[0.0; LANES]; LANES];
+    rows.as_flattened_mut().copy_from_slice(&plane[at * LANES..][..LANES * LANES]);
+    transposed(&rows)
+}
+
+/// Multiplies value number `at` of eight signals by real factors.
+#[inline(always)]
+fn times<S: Simd>(simd: S, line: &mut Signals, at: usize, factors: &[f32; LANES]) {
+    let factors = S::as_simd_f32s(factors).0;
+    for plane in [&mut line.re, &mut line.im] {
+        let values = S::as_mut_simd_f32s(&mut plane[at * LANES..][..LANES]).0;
+        for (value, factor) in values.iter_mut().zip(factors) {
+            *value = simd.mul_f32s(*value, *factor);
+        }
+    }
+}
+
+/// Rows become columns.
+#[inline(always)]
+fn transposed(block: &[[f32; LANES]; LANES]) -> [[f32; LANES]; LANES] {
+    let mut out = [[0.0; LANES]; LANES];
+    for (k, row) in block.iter().enumerate() {
+        for (j, value) in row.iter().enumerate() {
+            out[j][k] = *value;
+        }
+    }
+    out
+}

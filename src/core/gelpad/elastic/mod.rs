@@ -1,0 +1,420 @@
+//! The pad as a linear elastic layer bonded to the shell, pressed by a rigid frictionless object.
+//!
+//! From the overlap g come the pressure p >= 0 and the surface's displacement w >= g with p (w - g) = 0 (`solve`), w
+//! being p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur this bulges, leaves
+//! the object where it should, and knows forces. Linear theory holds for small strain: its surface is off by 0.5 % of
+//! the depth d where d is a tenth of the thickness h, by 4 % at half of it (spheres, against neo-Hookean finite
+//! elements); [`linear_error_mm`]. Displacements do not depend on Young's modulus; pressures are proportional to it.
+
+use crate::core::base::grid::Resolution;
+use std::cell::RefCell;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Contact, Numerics, untouched};
+use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::depth::{Depth, Window};
+use crate::core::gelpad::material::Material;
+
+pub mod convolve;
+pub mod fft;
+pub mod inplane;
+pub mod kernel;
+pub mod layer;
+pub mod plane;
+mod resample;
+pub mod shear;
+mod solve;
+mod surface;
+
+use convolve::{Buffers, Lengths, Spectrum, Torus};
+use inplane::Load;
+use layer::ElasticLayer;
+use resample::Lattice;
+use solve::{ContactProblem, Outcome, Scratch};
+
+/// Parameters of the contact solver.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct Elastic {
+    /// Grid on which the contact is solved.
+    pub resolution: Resolution,
+    /// Largest penetration, and largest distance within the contact, that is accepted, um, 0.01 to 1000.
+    pub tolerance_um: f64,
+    /// Iterations after which the solver gives up, 1 to 10000.
+    pub max_iterations: u32,
+}
+
+impl Default for Elastic {
+    fn default() -> Self {
+        Self { resolution: Resolution::Full, tolerance_um: 1.0, max_iterations: 200 }
+    }
+}
+
+impl Elastic {
+    /// What gives a guess to begin with. It needs no more than a few times the tolerance.
+    fn coarser(&self) -> Option<Self> {
+        let resolution = match self.resolution {
+            Resolution::Full => Resolution::Half,
+            Resolution::Half => Resolution::Quarter,
+            Resolution::Quarter => return None,
+        };
+        Some(Self { resolution, tolerance_um: (3.0 * self.tolerance_um).max(1.0), ..*self })
+    }
+}
+
+/// How far beyond the view the object is captured, in thicknesses. Of an object that ends in view, nothing is missing;
+/// of one that goes on beyond it, what is cut off would move the surface in view by up to 20 um (docs/gelpad.md).
+const MARGIN: f64 = 1.5;
+
+/// Indentation depth over thickness up to which linear theory says something; its surface is then off by 4 % of the depth.
+pub const LARGEST_STRAIN: f64 = 0.5;
+
+/// Overlap, in pixels of the box around it, from which on a coarser grid is solved first.
+const COARSER_FROM_PX: usize = 64 * 64;
+
+/// Share of the depth that the tolerance may be: it matters to presses of tens of micrometres and less.
+const SHALLOW: f32 = 0.02;
+
+/// Height of the bulges that is counted on, as a share of the indentation depth: rings come to 0.36.
+const BULGE: f64 = 0.4;
+
+/// Error of linear theory, mm, for an object `depth_mm` deep in a pad: fitted to spheres in neo-Hookean finite elements.
+pub fn linear_error_mm(depth_mm: f64, thickness_mm: f64) -> f64 {
+    let strain = depth_mm / thickness_mm;
+    depth_mm * (0.04 * strain + 0.08 * strain * strain)
+}
+
+/// The model made ready for a sensor.
+pub struct Pad {
+    elastic: Elastic,
+    youngs_modulus_kpa: f64,
+    margin_px: usize,
+    /// Of the camera.
+    mm_per_px: [f64; 2],
+    /// Of the solver's grid.
+    coarse_mm_per_px: [f64; 2],
+    layer: ElasticLayer,
+    softest: f64,
+    kernel: Grid<f32>,
+    lengths: Lengths,
+    /// The same on every second pixel, if that is fine enough to be of help.
+    coarser: Option<Box<Pad>>,
+}
+
+/// Memory that one thread needs, kept from sample to sample.
+#[derive(Default)]
+struct Workspace {
+    buffers: Buffers,
+    scratch: Scratch,
+    response: Spectrum,
+    inverse: Spectrum,
+    coarse: Grid<f32>,
+    displacement: Grid<f32>,
+    /// Of the coarser grid.
+    nested: Option<Box<Workspace>>,
+}
+
+thread_local! {
+    static WORKSPACE: RefCell<Workspace> = RefCell::default();
+}
+
+impl Pad {
+    /// Computes the layer's response.
+    pub fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
+        let layer = ElasticLayer::new(material);
+        let [width, height] = view.resolution_px;
+        let [dx, dy] = view.mm_per_px;
+        // On a pad much thicker than the view is wide, no margin would do; one of half a view is not too slow.
+        let widest = (width.max(height) / 2).max(16);
+        // In whole pixels of the coarsest grid, so that a hair of thickness does not shift coarse grids against the view.
+        let margin_px =
+            ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest).next_multiple_of(4);
+        let lattice = Lattice::new(elastic.resolution);
+        let coarse_mm_per_px = view.mm_per_px.map(|pitch| pitch * lattice.factor as f64);
+        let window = [width, height].map(|size| lattice.count(size + 2 * margin_px));
+        // Cutting the response off at so many thicknesses costs about the tolerance: the tail falls by 60 % with each.
+        // Contacts much wider than the pad is thick, which a wide window may hold, feel the tail more.
+        let widest_mm = (0..2).map(|k| window[k] as f64 * coarse_mm_per_px[k]).fold(0.0, f64::max);
+        let thicknesses =
+            (libm::log(100.0 / elastic.tolerance_um) / 0.9 + 1.0).max(widest_mm / layer.thickness_mm / 1.5);
+        let reach_mm = layer.thickness_mm * thicknesses.clamp(6.0, 9.0);
+        Self {
+            elastic: *elastic,
+            youngs_modulus_kpa: material.youngs_modulus_kpa,
+            margin_px,
+            mm_per_px: view.mm_per_px,
+            coarse_mm_per_px,
+            layer,
+            softest: layer.softest(),
+            kernel: kernel::kernel(layer, coarse_mm_per_px, reach_mm, window),
+            // A coarser grid may have a pixel more than counted here, depending on how it is come by.
+            lengths: Lengths::new(2 * window[0].max(window[1]) + 16),
+            coarser: elastic.coarser().map(|coarser| Box::new(Self::new(&coarser, material, view))),
+        }
+    }
+
+    /// Displacement around one pressed pixel of the solver's grid, mm, for Young's modulus 1: lags from 0 up along x and
+    /// y, 0 beyond the last.
+    pub fn kernel(&self) -> &Grid<f32> {
+        &self.kernel
+    }
+
+    /// See [`super::Pad::window`].
+    pub fn window(&self, depth_mm: f64) -> Window {
+        // Some tolerances more, because nobody can tell within them whether a bulge got there.
+        let bulge_mm = (BULGE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
+        Window { margin_px: self.margin_px, above_mm: (bulge_mm + self.taken_for_mm()).min(self.layer.thickness_mm) }
+    }
+
+    /// See [`super::Pad::higher`]. Over a pad's thickness above it nothing is looked for: linear theory has ended long
+    /// before.
+    pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
+        let spare_mm = 2e-3 * self.elastic.tolerance_um + self.taken_for_mm();
+        let reached = f64::from(contact.bulge_mm) + spare_mm >= window.above_mm;
+        let higher = Window { above_mm: (2.0 * window.above_mm).min(self.layer.thickness_mm), ..window };
+        (reached && higher.above_mm > window.above_mm).then_some(higher)
+    }
+
+    /// Where the surface is interpolated, what is captured this close to it is taken for the object: no object at all
+    /// must stay further away, mm.
+    fn taken_for_mm(&self) -> f64 {
+        if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.close_mm()) }
+    }
+
+    /// Presses the object into the pad.
+    pub fn press(&self, depth: &Depth) -> Contact {
+        let margin = depth.margin_px;
+        let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
+        let solved = Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), ..Numerics::DIRECT };
+        let mut contact = untouched(width, height, Some(0.0), solved);
+        if depth.touching.is_empty() {
+            return contact;
+        }
+        WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, &mut contact));
+        contact
+    }
+
+    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, contact: &mut Contact) {
+        let lattice = Lattice::new(self.elastic.resolution);
+        let mut thinned = std::mem::take(&mut workspace.coarse);
+        let overlap = if lattice.factor == 1 {
+            &depth.overlap
+        } else {
+            lattice.thin_out(&depth.overlap, &mut thinned);
+            &thinned
+        };
+        let fine = [depth.overlap.width, depth.overlap.height];
+        let corner = depth.margin_px - SURFACE_BORDER;
+        let (width, height) = (contact.surface.width, contact.surface.height);
+        let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
+        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
+        contact.numerics = Numerics {
+            converged: solution.converged,
+            iterations: solution.iterations,
+            residual_um: Some(f64::from(solution.residual_mm) * 1e3),
+            model_error_um: Some(1e3 * linear_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm)),
+        };
+        contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
+        self.fill(&solution, depth, seen, lattice, contact);
+        contact.load = self.load(&mut solution, depth, lattice);
+        workspace.coarse = thinned;
+        workspace.displacement = solution.displacement;
+    }
+
+    /// The solution's pressure, and where it acts. `None` without contact.
+    fn load(&self, solution: &mut Solution, depth: &Depth, lattice: Lattice) -> Option<Load> {
+        let (fine, corner) = ([depth.overlap.width, depth.overlap.height], solution.contact_box);
+        let centre_mm = |coarse: usize, k: usize| {
+            // From the middle of the view, which is the middle of the window.
+            (lattice.fine(coarse, fine[k]) as f64 + 0.5 - fine[k] as f64 / 2.0) * self.mm_per_px[k]
+        };
+        let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
+        touches.then(|| Load {
+            pressure: std::mem::take(&mut solution.pressure),
+            origin_mm: [centre_mm(corner.x0, 0), centre_mm(corner.y0, 1)],
+            mm_per_px: self.coarse_mm_per_px,
+        })
+    }
+
+    /// Solves for the contact within `overlap` and for the displacement in `seen` at least.
+    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect) -> Solution {
+        let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
+        let whole = Rect::whole(overlap.width, overlap.height);
+        let mut touching = bounding_box(overlap, |g| g > 0.0);
+        let mut solution = Solution {
+            contact_box: Rect::default(),
+            pressure: Grid::default(),
+            seen,
+            displacement: std::mem::take(&mut workspace.displacement),
+            converged: true,
+            iterations: 0,
+            residual_mm: 0.0,
+        };
+        solution.displacement.reset(seen.width(), seen.height());
+        if touching.is_empty() {
+            // The object touches between the pixels of the solver's grid only.
+            return solution;
+        }
+        // A press shallower than the tolerance would be solved before it began, whatever its pressure.
+        let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
+        let goal = tolerance.min(SHALLOW * deepest);
+        let touching_px = overlap.data.iter().filter(|g| **g > 0.0).count();
+        let area = touching_px as f64 * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
+        let cutoff = std::f64::consts::PI / libm::sqrt(area);
+        // Pile-up may meet the object where it does not reach below the untouched pad: the box grows to hold it.
+        const MOST_BOXES: u32 = 12;
+        for round in 0..MOST_BOXES {
+            let room = 4 + touching.width().min(touching.height()) / 32;
+            let contact_box = touching.grown(room, whole.x1, whole.y1);
+            let overlap_there = overlap.crop(contact_box);
+            let torus = self.torus(contact_box, contact_box);
+            let Workspace { buffers, scratch, response, inverse, nested, .. } = workspace;
+            torus.set_spectrum(&self.kernel, buffers, response);
+            torus.invert(response, self.coarse_mm_per_px, cutoff, self.layer.normal(cutoff), self.softest, inverse);
+            let problem = ContactProblem {
+                torus: &torus,
+                response,
+                inverse,
+                softest: self.softest as f32,
+                overlap: &overlap_there,
+                tolerance_mm: goal,
+                max_iterations: self.elastic.max_iterations - solution.iterations.min(self.elastic.max_iterations),
+            };
+            let mut pressure = Grid::default();
+            let large = touching.area() > COARSER_FROM_PX;
+            if round == 0
+                && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
+            {
+                pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box);
+            } else if round == 0 {
+                problem.guess(&mut pressure);
+            } else {
+                pressure.reset(contact_box.width(), contact_box.height());
+                pressure.paste(&solution.pressure, solution.contact_box, contact_box);
+            }
+            let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, scratch, buffers);
+            solution.iterations += iterations;
+            solution.contact_box = contact_box;
+            solution.pressure = pressure;
+
+            let all = contact_box.united(seen);
+            solution.seen = all;
+            if all == contact_box {
+                solution.displacement.clone_from(&scratch.displacement);
+            } else {
+                let torus = self.torus(contact_box, all);
+                torus.set_spectrum(&self.kernel, buffers, response);
+                torus.convolve(response, &solution.pressure, &mut solution.displacement, buffers);
+            }
+            let missed = solution.check(overlap, 2.0 * tolerance);
+            // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
+            let solved = residual_mm <= tolerance && solution.residual_mm <= 2.0 * tolerance;
+            solution.converged = solved && missed.is_empty();
+            if missed.is_empty() || solution.iterations >= self.elastic.max_iterations {
+                break;
+            }
+            touching = touching.united(missed);
+        }
+        solution
+    }
+
+    /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
+    fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
+        let lattice = Lattice { factor: 2 };
+        let size = [fine.width, fine.height];
+        let mut overlap = std::mem::take(&mut workspace.coarse);
+        lattice.thin_out(fine, &mut overlap);
+        let solution = self.solve(workspace, &overlap, Rect::default());
+        let mut pressure = Grid::new(part.width(), part.height());
+        if !solution.contact_box.is_empty() {
+            let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, size, shape);
+            pressure = enlarge(&solution.pressure, resample::Shape::Linear);
+            let surface = enlarge(&solution.displacement, resample::Shape::Cubic);
+            let close = self.close_mm();
+            for y in 0..part.height() {
+                let object = &fine.row(part.y0 + y)[part.x0..part.x1];
+                for ((p, w), g) in pressure.row_mut(y).iter_mut().zip(surface.row(y)).zip(object) {
+                    *p = if w - g < close { *p } else { 0.0 };
+                }
+            }
+        }
+        workspace.coarse = overlap;
+        workspace.displacement = solution.displacement;
+        pressure
+    }
+
+    /// An interpolated surface that is no further than this from the object may touch it, mm.
+    fn close_mm(&self) -> f32 {
+        0.1 * self.coarse_mm_per_px[0].min(self.coarse_mm_per_px[1]) as f32
+    }
+
+    fn torus(&self, source: Rect, target: Rect) -> Torus<'_> {
+        let shape = convolve::Shape {
+            source: [source.width(), source.height()],
+            offset: [source.x0 - target.x0, source.y0 - target.y0],
+            target: [target.width(), target.height()],
+        };
+        Torus::new(&self.lengths, shape, [self.kernel.width, self.kernel.height])
+    }
+}
+
+/// Pressure and displacement on the solver's grid.
+struct Solution {
+    contact_box: Rect,
+    /// In `contact_box`, for Young's modulus 1.
+    pressure: Grid<f32>,
+    /// Where `displacement` is known.
+    seen: Rect,
+    /// mm.
+    displacement: Grid<f32>,
+    converged: bool,
+    iterations: u32,
+    residual_mm: f32,
+}
+
+impl Solution {
+    /// Notes the largest violation of the contact conditions; where, outside the contact's box, the object reaches through
+    /// the surface by more than `accepted`.
+    fn check(&mut self, overlap: &Grid<f32>, accepted: f32) -> Rect {
+        let Rect { x0, x1, .. } = self.seen;
+        let mut missed = Rect::default();
+        let mut touching = vec![0.0; x1 - x0];
+        self.residual_mm = 0.0;
+        for y in self.seen.y0..self.seen.y1 {
+            let inside = (self.contact_box.y0..self.contact_box.y1).contains(&y);
+            touching.fill(0.0);
+            if inside {
+                let row = self.pressure.row(y - self.contact_box.y0);
+                touching[self.contact_box.x0 - x0..][..row.len()].copy_from_slice(row);
+            }
+            let (w, g) = (self.displacement.row(y - self.seen.y0), &overlap.row(y)[x0..x1]);
+            let (mut worst, mut through) = (0.0_f32, 0.0_f32);
+            simd_dispatch(
+                #[inline(always)]
+                || {
+                    for ((w, g), p) in w.iter().zip(g).zip(&touching) {
+                        let gap = w - g;
+                        let wrong = if *p > 0.0 { gap.abs() } else { -gap };
+                        worst = if wrong > worst { wrong } else { worst };
+                        through = if -gap > through { -gap } else { through };
+                    }
+                },
+            );
+            self.residual_mm = self.residual_mm.max(worst);
+            if through > accepted {
+                for (x, (w, g)) in (x0..x1).zip(w.iter().zip(g)) {
+                    let boxed = inside && (self.contact_box.x0..self.contact_box.x1).contains(&x);
+                    if !boxed && g - w > accepted {
+                        missed = missed.united(Rect { x0: x, y0: y, x1: x + 1, y1: y + 1 });
+                    }
+                }
+            }
+        }
+        missed
+    }
+}

@@ -1,0 +1,348 @@
+//! Tangential tractions under an object that, pressed into the pad, is moved and twisted in the pad's plane.
+//!
+//! The contact and its pressure p stay as they were pressed; what tractions do to them in turn is left out. Full stick:
+//! the surface follows the object wherever they touch (conjugate gradients, preconditioned with the inverse response).
+//! Coulomb's law: |t| <= coefficient p, the tractions being those of least energy (Kalker 1990), by accelerated
+//! projected gradients (Beck and Teboulle 2009) with restarts (O'Donoghue and Candes 2015); all of a motion in one step.
+
+use serde::{Deserialize, Serialize};
+
+use super::fft::fast_length;
+use super::inplane::{Load, Traction, layer_response};
+use super::layer::ElasticLayer;
+use super::plane::{Plane, Response, Values};
+use crate::core::base::grid::{Grid, Rect, bounding_box};
+
+/// Motion of the object in the pad's plane after the press.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// To the right and down in the image, mm.
+    pub shift_mm: [f64; 2],
+    /// From x towards y, clockwise in the image; small.
+    pub twist_rad: f64,
+    /// What it is twisted about, in the sensor's frame.
+    pub about_mm: [f64; 2],
+}
+
+/// What holds the pad to the object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Friction {
+    /// Nothing slips.
+    #[default]
+    Stick,
+    /// Slips where the traction would be larger than a multiple of the pressure.
+    Coulomb {
+        /// That multiple, 0 to 10.
+        coefficient: f64,
+    },
+}
+
+/// How tractions came about, and what they sum up to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// Iterations, those of full stick, from which Coulomb's law begins, included.
+    pub iterations: u32,
+    /// Largest distance, over the contact, of the surface from where the object or the friction law wants it.
+    pub residual_um: f64,
+    /// Whether that is within 1 um.
+    pub converged: bool,
+    /// Share of the contact that slips, 0 to 1; 0 without contact.
+    pub slipping: f64,
+    /// Tangential force on the pad over Young's modulus, mm^2.
+    pub force: [f64; 2],
+    /// Twisting moment on the pad about the point of the motion over Young's modulus, mm^3.
+    pub moment: f64,
+}
+
+/// Largest distance that is accepted, mm.
+const TOLERANCE_MM: f64 = 1e-3;
+
+/// Iterations of either method after which to give up.
+const MOST_ITERATIONS: u32 = 200;
+
+/// The longer side of the contact has at most so many pixels; half of that at least, if the pressure has.
+const CONTACT_PX: usize = 96;
+
+/// A side of the torus has at most so many pixels.
+const TORUS_PX: usize = 384;
+
+/// Room around the contact, so that the torus's copies are not felt, thicknesses.
+const ROOM: f64 = 4.0;
+
+/// A traction this close to its limit slips.
+const SLIPS_FROM: f32 = 0.999;
+
+/// The tractions that a motion needs or friction allows, on the pressure's own pixels or on a multiple of them. A
+/// contact of a few pixels is as coarse as those are; without contact there are no tractions.
+pub fn shear(layer: ElasticLayer, load: &Load, motion: Motion, friction: Friction) -> (Traction, Outcome) {
+    let part = bounding_box(&load.pressure, |p| p > 0.0);
+    let mut outcome =
+        Outcome { iterations: 0, residual_um: 0.0, converged: true, slipping: 0.0, force: [0.0; 2], moment: 0.0 };
+    if part.is_empty() {
+        return (Traction { mm_per_px: load.mm_per_px, origin_mm: load.origin_mm, ..Traction::default() }, outcome);
+    }
+    let mut grip = Grip::new(layer, load, part, motion);
+    let mut tractions = vec![[0.0; 2]; grip.points.len()];
+    let mut residual_mm = grip.stick(&mut tractions, &mut outcome.iterations);
+    if let Friction::Coulomb { coefficient } = friction {
+        let limits: Vec<f32> = grip.points.iter().map(|point| coefficient as f32 * point.pressure).collect();
+        if tractions.iter().zip(&limits).any(|(t, limit)| length(*t) > *limit) {
+            residual_mm = grip.slip(&mut tractions, &limits, &mut outcome.iterations);
+            let slips = |(t, limit): &(&[f32; 2], &f32)| length(**t) >= SLIPS_FROM * **limit;
+            let slipping = tractions.iter().zip(&limits).filter(slips).count();
+            outcome.slipping = slipping as f64 / limits.len() as f64;
+        }
+    }
+    outcome.residual_um = 1e3 * residual_mm;
+    outcome.converged = residual_mm <= TOLERANCE_MM;
+    let traction = grip.spread_out(&tractions);
+    (outcome.force, outcome.moment) = grip.sums(&tractions, motion.about_mm);
+    (traction, outcome)
+}
+
+/// A contact ready for tractions. Vectors are lists with one entry for each pixel that touches.
+struct Grip {
+    plane: Plane,
+    values: Values,
+    response: Response,
+    inverse: Response,
+    /// Pixels of the contact's box.
+    size: [usize; 2],
+    origin_mm: [f64; 2],
+    mm_per_px: [f64; 2],
+    points: Vec<Point>,
+}
+
+/// A pixel that touches.
+struct Point {
+    pixel: [usize; 2],
+    place_mm: [f64; 2],
+    /// Over Young's modulus.
+    pressure: f32,
+    /// Where the object takes it, mm.
+    wanted: [f32; 2],
+}
+
+impl Grip {
+    fn new(layer: ElasticLayer, load: &Load, part: Rect, motion: Motion) -> Self {
+        let box_px = [part.width(), part.height()];
+        let box_mm = [0, 1].map(|k| box_px[k] as f64 * load.mm_per_px[k]);
+        let widest_px_mm = box_mm[0].max(box_mm[1]) / CONTACT_PX as f64;
+        let factor = load.mm_per_px.map(|pitch| (libm::ceil(widest_px_mm / pitch - 1e-9) as usize).max(1));
+        let mm_per_px = [0, 1].map(|k| factor[k] as f64 * load.mm_per_px[k]);
+        let size = [0, 1].map(|k| box_px[k].div_ceil(factor[k]));
+        let torus = [0, 1].map(|k| {
+            let room = (ROOM * layer.thickness_mm / mm_per_px[k]).min(TORUS_PX as f64) as usize;
+            fast_length((size[k] + room).min(TORUS_PX).max(2 * size[k]))
+        });
+        let plane = Plane::new(torus);
+        let norm = 1.0 / (torus[0] * torus[1]) as f64;
+        let torus_mm = [0, 1].map(|k| torus[k] as f64 * mm_per_px[k]);
+        let response = plane.response(mm_per_px, |wave| layer_response(layer, wave, torus_mm).map(|part| part * norm));
+        let first = [part.x0, part.y0];
+        let origin_mm = std::array::from_fn(|k| {
+            load.origin_mm[k] + (first[k] as f64 + 0.5 * (factor[k] - 1) as f64) * load.mm_per_px[k]
+        });
+        let mut grip = Self {
+            values: plane.zeros(),
+            inverse: response.inverse(norm),
+            response,
+            plane,
+            size,
+            origin_mm,
+            mm_per_px,
+            points: Vec::new(),
+        };
+        grip.points = grip.touching(&thinned(&load.pressure, part, factor), motion);
+        grip
+    }
+
+    fn touching(&self, pressure: &Grid<f32>, motion: Motion) -> Vec<Point> {
+        let mut points = Vec::new();
+        for y in 0..pressure.height {
+            for (x, p) in pressure.row(y).iter().enumerate().filter(|(_, p)| **p > 0.0) {
+                let place_mm = [x, y].map(|at| at as f64);
+                let place_mm = [0, 1].map(|k| self.origin_mm[k] + place_mm[k] * self.mm_per_px[k]);
+                let from = [0, 1].map(|k| place_mm[k] - motion.about_mm[k]);
+                let turned = [-motion.twist_rad * from[1], motion.twist_rad * from[0]];
+                let wanted = [0, 1].map(|k| (motion.shift_mm[k] + turned[k]) as f32);
+                points.push(Point { pixel: [x, y], place_mm, pressure: *p, wanted });
+            }
+        }
+        points
+    }
+
+    /// Displacements in the contact under tractions in it; or roughly the way back, with the inverse.
+    fn respond(&mut self, vectors: &[[f32; 2]], back: bool) -> Vec<[f32; 2]> {
+        let [x, y] = self.values.vectors_mut();
+        x.fill(0.0);
+        y.fill(0.0);
+        for (point, vector) in self.points.iter().zip(vectors) {
+            let at = self.plane.place(point.pixel[0], point.pixel[1]);
+            [x[at], y[at]] = *vector;
+        }
+        self.plane.forward(&mut self.values);
+        self.values.respond(if back { &self.inverse } else { &self.response });
+        self.plane.back(&mut self.values);
+        let [x, y] = self.values.vectors();
+        let at = |point: &Point| self.plane.place(point.pixel[0], point.pixel[1]);
+        self.points.iter().map(|point| [x[at(point)], y[at(point)]]).collect()
+    }
+
+    /// Solves for tractions with which every point goes where it is wanted, beginning with none; the largest distance
+    /// that is left, mm.
+    fn stick(&mut self, tractions: &mut [[f32; 2]], iterations: &mut u32) -> f64 {
+        let mut left: Vec<[f32; 2]> = self.points.iter().map(|point| point.wanted).collect();
+        let mut direction = vec![[0.0; 2]; left.len()];
+        let mut last_product = 0.0;
+        loop {
+            let residual = largest(&left);
+            if residual <= TOLERANCE_MM || *iterations == MOST_ITERATIONS {
+                return residual;
+            }
+            *iterations += 1;
+            let step = self.respond(&left, true);
+            let product = dot(&left, &step);
+            let share = if last_product > 0.0 { (product / last_product) as f32 } else { 0.0 };
+            last_product = product;
+            for (d, z) in direction.iter_mut().zip(&step) {
+                *d = [0, 1].map(|k| z[k] + share * d[k]);
+            }
+            let response = self.respond(&direction, false);
+            let curvature = dot(&direction, &response);
+            let along = if curvature > 0.0 { (product / curvature) as f32 } else { return residual };
+            for (((t, d), r), u) in tractions.iter_mut().zip(&direction).zip(&mut left).zip(&response) {
+                for k in 0..2 {
+                    t[k] += along * d[k];
+                    r[k] -= along * u[k];
+                }
+            }
+        }
+    }
+
+    /// Turns tractions of full stick into those of least energy within `limits`; the largest distance, mm, by which the
+    /// law is not met.
+    fn slip(&mut self, tractions: &mut Vec<[f32; 2]>, limits: &[f32], iterations: &mut u32) -> f64 {
+        let end = *iterations + MOST_ITERATIONS;
+        for (t, limit) in tractions.iter_mut().zip(limits) {
+            *t = held(*t, *limit);
+        }
+        let mut moved = self.respond(tractions, false);
+        // How soft the contact is at most: the step must not be longer. It grows when it turns out too small.
+        let mut softest = (dot(tractions, &moved) / dot(tractions, tractions)).max(0.0);
+        if !softest.is_normal() {
+            return self.unmet(tractions, &moved, limits, 1.0);
+        }
+        // Where the next step starts from: ahead of the last one, by momentum.
+        let (mut ahead, mut ahead_moved) = (tractions.clone(), moved.clone());
+        let mut momentum = 1.0_f64;
+        loop {
+            let residual = self.unmet(tractions, &moved, limits, softest as f32);
+            if residual <= TOLERANCE_MM || *iterations >= end {
+                return residual;
+            }
+            *iterations += 1;
+            let next = self.projected(&ahead, &ahead_moved, limits, softest as f32);
+            let next_moved = self.respond(&next, false);
+            let (step, step_moved) = (difference(&next, &ahead), difference(&next_moved, &ahead_moved));
+            let curvature = dot(&step, &step_moved) / dot(&step, &step).max(f64::MIN_POSITIVE);
+            if curvature > 1.001 * softest {
+                softest = 1.2 * curvature;
+                continue;
+            }
+            let change = difference(&next, tractions);
+            let change_moved = difference(&next_moved, &moved);
+            // Momentum that leads uphill is dropped.
+            let overshot = dot(&step, &change) < 0.0;
+            let last = if overshot { 1.0 } else { momentum };
+            momentum = 0.5 * (1.0 + libm::sqrt(1.0 + 4.0 * last * last));
+            let share = if overshot { 0.0 } else { ((last - 1.0) / momentum) as f32 };
+            (*tractions, moved) = (next, next_moved);
+            ahead = sum(tractions, &change, share);
+            ahead_moved = sum(&moved, &change_moved, share);
+        }
+    }
+
+    /// One step downhill from `tractions`, which move the points by `moved`, and back within the limits.
+    fn projected(&self, tractions: &[[f32; 2]], moved: &[[f32; 2]], limits: &[f32], softest: f32) -> Vec<[f32; 2]> {
+        let points = self.points.iter().zip(limits);
+        let all = tractions.iter().zip(moved).zip(points);
+        all.map(|((t, u), (point, limit))| held([0, 1].map(|k| t[k] - (u[k] - point.wanted[k]) / softest), *limit))
+            .collect()
+    }
+
+    /// How far a step would go, as a displacement, mm: nothing where the law is met.
+    fn unmet(&self, tractions: &[[f32; 2]], moved: &[[f32; 2]], limits: &[f32], softest: f32) -> f64 {
+        let next = self.projected(tractions, moved, limits, softest);
+        f64::from(softest) * largest(&difference(&next, tractions))
+    }
+
+    fn spread_out(&self, tractions: &[[f32; 2]]) -> Traction {
+        let [width, height] = self.size;
+        let (mut x, mut y) = (Grid::new(width, height), Grid::new(width, height));
+        for (point, t) in self.points.iter().zip(tractions) {
+            let [column, row] = point.pixel;
+            [x.row_mut(row)[column], y.row_mut(row)[column]] = *t;
+        }
+        Traction { x, y, origin_mm: self.origin_mm, mm_per_px: self.mm_per_px }
+    }
+
+    /// Force and moment.
+    fn sums(&self, tractions: &[[f32; 2]], about_mm: [f64; 2]) -> ([f64; 2], f64) {
+        let area = self.mm_per_px[0] * self.mm_per_px[1];
+        let (mut force, mut moment) = ([0.0; 2], 0.0);
+        for (point, t) in self.points.iter().zip(tractions) {
+            let [fx, fy] = t.map(|part| area * f64::from(part));
+            force = [force[0] + fx, force[1] + fy];
+            moment += (point.place_mm[0] - about_mm[0]) * fy - (point.place_mm[1] - about_mm[1]) * fx;
+        }
+        (force, moment)
+    }
+}
+
+/// Means over blocks of `factor` pixels of the part `part`, so that the force stays. A block touches if any pixel does,
+/// which makes a contact wider by 2 % at most, and loses no thin part of it.
+fn thinned(pressure: &Grid<f32>, part: Rect, factor: [usize; 2]) -> Grid<f32> {
+    let mut out = Grid::new(part.width().div_ceil(factor[0]), part.height().div_ceil(factor[1]));
+    let share = 1.0 / (factor[0] * factor[1]) as f32;
+    for y in part.y0..part.y1 {
+        let to = out.row_mut((y - part.y0) / factor[1]);
+        for (x, p) in pressure.row(y)[part.x0..part.x1].iter().enumerate() {
+            to[x / factor[0]] += share * p.max(0.0);
+        }
+    }
+    out
+}
+
+fn length([x, y]: [f32; 2]) -> f32 {
+    (x * x + y * y).sqrt()
+}
+
+/// The nearest vector that is no longer than `limit`.
+fn held(vector: [f32; 2], limit: f32) -> [f32; 2] {
+    let long = length(vector);
+    if long > limit { vector.map(|part| part * (limit / long)) } else { vector }
+}
+
+fn largest(vectors: &[[f32; 2]]) -> f64 {
+    // A NaN must not pass for a small number.
+    vectors
+        .iter()
+        .map(|v| length(*v))
+        .fold(0.0, |most: f32, long| if long <= most || most.is_nan() { most } else { long })
+        .into()
+}
+
+fn dot(a: &[[f32; 2]], b: &[[f32; 2]]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1])).sum()
+}
+
+fn difference(a: &[[f32; 2]], b: &[[f32; 2]]) -> Vec<[f32; 2]> {
+    sum(a, b, -1.0)
+}
+
+fn sum(a: &[[f32; 2]], b: &[[f32; 2]], share: f32) -> Vec<[f32; 2]> {
+    a.iter().zip(b).map(|(a, b)| [a[0] + share * b[0], a[1] + share * b[1]]).collect()
+}

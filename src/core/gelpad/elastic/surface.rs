@@ -1,0 +1,167 @@
+//! From the solver's grid to the camera's: surface, contact mask, pressure and force in view.
+//!
+//! On the camera's own grid this is a copy. From a coarser one the surface is interpolated, and goes over to the
+//! object's own surface where the two are in contact; pressures are interpolated so that the force stays the solver's.
+
+use std::borrow::Cow;
+
+use super::resample::{Lattice, Shape};
+use super::{Pad, Solution};
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::depth::Depth;
+use crate::core::gelpad::Contact;
+
+impl Pad {
+    /// Takes a solution to the camera's grid: the object's own surface where they touch, the pad's elsewhere.
+    pub(super) fn fill(&self, solution: &Solution, depth: &Depth, seen: Rect, lattice: Lattice, contact: &mut Contact) {
+        let (width, height) = (contact.surface.width, contact.surface.height);
+        contact.region = Rect::whole(width, height);
+        let (area, pressure) = match lattice.factor {
+            1 => {
+                let Rect { x0, y0, .. } = solution.seen;
+                let there = seen.seen_from(x0, y0, solution.displacement.width, solution.displacement.height);
+                contact.surface = solution.displacement.crop(there);
+                (solution.contact_box, Cow::Borrowed(&solution.pressure))
+            }
+            // The object touches between the solver's pixels only.
+            _ if solution.contact_box.is_empty() => (Rect::default(), Cow::Borrowed(&solution.pressure)),
+            _ => {
+                let fine = [depth.overlap.width, depth.overlap.height];
+                contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, fine, Shape::Cubic);
+                let area = lattice.covered_by(solution.contact_box, fine);
+                let highest = -contact.bulge_mm;
+                let pressure = self.enlarge_pressure(solution, depth, area, seen, highest, &mut contact.surface);
+                (area, Cow::Owned(pressure))
+            }
+        };
+        let on_object = lattice.factor == 1;
+        let youngs_modulus_kpa = self.youngs_modulus_kpa as f32;
+        let mut in_view = Grid::new(width - 2 * SURFACE_BORDER, height - 2 * SURFACE_BORDER);
+        let mut touching = vec![0_u8; width];
+        let through = (self.elastic.tolerance_um * 1e-3) as f32;
+        // The part of the surface that pressure is known for, in its own columns and rows.
+        let pressed = area.seen_from(seen.x0, seen.y0, width, height);
+        let (mut force, mut peak, mut not_finite) = (0.0, 0.0_f32, 0_u32);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in 0..height {
+                    let object = &depth.overlap.row(seen.y0 + y)[seen.x0..seen.x1];
+                    let surface = contact.surface.row_mut(y);
+                    touching.fill(0);
+                    if !on_object {
+                        // What reaches through an interpolated surface touches it, even if the solver's grid missed it.
+                        for ((touching, w), g) in touching.iter_mut().zip(&*surface).zip(object) {
+                            *touching = if g - w > through { 255 } else { 0 };
+                        }
+                    }
+                    for (w, g) in surface.iter_mut().zip(object) {
+                        *w = if *g > *w { *g } else { *w };
+                        not_finite += u32::from(*w * 0.0 != 0.0);
+                    }
+                    let columns = pressed.x0..pressed.x1;
+                    let in_contact = (pressed.y0..pressed.y1).contains(&y);
+                    if in_contact {
+                        let from = &pressure.row(seen.y0 + y - area.y0)[seen.x0 + columns.start - area.x0..];
+                        let rows = touching[columns.clone()].iter_mut().zip(&mut surface[columns.clone()]);
+                        for (((touching, w), g), p) in rows.zip(&object[columns.clone()]).zip(from) {
+                            *touching = if *p > 0.0 { 255 } else { *touching };
+                            // On the solver's own grid, what touches lies on the object.
+                            *w = if (*p > 0.0) & on_object { *g } else { *w };
+                        }
+                    }
+                    if y < SURFACE_BORDER || y + SURFACE_BORDER >= height {
+                        continue;
+                    }
+                    let inside = SURFACE_BORDER..width - SURFACE_BORDER;
+                    contact.mask.row_mut(y - SURFACE_BORDER).copy_from_slice(&touching[inside.clone()]);
+                    if in_contact {
+                        let columns = columns.start.max(inside.start)..columns.end.min(inside.end);
+                        let from = &pressure.row(seen.y0 + y - area.y0)[seen.x0 + columns.start - area.x0..];
+                        let kpa = &mut in_view.row_mut(y - SURFACE_BORDER)
+                            [columns.start - SURFACE_BORDER..columns.end - SURFACE_BORDER];
+                        for (kpa, p) in kpa.iter_mut().zip(from) {
+                            *kpa = p * youngs_modulus_kpa;
+                        }
+                        // Eight sums at a time, the same on every processor.
+                        let mut sums = [0.0_f64; 8];
+                        let (eights, rest) = kpa.as_chunks::<8>();
+                        for eight in eights.iter().map(|eight| &eight[..]).chain([rest]) {
+                            for (sum, kpa) in sums.iter_mut().zip(eight) {
+                                *sum += f64::from(*kpa);
+                                peak = if *kpa > peak { *kpa } else { peak };
+                            }
+                        }
+                        force += sums.iter().sum::<f64>();
+                    }
+                }
+            },
+        );
+        // kPa mm^2 are mN.
+        contact.force_n = Some(force * self.mm_per_px[0] * self.mm_per_px[1] * 1e-3);
+        contact.peak_pressure_kpa = Some(f64::from(peak));
+        contact.pressure = Some(in_view);
+        contact.finite = not_finite == 0 && force.is_finite();
+    }
+
+    /// Pressure on the camera's grid within `area`. Half-way to the next coarse pixel that touches, a pixel touches too,
+    /// unless the object ends before it; from there to the coarse pixel the surface goes over to the object's own, but to
+    /// no higher place than the pad's `highest`.
+    fn enlarge_pressure(
+        &self,
+        solution: &Solution,
+        depth: &Depth,
+        area: Rect,
+        seen: Rect,
+        highest: f32,
+        surface: &mut Grid<f32>,
+    ) -> Grid<f32> {
+        let lattice = Lattice::new(self.elastic.resolution);
+        let fine = [depth.overlap.width, depth.overlap.height];
+        let mut touching = solution.pressure.clone();
+        for value in &mut touching.data {
+            *value = if *value > 0.0 { 1.0 } else { 0.0 };
+        }
+        let enlarge = |values| lattice.enlarge(values, solution.contact_box, area, fine, Shape::Linear);
+        let (touching, mut pressure) = (enlarge(&touching), enlarge(&solution.pressure));
+        let close = self.close_mm();
+        let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
+        if visible.is_empty() {
+            return pressure;
+        }
+        let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
+        let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
+        let mut fine_sum = 0.0;
+        for y in rows.y0..rows.y1 {
+            let object = &depth.overlap.row(y)[columns.clone()];
+            let inside = columns.start - area.x0..columns.end - area.x0;
+            let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
+            let touching = &touching.row(y - area.y0)[inside.clone()];
+            let pressure = &mut pressure.row_mut(y - area.y0)[inside];
+            for (((p, touching), w), g) in pressure.iter_mut().zip(touching).zip(surface).zip(object) {
+                let gap = *w - g;
+                *p = if (*touching >= 0.5) & (gap < close) & (*g >= highest) { *p } else { 0.0 };
+                let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
+                *w -= share * gap.min((*w - highest).max(0.0));
+                fine_sum += f64::from(*p);
+            }
+        }
+        // Where an edge cut pressure off, the rest carries it: the force is the solver's.
+        let mut coarse_sum = 0.0;
+        let part = lattice.inside(Rect { x0: columns.start, x1: columns.end, ..rows }, fine);
+        for y in part.y0.max(solution.contact_box.y0)..part.y1.min(solution.contact_box.y1) {
+            let Rect { x0, x1, .. } = solution.contact_box;
+            let row = solution.pressure.row(y - solution.contact_box.y0);
+            let from = part.x0.clamp(x0, x1) - x0..part.x1.clamp(x0, x1) - x0;
+            coarse_sum += row[from].iter().map(|p| f64::from(*p)).sum::<f64>();
+        }
+        let scale = coarse_sum * (lattice.factor * lattice.factor) as f64 / fine_sum;
+        // A sliver of contact at the view's border is not worth a factor.
+        if (0.5..=2.0).contains(&scale) {
+            pressure.data.iter_mut().for_each(|p| *p *= scale as f32);
+        }
+        pressure
+    }
+}

@@ -1,0 +1,119 @@
+//! The pad as a pyramid of Gaussian blurs of the depth map, the contact restored after each.
+//!
+//! Source: Si and Yuan (2022), "Taxim: an example-based simulation model for GelSight tactile sensors", section III-B:
+//! blurs from wide to narrow, each followed by putting the object's own surface back where it reaches into the pad, and
+//! a last narrow one that softens the rim. Nearer to a soft pad than a mean blur, but it cannot bulge, takes the whole
+//! overlap for contact, and knows no force.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Contact, Numerics, untouched};
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::depth::Depth;
+
+/// Parameters of the pyramid.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct Gaussian {
+    /// Widths of the blurs, px, odd, 1 to 255, in the order in which they are applied; up to 8. Taxim's: 51, 21, 11, 5.
+    pub kernels_px: Vec<u32>,
+    /// Width of the last blur, px, odd, 1 to 255. Taxim's: 5.
+    pub smoothing_px: u32,
+}
+
+impl Default for Gaussian {
+    fn default() -> Self {
+        Self { kernels_px: vec![51, 21, 11, 5], smoothing_px: 5 }
+    }
+}
+
+impl Gaussian {
+    /// How far a value spreads, px.
+    pub fn reach_px(&self) -> usize {
+        self.kernels_px.iter().chain([&self.smoothing_px]).map(|width| *width as usize / 2).sum()
+    }
+}
+
+/// Presses the object into the pad.
+pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
+    let margin = depth.margin_px;
+    let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
+    let mut contact = untouched(width, height, None, Numerics::DIRECT);
+    let area = depth.touching.grown(gaussian.reach_px(), depth.overlap.width, depth.overlap.height);
+    let corner = margin - SURFACE_BORDER;
+    contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
+    if contact.region.is_empty() {
+        return contact;
+    }
+    let overlap = depth.overlap.crop(area);
+    let mut surface = overlap.clone();
+    let mut spare = Grid::new(surface.width, surface.height);
+    for kernel_px in &gaussian.kernels_px {
+        blur(&mut surface, &mut spare, *kernel_px);
+        for (surface, object) in surface.data.iter_mut().zip(&overlap.data) {
+            *surface = if *object > 0.0 { *object } else { *surface };
+        }
+    }
+    blur(&mut surface, &mut spare, gaussian.smoothing_px);
+    contact.finite = surface.data.iter().all(|value| value.is_finite());
+    let window =
+        Rect { x0: corner, y0: corner, x1: corner + contact.surface.width, y1: corner + contact.surface.height };
+    contact.surface.paste(&surface, area, window);
+    for y in 0..height {
+        let object = &depth.overlap.row(margin + y)[margin..margin + width];
+        for (mask, overlap) in contact.mask.row_mut(y).iter_mut().zip(object) {
+            *mask = if *overlap > 0.0 { 255 } else { 0 };
+        }
+    }
+    contact
+}
+
+/// One side of a Gaussian of `width` px from its middle on, as OpenCV chooses it: sigma grows by 0.15 px with each.
+fn weights(width: u32) -> Vec<f32> {
+    let sigma = 0.3 * ((f64::from(width) - 1.0) * 0.5 - 1.0) + 0.8;
+    let value = |k: u32| libm::exp(-0.5 * f64::from(k * k) / (sigma * sigma));
+    let sum = value(0) + 2.0 * (1..=width / 2).map(value).sum::<f64>();
+    (0..=width / 2).map(|k| (value(k) / sum) as f32).collect()
+}
+
+/// Blurs in place; beyond the image the depth is 0.
+fn blur(image: &mut Grid<f32>, spare: &mut Grid<f32>, width_px: u32) {
+    let weights = weights(width_px);
+    let reach = weights.len() - 1;
+    let (width, height) = (image.width, image.height);
+    let mut padded = vec![0.0; width + 2 * reach];
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for y in 0..height {
+                let out = spare.row_mut(y);
+                padded[reach..reach + width].copy_from_slice(image.row(y));
+                for (value, middle) in out.iter_mut().zip(&padded[reach..]) {
+                    *value = weights[0] * middle;
+                }
+                for (k, weight) in weights.iter().enumerate().skip(1) {
+                    let (before, after) = (&padded[reach - k..][..width], &padded[reach + k..][..width]);
+                    for ((value, before), after) in out.iter_mut().zip(before).zip(after) {
+                        *value += weight * (before + after);
+                    }
+                }
+            }
+            for y in 0..height {
+                let out = image.row_mut(y);
+                for (value, middle) in out.iter_mut().zip(spare.row(y)) {
+                    *value = weights[0] * middle;
+                }
+                for (k, weight) in weights.iter().enumerate().skip(1) {
+                    for row in [y.checked_sub(k), Some(y + k)].into_iter().flatten().filter(|row| *row < height) {
+                        for (value, other) in out.iter_mut().zip(spare.row(row)) {
+                            *value += weight * other;
+                        }
+                    }
+                }
+            }
+        },
+    );
+}

@@ -1,0 +1,226 @@
+//! From overlap to surface: what shape the pad takes under and around the object.
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::depth::{Depth, Window};
+use crate::core::effects::{Effect, EffectLog, Requirement};
+
+pub mod elastic;
+pub mod gaussian;
+pub mod material;
+pub mod mean_blur;
+pub mod none;
+pub mod tangential;
+
+use crate::core::base::simd::simd_dispatch;
+use elastic::Elastic;
+use elastic::inplane::{InPlane, Load};
+use elastic::layer::ElasticLayer;
+use gaussian::Gaussian;
+use material::Material;
+use mean_blur::MeanBlur;
+use none::NoDeformation;
+use tangential::TangentialMotion;
+
+/// The models of the gelpad.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// The object's own shape where it reaches into the pad, flat elsewhere.
+    None(NoDeformation),
+    /// Repeated mean blur of the depth map (Gomes, Wilson and Luo 2019).
+    MeanBlur(MeanBlur),
+    /// Pyramid of Gaussian blurs with the contact restored (Si and Yuan 2022).
+    Gaussian(Gaussian),
+    /// Bonded elastic layer in frictionless contact.
+    Elastic(Elastic),
+}
+
+impl Model {
+    /// Its name in jobs and labels.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::None(_) => "none",
+            Self::MeanBlur(_) => "mean_blur",
+            Self::Gaussian(_) => "gaussian",
+            Self::Elastic(_) => "elastic",
+        }
+    }
+
+    /// True if the model knows the pressure between pad and object.
+    pub fn knows_pressure(&self) -> bool {
+        matches!(self, Self::Elastic(_))
+    }
+}
+
+/// A model made ready for one sensor: everything that is the same for every sample.
+pub enum Pad {
+    /// See [`Model::None`].
+    None,
+    /// See [`Model::MeanBlur`].
+    MeanBlur(MeanBlur),
+    /// See [`Model::Gaussian`].
+    Gaussian(Gaussian),
+    /// See [`Model::Elastic`].
+    Elastic(Box<elastic::Pad>),
+}
+
+impl Pad {
+    /// Prepares `model` for a pad of `material`.
+    pub fn new(model: &Model, material: &Material, view: &View) -> Self {
+        match model {
+            Model::None(_) => Self::None,
+            Model::MeanBlur(blur) => Self::MeanBlur(*blur),
+            Model::Gaussian(gaussian) => Self::Gaussian(gaussian.clone()),
+            Model::Elastic(elastic) => Self::Elastic(Box::new(elastic::Pad::new(elastic, material, view))),
+        }
+    }
+
+    /// What of an object pressed in by `depth_mm` the model has to know.
+    pub fn window(&self, depth_mm: f64) -> Window {
+        match self {
+            Self::None => Window { margin_px: SURFACE_BORDER, above_mm: 0.0 },
+            Self::MeanBlur(blur) => Window { margin_px: blur.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
+            Self::Gaussian(gaussian) => Window { margin_px: gaussian.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
+            Self::Elastic(pad) => pad.window(depth_mm),
+        }
+    }
+
+    /// A window that reaches higher, if the pad bulged up to where nothing is known of the object.
+    pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
+        match self {
+            Self::Elastic(pad) => pad.higher(window, contact),
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
+    /// In-plane motion of the pad, if the model knows the pressures that cause it.
+    pub fn in_plane(&self, material: &Material, field_of_view_mm: [f64; 2], view: &View) -> Option<InPlane> {
+        match self {
+            Self::Elastic(_) => Some(InPlane::new(ElasticLayer::new(material), field_of_view_mm, view.mm_per_px)),
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
+    /// Presses the object into the pad: `depth` is the overlap in [`Pad::window`].
+    pub fn press(&self, depth: &Depth) -> Contact {
+        match self {
+            Self::None => none::press(depth),
+            Self::MeanBlur(blur) => mean_blur::press(blur, depth),
+            Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
+            Self::Elastic(pad) => pad.press(depth),
+        }
+    }
+}
+
+/// The pad under an object that overlaps it.
+pub fn deform(pad: &Pad, depth: &Depth, effects: &mut EffectLog) -> Contact {
+    let need = match pad {
+        Pad::None => Requirement::Absent("the gelpad model has none"),
+        _ if depth.touching.is_empty() => Requirement::Unneeded("nothing reaches into the pad"),
+        _ => Requirement::Needed("the object reaches into the pad"),
+    };
+    // What a model makes of nothing is its own business: it knows which numbers it would give.
+    match effects.enable(Effect::Deformation, need) || depth.touching.is_empty() {
+        true => effects.timed(Effect::Deformation, || pad.press(depth)),
+        false => none::press(depth),
+    }
+}
+
+/// The pad after the press.
+#[derive(Clone, Debug)]
+pub struct Contact {
+    /// Displacement of the surface, mm, positive into the pad, in the view and [`SURFACE_BORDER`] around it.
+    pub surface: Grid<f32>,
+    /// Where, in `surface`, it may differ from 0: outside it is 0 exactly. Empty without contact.
+    pub region: Rect,
+    /// How high the pad bulges over its undeformed surface, in view or beyond, mm.
+    pub bulge_mm: f32,
+    /// True if every number in `surface` is finite.
+    pub finite: bool,
+    /// 255 where the pad touches the object, in the view.
+    pub mask: Grid<u8>,
+    /// Pressure over Young's modulus on the solver's own grid, in view and beyond, if the model knows it and there is any
+    /// contact.
+    pub load: Option<Load>,
+    /// How the press moved the surface in its own plane, if something shows it and the model knows.
+    pub tangential: Option<TangentialMotion>,
+    /// Pressure between pad and object, kPa, in the view, if the model knows it and there is any contact.
+    pub pressure: Option<Grid<f32>>,
+    /// Normal force on the part in view, N, if the model knows it.
+    pub force_n: Option<f64>,
+    /// Largest pressure in view, kPa, if the model knows it.
+    pub peak_pressure_kpa: Option<f64>,
+    /// What the model says of its own solution.
+    pub numerics: Numerics,
+}
+
+impl Contact {
+    /// Lowest and highest displacement of the surface in view, mm; numbers that are none do not count.
+    pub fn range_mm(&self) -> [f32; 2] {
+        let mut range = [0.0_f32; 2];
+        let Rect { x0, y0, x1, y1 } = self.region;
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in y0..y1 {
+                    // Eight at a time, which the compiler makes one vector of.
+                    let mut lanes = [[0.0_f32; 8]; 2];
+                    let row = &self.surface.row(y)[x0..x1];
+                    let chunks = row.chunks_exact(8);
+                    for w in chunks.remainder() {
+                        range = [range[0].min(*w), range[1].max(*w)];
+                    }
+                    for chunk in chunks {
+                        for (lane, w) in chunk.iter().enumerate() {
+                            lanes[0][lane] = lanes[0][lane].min(*w);
+                            lanes[1][lane] = lanes[1][lane].max(*w);
+                        }
+                    }
+                    range[0] = lanes[0].iter().fold(range[0], |lowest, w| lowest.min(*w));
+                    range[1] = lanes[1].iter().fold(range[1], |highest, w| highest.max(*w));
+                }
+            },
+        );
+        range
+    }
+}
+
+/// Honest numbers about a solution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numerics {
+    /// The model reached its tolerance; true for models without iteration.
+    pub converged: bool,
+    /// Iterations taken; 0 for models without iteration.
+    pub iterations: u32,
+    /// Largest violation of the contact conditions, um, if the model has any.
+    pub residual_um: Option<f64>,
+    /// Predicted error of the model's theory, um, if it is known.
+    pub model_error_um: Option<f64>,
+}
+
+impl Numerics {
+    /// Those of a model that does not iterate and knows no error of its own.
+    pub const DIRECT: Self = Self { converged: true, iterations: 0, residual_um: None, model_error_um: None };
+}
+
+/// What [`Contact`] is without any: a flat pad.
+pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Numerics) -> Contact {
+    Contact {
+        surface: Grid::new(width + 2 * SURFACE_BORDER, height + 2 * SURFACE_BORDER),
+        region: Rect::default(),
+        bulge_mm: 0.0,
+        finite: true,
+        mask: Grid::new(width, height),
+        load: None,
+        tangential: None,
+        pressure: None,
+        force_n,
+        peak_pressure_kpa: force_n,
+        numerics,
+    }
+}

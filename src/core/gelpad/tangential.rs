@@ -1,0 +1,56 @@
+//! Motion of the pad's surface in its own plane: what pressure pushes aside, and what an object that is pushed or turned
+//! takes along.
+
+use super::elastic::inplane::{Field, InPlane, Load};
+use super::elastic::layer::ElasticLayer;
+use super::elastic::shear::{self, Friction, Motion};
+use super::material::Material;
+use crate::core::effects::{Effect, EffectLog, Requirement};
+
+/// Motion of the pad's surface in its own plane.
+#[derive(Clone, Debug)]
+pub struct TangentialMotion {
+    /// The motion.
+    pub field: Field,
+    /// What pushing and turning the object did, if it was.
+    pub shear: Option<shear::Outcome>,
+}
+
+/// How an object moves in the pad's plane after it was pressed in, and what holds the pad to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shear {
+    /// The motion.
+    pub motion: Motion,
+    /// The friction.
+    pub friction: Friction,
+}
+
+/// How a press moves the pad in its plane. `None` where nothing would show it, or no model knows. Without `shear` no press
+/// of the kind has any.
+pub fn tangential(
+    in_plane: Option<&InPlane>,
+    material: &Material,
+    load: Option<&Load>,
+    shear: Option<&Shear>,
+    effects: &mut EffectLog,
+) -> Option<TangentialMotion> {
+    let still = |shear: &Shear| shear.motion.shift_mm == [0.0; 2] && shear.motion.twist_rad == 0.0;
+    let need = match (shear, in_plane, load) {
+        (None, ..) => Requirement::Absent("the job moves no object"),
+        (_, None, _) => Requirement::Absent("no marker shows it, or the gelpad model knows no traction"),
+        (.., None) => Requirement::Unneeded("nothing touches the pad"),
+        (Some(shear), ..) if still(shear) => Requirement::Unneeded("this sample's object is not moved"),
+        _ => Requirement::Needed("markers follow the object"),
+    };
+    let moves = effects.enable(Effect::Shear, need);
+    let (in_plane, load) = in_plane.zip(load)?;
+    let mut field = effects.timed(Effect::Markers, || in_plane.under_pressure(load));
+    let shear = shear.filter(|_| moves).map(|Shear { motion, friction }| {
+        effects.timed(Effect::Shear, || {
+            let (traction, outcome) = shear::shear(ElasticLayer::new(material), load, *motion, *friction);
+            field.add(&in_plane.under_traction(&traction));
+            outcome
+        })
+    });
+    Some(TangentialMotion { field, shear })
+}

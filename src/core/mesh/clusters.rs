@@ -1,0 +1,243 @@
+//! A mesh ready to be captured: clusters of neighbouring triangles under a bounding-volume hierarchy.
+//!
+//! Up to 128 triangles that are neighbours along a Morton curve form a cluster with vertices of its own, so that a
+//! pose transforms each vertex about once and a whole cluster is culled by one box. The hierarchy over the boxes is
+//! obvhs' (PLOC). A mesh without two equal triangles (see [`super::cleaning`]) keeps its build away from quadratic time.
+
+use glam::Vec3A;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use std::fmt;
+
+use super::cleaning::Mesh;
+
+/// Most triangles in a cluster.
+pub const MAX_TRIANGLES: usize = 128;
+/// Most vertices in a cluster: their numbers fit a byte.
+pub const MAX_VERTICES: usize = 128;
+
+/// Triangles over vertices of their own.
+#[derive(Clone, Copy, Debug)]
+pub struct Cluster {
+    first_vertex: u32,
+    first_triangle: u32,
+    vertex_count: u8,
+    triangle_count: u8,
+}
+
+/// The clusters of a mesh.
+pub struct Clusters {
+    hierarchy: Bvh2,
+    clusters: Vec<Cluster>,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    corners: Vec<[u8; 3]>,
+    centre_mm: [f64; 3],
+}
+
+/// One cluster's geometry, mm relative to the object's centre.
+#[derive(Clone, Copy)]
+pub struct Part<'a> {
+    /// x of its vertices.
+    pub x: &'a [f32],
+    /// y of its vertices.
+    pub y: &'a [f32],
+    /// z of its vertices.
+    pub z: &'a [f32],
+    /// Its triangles, as numbers of vertices.
+    pub corners: &'a [[u8; 3]],
+}
+
+impl fmt::Debug for Clusters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Clusters").finish_non_exhaustive()
+    }
+}
+
+impl Clusters {
+    /// Divides a mesh into clusters.
+    pub fn new(mesh: &Mesh) -> Self {
+        let mut order = morton_order(mesh);
+        let mut built = Self {
+            hierarchy: Bvh2::default(),
+            clusters: Vec::with_capacity(order.len() / 100 + 1),
+            x: Vec::with_capacity(mesh.vertices.len() * 5 / 4),
+            y: Vec::with_capacity(mesh.vertices.len() * 5 / 4),
+            z: Vec::with_capacity(mesh.vertices.len() * 5 / 4),
+            corners: Vec::with_capacity(order.len()),
+            centre_mm: mesh.centre_mm,
+        };
+        // For each vertex of the mesh: the cluster that copied it last, and its number there.
+        let mut seen = vec![(u32::MAX, 0_u8); mesh.vertices.len()];
+        let mut open = Cluster { first_vertex: 0, first_triangle: 0, vertex_count: 0, triangle_count: 0 };
+        let mut boxes = Vec::new();
+        for index in order.drain(..) {
+            let triangle = mesh.triangles[index as usize];
+            let id = built.clusters.len() as u32;
+            let new = triangle.iter().filter(|&&v| seen[v as usize].0 != id).count();
+            let full = open.triangle_count as usize == MAX_TRIANGLES || open.vertex_count as usize + new > MAX_VERTICES;
+            if full {
+                boxes.push(built.close(open));
+                open = Cluster {
+                    first_vertex: built.x.len() as u32,
+                    first_triangle: built.corners.len() as u32,
+                    vertex_count: 0,
+                    triangle_count: 0,
+                };
+            }
+            let id = built.clusters.len() as u32;
+            let corners = triangle.map(|v| {
+                let slot = &mut seen[v as usize];
+                if slot.0 != id {
+                    *slot = (id, open.vertex_count);
+                    open.vertex_count += 1;
+                    let [x, y, z] = mesh.vertices[v as usize];
+                    built.x.push(x);
+                    built.y.push(y);
+                    built.z.push(z);
+                }
+                slot.1
+            });
+            built.corners.push(corners);
+            open.triangle_count += 1;
+        }
+        boxes.push(built.close(open));
+        let numbers: Vec<u32> = (0..boxes.len() as u32).collect();
+        built.hierarchy = PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, numbers, SortPrecision::U64, 0);
+        built
+    }
+
+    fn close(&mut self, cluster: Cluster) -> Aabb {
+        let vertices = cluster.first_vertex as usize..self.x.len();
+        let mut bounds = Aabb::empty();
+        for at in vertices {
+            bounds.extend(Vec3A::new(self.x[at], self.y[at], self.z[at]));
+        }
+        self.clusters.push(cluster);
+        bounds
+    }
+
+    /// The point of the object's own frame that all coordinates here are relative to, mm.
+    pub fn centre_mm(&self) -> [f64; 3] {
+        self.centre_mm
+    }
+
+    /// Calls `visit` with every part whose box, and all boxes around it, pass `keep(min, max)`.
+    #[inline(always)]
+    pub fn query<'a>(&'a self, mut keep: impl FnMut([f32; 3], [f32; 3]) -> bool, mut visit: impl FnMut(Part<'a>)) {
+        let mut stack = vec![0_usize];
+        while let Some(at) = stack.pop() {
+            let Some(node) = self.hierarchy.nodes.get(at) else { continue };
+            if !keep(node.aabb().min.to_array(), node.aabb().max.to_array()) {
+                continue;
+            }
+            let first = node.first_index as usize;
+            if node.is_leaf() {
+                for &cluster in &self.hierarchy.primitive_indices[first..first + node.prim_count as usize] {
+                    visit(self.part(self.clusters[cluster as usize]));
+                }
+            } else {
+                stack.extend([first + 1, first]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn part(&self, cluster: Cluster) -> Part<'_> {
+        let vertices = cluster.first_vertex as usize..cluster.first_vertex as usize + cluster.vertex_count as usize;
+        let triangles =
+            cluster.first_triangle as usize..cluster.first_triangle as usize + cluster.triangle_count as usize;
+        Part {
+            x: &self.x[vertices.clone()],
+            y: &self.y[vertices.clone()],
+            z: &self.z[vertices],
+            corners: &self.corners[triangles],
+        }
+    }
+
+    /// The largest value of `direction . vertex`, with vertices relative to [`Clusters::centre_mm`].
+    pub fn extreme(&self, direction: [f64; 3]) -> f64 {
+        let best = std::cell::Cell::new(f64::NEG_INFINITY);
+        self.query(
+            |min, max| {
+                let bound: f64 =
+                    (0..3).map(|k| (direction[k] * f64::from(min[k])).max(direction[k] * f64::from(max[k]))).sum();
+                bound > best.get()
+            },
+            |part| {
+                for ((x, y), z) in part.x.iter().zip(part.y).zip(part.z) {
+                    let along =
+                        direction[0] * f64::from(*x) + direction[1] * f64::from(*y) + direction[2] * f64::from(*z);
+                    best.set(best.get().max(along));
+                }
+            },
+        );
+        best.get()
+    }
+
+    /// Mean of the vertices whose `direction . vertex` is within `slack` of `extreme`, relative to the centre.
+    pub fn extreme_point(&self, direction: [f64; 3], extreme: f64, slack: f64) -> [f64; 3] {
+        let (mut sum, mut count) = ([0.0; 3], 0.0);
+        self.query(
+            |min, max| {
+                let bound: f64 =
+                    (0..3).map(|k| (direction[k] * f64::from(min[k])).max(direction[k] * f64::from(max[k]))).sum();
+                bound >= extreme - slack
+            },
+            |part| {
+                for at in 0..part.x.len() {
+                    let vertex = [part.x[at], part.y[at], part.z[at]].map(f64::from);
+                    let along: f64 = (0..3).map(|k| direction[k] * vertex[k]).sum();
+                    if along >= extreme - slack {
+                        (0..3).for_each(|k| sum[k] += vertex[k]);
+                        count += 1.0;
+                    }
+                }
+            },
+        );
+        sum.map(|total: f64| total / f64::max(count, 1.0))
+    }
+}
+
+/// Numbers of the triangles along a Morton (Z-order) curve through their centres.
+fn morton_order(mesh: &Mesh) -> Vec<u32> {
+    const BITS: u32 = 21;
+    let mut min = [f32::INFINITY; 3];
+    let mut max = [f32::NEG_INFINITY; 3];
+    for vertex in &mesh.vertices {
+        for k in 0..3 {
+            min[k] = min[k].min(vertex[k]);
+            max[k] = max[k].max(vertex[k]);
+        }
+    }
+    let size = (0..3).map(|k| f64::from(max[k]) - f64::from(min[k])).fold(f64::MIN_POSITIVE, f64::max);
+    let scale = f64::from((1_u32 << BITS) - 1) / size;
+    let mut keyed: Vec<(u64, u32)> = mesh
+        .triangles
+        .iter()
+        .enumerate()
+        .map(|(index, triangle)| {
+            let mut key = 0;
+            for (k, min) in min.iter().enumerate() {
+                let sum: f64 = triangle.iter().map(|&v| f64::from(mesh.vertices[v as usize][k])).sum();
+                key |= spread(((sum / 3.0 - f64::from(*min)) * scale) as u64) << k;
+            }
+            (key, index as u32)
+        })
+        .collect();
+    // The number breaks ties, so an unstable sort has one result.
+    keyed.sort_unstable();
+    keyed.into_iter().map(|(_, index)| index).collect()
+}
+
+/// Puts two zero bits between each two of the lowest 21 bits.
+fn spread(bits: u64) -> u64 {
+    let mut v = bits & 0x1f_ffff;
+    v = (v | v << 32) & 0x001f_0000_0000_ffff;
+    v = (v | v << 16) & 0x001f_0000_ff00_00ff;
+    v = (v | v << 8) & 0x100f_00f0_0f00_f00f;
+    v = (v | v << 4) & 0x10c3_0c30_c30c_30c3;
+    (v | v << 2) & 0x1249_2492_4924_9249
+}

@@ -1,0 +1,13 @@
+//! The simulator: a pure library from an indenter to a tactile image. It knows no file, no job and no random distribution.
+
+pub mod base;
+pub mod camera;
+pub mod depth;
+pub mod effects;
+pub mod fidelity;
+pub mod gelpad;
+pub mod mesh;
+pub mod optics;
+pub mod pose;
+pub mod sensor;
+pub mod simulator;

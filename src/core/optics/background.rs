@@ -1,0 +1,135 @@
+//! The picture of the untouched pad: a photograph, or one that the sensor renders for itself.
+//!
+//! The rendered one is a plausible look, not a measurement: diffuse light, a glow that falls off from each LED's edge
+//! of the image, a vignette, and the fine grain of the coating, which is the same in every sample. The model is ours.
+
+use super::led::Led;
+use crate::core::base::angle::sin_cos_deg;
+use crate::core::base::grain::grain;
+use crate::core::base::grid::Rect;
+use crate::core::base::light::Light;
+use crate::core::base::light::quantise;
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::View;
+use serde::{Deserialize, Serialize};
+
+/// What the camera sees without contact, as 8-bit display values.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BackgroundImage {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row-major RGB.
+    pub rgb: Vec<u8>,
+    /// The same as one plane per channel.
+    pub planes: [Vec<u8>; 3],
+    /// Pixels with a channel at full scale.
+    pub saturated_px: u64,
+}
+
+impl BackgroundImage {
+    /// From row-major RGB.
+    pub fn new(width: usize, height: usize, rgb: Vec<u8>) -> Self {
+        let planes = std::array::from_fn(|k| rgb.iter().skip(k).step_by(3).copied().collect());
+        let mut reference = Self { width, height, rgb, planes, saturated_px: 0 };
+        reference.saturated_px = reference.saturated_in(Rect::whole(width, height));
+        reference
+    }
+
+    /// A part of it as light.
+    pub fn light(&self, region: Rect) -> Light {
+        let planes = self.planes.each_ref().map(|plane| {
+            let mut light = vec![0.0; region.area()];
+            simd_dispatch(
+                #[inline(always)]
+                || {
+                    for (row, light) in light.chunks_exact_mut(region.width().max(1)).enumerate() {
+                        let levels = &plane[(region.y0 + row) * self.width + region.x0..][..light.len()];
+                        for (light, level) in light.iter_mut().zip(levels) {
+                            *light = f32::from(*level) * (1.0 / 255.0);
+                        }
+                    }
+                },
+            );
+            light
+        });
+        Light { region, planes }
+    }
+
+    /// Pixels of a part with a channel at full scale.
+    #[inline(always)]
+    pub fn saturated_in(&self, part: Rect) -> u64 {
+        let [red, green, blue] = &self.planes;
+        let mut count = 0;
+        for y in part.y0..part.y1 {
+            let row = y * self.width + part.x0..y * self.width + part.x1;
+            let pixels = red[row.clone()].iter().zip(&green[row.clone()]).zip(&blue[row]);
+            let saturated = pixels.map(|((red, green), blue)| u32::from((*red).max(*green).max(*blue) == 255));
+            count += u64::from(saturated.sum::<u32>());
+        }
+        count
+    }
+
+    /// Renders the untouched pad of a sensor without a photograph.
+    pub fn rendered(look: &RenderedBackground, leds: &[Led], field_of_view_mm: [f64; 2], view: &View) -> Self {
+        let [width, height] = view.resolution_px;
+        let half = field_of_view_mm.map(|mm| mm / 2.0);
+        let corner = half[0] * half[0] + half[1] * half[1];
+        let grain = grain(width, height, look.grain_size_mm, view, "grain");
+        let mut rgb = Vec::with_capacity(width * height * 3);
+        for j in 0..height {
+            for i in 0..width {
+                let x = (i as f64 + 0.5) * view.mm_per_px[0] - half[0];
+                let y = (j as f64 + 0.5) * view.mm_per_px[1] - half[1];
+                let mut color = look.color;
+                for led in leds {
+                    let (sin, cos) = sin_cos_deg(led.azimuth_deg);
+                    let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
+                    let distance = edge - (x * cos + y * sin);
+                    let glow = look.glow * led.intensity * libm::exp(-distance / look.glow_reach_mm);
+                    for (value, share) in color.iter_mut().zip(led.color) {
+                        // Light that is added to a bright pad saturates softly, and never beyond white.
+                        *value += (glow * share).min(1.0) * (1.0 - *value);
+                    }
+                }
+                let kept = 1.0 - look.vignette * (x * x + y * y) / corner;
+                let grain = look.grain * f64::from(grain.at(i, j));
+                rgb.extend(color.map(|value| quantise((value * kept + grain) as f32)));
+            }
+        }
+        Self::new(width, height, rgb)
+    }
+}
+
+/// Parameters of the image that an untouched pad gives where no real one is at hand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct RenderedBackground {
+    /// Red, green and blue of the diffuse light in the pad's middle, 0 to 1.
+    pub color: [f64; 3],
+    /// Brightness that each LED adds at its edge of the image, times its colour and intensity.
+    pub glow: f64,
+    /// Distance over which that brightness falls to 37 %, mm.
+    pub glow_reach_mm: f64,
+    /// Share of the light that is lost in the image's corners, 0 to 1.
+    pub vignette: f64,
+    /// Standard deviation of the coating's grain, as a share of full scale.
+    pub grain: f64,
+    /// Size of the grain, mm.
+    pub grain_size_mm: f64,
+}
+
+impl Default for RenderedBackground {
+    fn default() -> Self {
+        Self {
+            color: [0.46, 0.44, 0.48],
+            glow: 0.28,
+            glow_reach_mm: 5.0,
+            vignette: 0.22,
+            grain: 0.006,
+            grain_size_mm: 0.12,
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! One LED: at infinity, or at its distance from the pad.
+//!
+//! A near LED is a point that shines alike in all directions: its direction turns from pixel to pixel and its brightness
+//! falls with the square of the distance (Lambert 1760), 1 in the middle of the image. Distances are taken from the
+//! undeformed pad; a dent of a millimetre under an LED 20 mm away changes brightness by less than a tenth.
+
+use super::shadow::Caster;
+use crate::core::base::angle::sin_cos_deg;
+use serde::{Deserialize, Serialize};
+
+/// Square of the distance, mm^2, nearer than which no LED counts: at the point of an LED that lies in the pad's plane
+/// light would be infinite and come from nowhere.
+const NEAREST_MM2: f32 = 1e-6;
+
+/// An LED.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct Led {
+    /// What messages and docs call it.
+    pub name: String,
+    /// Direction towards the LED in the image plane, degrees from +x (right) towards +y (down).
+    pub azimuth_deg: f64,
+    /// Angle of the LED over the pad's plane on the camera's side, degrees, 0 to 90.
+    pub elevation_deg: f64,
+    /// Angles under which the pad sees the LED or the row of LEDs, degrees, 0 to 90: width along the pad, height over it.
+    /// They say how soft shadows are at their sides and at their ends.
+    pub angular_size_deg: [f64; 2],
+    /// Distance from the middle of the image, mm; used by the optics model `led`.
+    pub distance_mm: f64,
+    /// Red, green and blue share of the light, 0 to 1.
+    pub color: [f64; 3],
+    /// Brightness that a surface facing the LED gains, as a share of full scale before k_d and k_s; 0 or more.
+    pub intensity: f64,
+}
+
+impl Default for Led {
+    fn default() -> Self {
+        // The paper's L rises by 0.15 over a horizontal length of 1.
+        let elevation_deg = 8.530_765_609_948_133;
+        Self {
+            name: String::from("led"),
+            azimuth_deg: 0.0,
+            elevation_deg,
+            angular_size_deg: [40.0, 10.0],
+            distance_mm: 20.0,
+            color: [1.0; 3],
+            intensity: 1.0,
+        }
+    }
+}
+
+/// An LED in the shader's numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedLed {
+    /// Colour times intensity.
+    pub color: [f32; 3],
+    /// Unit vector from the middle of the image to the LED.
+    to_led: [f32; 3],
+    /// Distance from there, mm; `None` at infinity.
+    distance_mm: Option<f32>,
+    /// Degrees.
+    angular_size_deg: [f64; 2],
+}
+
+/// The pixels of a row, or of its part from a column on; places in mm from the middle of the image. They are counted
+/// from the view's first column, so that a pixel is at the same bits in every part.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// Centre of the view's first column.
+    pub x_mm: f32,
+    /// Of all.
+    pub y_mm: f32,
+    /// Pitch along the row, mm.
+    pub pitch_mm: f32,
+    /// Column of the first pixel.
+    pub first_px: f32,
+}
+
+/// Unit normals of a row, a plane per component.
+#[derive(Clone, Debug, Default)]
+pub struct Normals {
+    /// Along the row.
+    pub x: Vec<f32>,
+    /// Down.
+    pub y: Vec<f32>,
+    /// Away from the camera: negative.
+    pub z: Vec<f32>,
+}
+
+impl PlacedLed {
+    /// From a sensor's LED; `near` if its distance counts.
+    pub fn new(led: &Led, near: bool) -> Self {
+        let (sin_azimuth, cos_azimuth) = sin_cos_deg(led.azimuth_deg);
+        let (sin_elevation, cos_elevation) = sin_cos_deg(led.elevation_deg);
+        let to_led = [cos_azimuth * cos_elevation, sin_azimuth * cos_elevation, -sin_elevation];
+        Self {
+            to_led: to_led.map(|v| v as f32),
+            color: led.color.map(|share| (share * led.intensity) as f32),
+            distance_mm: near.then_some(led.distance_mm as f32),
+            angular_size_deg: led.angular_size_deg,
+        }
+    }
+
+    /// True if it gives the same at every pixel of a flat pad.
+    pub fn is_even(&self) -> bool {
+        self.distance_mm.is_none()
+    }
+
+    /// Vector from a point of the pad to the LED, mm; at infinity the unit vector.
+    pub fn seen_from(&self, point_mm: [f32; 2]) -> [f32; 3] {
+        let [x, y, z] = self.to_led;
+        match self.distance_mm {
+            None => self.to_led,
+            Some(distance) => [x * distance - point_mm[0], y * distance - point_mm[1], z * distance],
+        }
+    }
+
+    /// Brightness at a point of the pad, as a share of that in the middle of the image.
+    pub fn strength(&self, point_mm: [f32; 2]) -> f32 {
+        let [x, y, z] = self.seen_from(point_mm);
+        self.distance_mm.map_or(1.0, |distance| distance * distance / (x * x + y * y + z * z).max(NEAREST_MM2))
+    }
+
+    /// What casts its shadows around a point of the pad, mm.
+    pub fn caster(&self, point_mm: [f64; 2], mm_per_px: [f64; 2]) -> Caster {
+        let [x, y, z] = self.seen_from(point_mm.map(|mm| mm as f32)).map(f64::from);
+        let azimuth_deg = libm::atan2(y, x).to_degrees();
+        let elevation_deg = libm::atan2(-z, libm::hypot(x, y)).to_degrees();
+        Caster::new(azimuth_deg, elevation_deg, self.angular_size_deg, mm_per_px)
+    }
+
+    /// What it gives, at intensity 1, along a row of normals.
+    #[inline(always)]
+    pub fn reflect(
+        &self,
+        normals: &Normals,
+        row: Row,
+        diffuse: f32,
+        specular: f32,
+        power: impl Fn(f32) -> f32 + Copy,
+        gain: &mut [f32],
+    ) {
+        let width = gain.len();
+        let (nx, ny, nz) = (&normals.x[..width], &normals.y[..width], &normals.z[..width]);
+        match self.distance_mm {
+            None => {
+                let to_led = self.to_led;
+                for x in 0..width {
+                    gain[x] = reflect(to_led, [nx[x], ny[x], nz[x]], diffuse, specular, power);
+                }
+            }
+            Some(distance) => {
+                let [led_x, led_y, led_z] = self.to_led.map(|v| v * distance);
+                let dy = led_y - row.y_mm;
+                let (nearest, full) = ((dy * dy + led_z * led_z).max(NEAREST_MM2), distance * distance);
+                for x in 0..width {
+                    let dx = led_x - (row.x_mm + row.pitch_mm * (row.first_px + x as f32));
+                    let inverse = 1.0 / (dx * dx + nearest).sqrt();
+                    let to_led = [dx * inverse, dy * inverse, led_z * inverse];
+                    let strength = full * inverse * inverse;
+                    gain[x] = strength * reflect(to_led, [nx[x], ny[x], nz[x]], diffuse, specular, power);
+                }
+            }
+        }
+    }
+}
+
+/// Phong's reflection of light from a direction, at a surface of this normal, towards the camera.
+#[inline(always)]
+fn reflect(to_led: [f32; 3], normal: [f32; 3], diffuse: f32, specular: f32, power: impl Fn(f32) -> f32) -> f32 {
+    let [lx, ly, lz] = to_led;
+    let [nx, ny, nz] = normal;
+    let along = nx * lx + ny * ly + nz * lz;
+    // R.V with V = (0, 0, -1): the camera sees minus the z component.
+    let mirrored = lz - 2.0 * along * nz;
+    diffuse * along.max(0.0) + specular * power(mirrored.max(0.0))
+}

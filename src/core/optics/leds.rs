@@ -1,0 +1,178 @@
+//! Light of LEDs on the surface: which effects a press calls for, and where.
+
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::effects::{Effect, EffectLog, Requirement};
+use crate::core::gelpad::Contact;
+
+use super::Illumination;
+use super::background::BackgroundImage;
+use super::coarse::Coarse;
+use super::led::{PlacedLed, Row};
+use super::phong::{self, Equation, Lit, Phong, Shadows};
+use super::shadow::casting::Casting;
+use super::visible::Threshold;
+use crate::core::base::light::Light;
+
+/// LEDs made ready for one sensor: everything that is the same for every sample.
+pub struct Shader {
+    pub(super) phong: Phong,
+    pub(super) lamps: Vec<PlacedLed>,
+    /// What each LED gives at a flat pad, to be taken off; empty if nothing is.
+    flat: Vec<Flat>,
+    relief: Option<Relief>,
+    threshold: Threshold,
+    /// Share of the light lost per mm of displacement.
+    darkening_per_mm: f32,
+    pub(super) view: View,
+}
+
+/// A pad that is not smooth and flat at rest.
+struct Relief {
+    /// mm towards the camera, on the grid of [`Contact::surface`].
+    shape: Grid<f32>,
+    /// What each LED gives there, to be taken off; empty if nothing is.
+    at_rest: Vec<Flat>,
+}
+
+impl Relief {
+    /// Its shape when the pad is displaced.
+    fn under(&self, surface: &Grid<f32>) -> Grid<f32> {
+        let data = surface.data.iter().zip(&self.shape.data).map(|(w, relief)| w + relief).collect();
+        Grid { width: surface.width, height: surface.height, data }
+    }
+}
+
+/// What an LED gives at the untouched pad.
+#[derive(Clone)]
+pub(super) enum Flat {
+    /// The same at every pixel.
+    Even(f32),
+    /// At each pixel of the view.
+    Map(Grid<f32>),
+}
+
+impl Shader {
+    /// Prepares the LEDs of a sensor whose pad has `relief` at rest; `near` if their distances count.
+    pub fn new(phong: Phong, near: bool, light: &Illumination, view: &View, relief: Option<Grid<f32>>) -> Self {
+        let lamps: Vec<PlacedLed> = light.leds.iter().map(|led| PlacedLed::new(led, near)).collect();
+        let mut shader = Self {
+            threshold: Threshold::new(&phong, &lamps, relief.is_some(), light),
+            phong,
+            lamps,
+            flat: Vec::new(),
+            relief: None,
+            darkening_per_mm: (phong.darkening / light.thickness_mm) as f32,
+            view: *view,
+        };
+        let relative = phong.equation == Equation::Relative;
+        if relative {
+            // By the same instructions as in the picture, so that an untouched pixel loses exactly what it gains.
+            shader.flat = phong::at_rest(&shader, &shader.level(), true);
+        }
+        shader.relief = relief.map(|shape| Relief {
+            // A photograph shows the relief already; to a rendered picture it is added.
+            at_rest: match relative && light.photograph {
+                true => phong::at_rest(&shader, &shape, false),
+                false => shader.flat.clone(),
+            },
+            shape,
+        });
+        shader
+    }
+
+    /// A flat pad.
+    fn level(&self) -> Grid<f32> {
+        let [width, height] = self.view.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
+        Grid::new(width, height)
+    }
+
+    /// Where the pixels of a row are.
+    #[inline(always)]
+    pub(super) fn row(&self, part: Rect, row: usize) -> Row {
+        let View { resolution_px: [width, height], mm_per_px: [pitch_x, pitch_y] } = self.view;
+        Row {
+            x_mm: ((0.5 - width as f64 / 2.0) * pitch_x) as f32,
+            y_mm: (((part.y0 + row) as f64 + 0.5 - height as f64 / 2.0) * pitch_y) as f32,
+            pitch_mm: pitch_x as f32,
+            first_px: part.x0 as f32,
+        }
+    }
+
+    /// The light of the untouched pad: its photograph; or a rendered picture and what the pad's relief changes in it; and
+    /// Phong's of a flat pad where the equation does not take that off.
+    pub fn untouched(&self, rest: &BackgroundImage) -> Light {
+        let level = self.level();
+        let (shape, at_rest) = match &self.relief {
+            Some(relief) => (&relief.shape, &relief.at_rest),
+            None => (&level, &self.flat),
+        };
+        let lit = Lit { shape, displacement: &level, at_rest, visible: &[], darkening_per_mm: 0.0 };
+        phong::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
+    }
+
+    /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
+    pub fn shade(&self, contact: &Contact, rest: &BackgroundImage, effects: &mut EffectLog) -> Light {
+        let (surface, everywhere) = (&contact.surface, effects.everywhere());
+        let bent = effects.timed(Effect::Shading, || self.threshold.region(contact, &self.view));
+        let if_bent =
+            |why| if bent.is_empty() { Requirement::Unneeded("the surface is flat") } else { Requirement::Needed(why) };
+        let shades = effects.enable(Effect::Shading, if_bent("the surface is not flat"));
+
+        let need = match self.relief {
+            None => Requirement::Absent("the pad is smooth and flat"),
+            Some(_) => if_bent("a rough or curved pad is deformed"),
+        };
+        let under = |relief: &Relief| relief.under(surface);
+        let rough = effects.run(Effect::Grain, need, || self.relief.as_ref().map(under)).flatten();
+        let (shape, at_rest) = match (&rough, &self.relief) {
+            (Some(shape), Some(relief)) => (shape, &relief.at_rest),
+            _ => (surface, &self.flat),
+        };
+
+        let shadows = effects.timed(Effect::Shadows, || self.shadows(surface, bent, everywhere));
+        let need = match self.phong.shadows {
+            Shadows::None => Requirement::Absent("the optics model has no shadows"),
+            Shadows::Soft(_) if !bent.is_empty() && shadows.is_none() => {
+                Requirement::Unneeded("no slope rises above an LED")
+            }
+            Shadows::Soft(_) => if_bent("a slope rises above an LED"),
+        };
+        let shadows = if effects.enable(Effect::Shadows, need) { shadows } else { None };
+
+        let need = match self.darkening_per_mm > 0.0 {
+            true => if_bent("the surface is pressed in"),
+            false => Requirement::Absent("the optics model has no darkening"),
+        };
+        let darkening_per_mm = if effects.enable(Effect::Darkening, need) { self.darkening_per_mm } else { 0.0 };
+        if !shades {
+            return Light::default();
+        }
+
+        let whole = Rect::whole(rest.width, rest.height);
+        let (region, visible) = effects.timed(Effect::Shadows, || {
+            let region = match &shadows {
+                _ if everywhere => whole,
+                None => bent,
+                Some(shadows) => shadows.reach(bent, &self.view),
+            };
+            let visible = shadows.map(|shadows| shadows.shares(&self.view, region));
+            (region, visible.unwrap_or_default())
+        });
+        let lit = Lit { shape, displacement: surface, at_rest, visible: &visible, darkening_per_mm };
+        effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
+    }
+
+    /// What casts shadows, if anything does. A near LED is taken to shine on all of the press from the direction in which it
+    /// is seen from the press's middle.
+    fn shadows(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Option<Casting> {
+        let Shadows::Soft(soft) = self.phong.shadows else { return None };
+        if bent.is_empty() && !everywhere {
+            return None;
+        }
+        let middle = self.view.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
+        let lights = |pitch: [f64; 2]| self.lamps.iter().map(|lamp| lamp.caster(middle, pitch)).collect();
+        Casting::new(Coarse::new(soft.resolution), surface, &self.view, everywhere, lights)
+    }
+}

@@ -1,0 +1,115 @@
+//! From surface to light: what brightness each pixel sends to the camera.
+
+use crate::core::base::light::Light;
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::view::View;
+use crate::core::effects::EffectLog;
+use crate::core::gelpad::Contact;
+
+pub mod background;
+pub mod calibrated;
+pub mod coarse;
+pub mod led;
+mod leds;
+pub mod normals;
+pub mod phong;
+pub mod shadow;
+mod visible;
+
+use background::BackgroundImage;
+use calibrated::{Calibrated, Table};
+use led::Led;
+use phong::Phong;
+
+/// The models of the light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Model {
+    /// LEDs at infinity, diffuse and specular reflection (Phong 1975, as used by Gomes, Wilson and Luo 2019).
+    Phong(Phong),
+    /// The same with LEDs at their distance: direction and brightness differ from pixel to pixel.
+    Led(Phong),
+    /// What `gelsim calibrate` measured on a real sensor; the sensor's `calibration` names the file. The default where
+    /// there is one.
+    Calibrated(Calibrated),
+}
+
+impl Model {
+    /// Its name in jobs and labels.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Phong(_) => "phong",
+            Self::Led(_) => "led",
+            Self::Calibrated(_) => "calibrated",
+        }
+    }
+
+    /// Parameters of the models with LEDs.
+    pub fn phong(&self) -> Option<&Phong> {
+        match self {
+            Self::Phong(phong) | Self::Led(phong) => Some(phong),
+            Self::Calibrated(_) => None,
+        }
+    }
+}
+
+/// What of a sensor decides its light, beside the background image.
+#[derive(Clone, Copy, Debug)]
+pub struct Illumination<'a> {
+    /// The LEDs.
+    pub leds: &'a [Led],
+    /// Width and height of the pad's window that the image shows, mm.
+    pub field_of_view_mm: [f64; 2],
+    /// Thickness of the pad, mm.
+    pub thickness_mm: f64,
+    /// The background image is a photograph.
+    pub photograph: bool,
+}
+
+/// A model made ready for one sensor: everything that is the same for every sample.
+pub enum Shader {
+    /// See [`Model::Phong`] and [`Model::Led`].
+    Leds(Box<leds::Shader>),
+    /// See [`Model::Calibrated`].
+    Calibrated(Box<calibrated::Shader>),
+}
+
+impl Shader {
+    /// Prepares `model` for a sensor whose pad has `relief` at rest. `table` is what was measured on the sensor; a
+    /// calibrated model without any changes nothing.
+    pub fn new(
+        model: &Model,
+        table: Option<&Table>,
+        light: &Illumination,
+        view: &View,
+        relief: Option<Grid<f32>>,
+    ) -> Self {
+        let leds = |phong, near| Self::Leds(Box::new(leds::Shader::new(phong, near, light, view, relief)));
+        match model {
+            Model::Phong(phong) => leds(*phong, false),
+            Model::Led(phong) => leds(*phong, true),
+            Model::Calibrated(calibrated) => {
+                Self::Calibrated(Box::new(calibrated::Shader::new(*calibrated, table, view)))
+            }
+        }
+    }
+
+    /// The light of the untouched pad over its picture `rest`.
+    pub fn untouched(&self, rest: &BackgroundImage) -> Light {
+        match self {
+            Self::Leds(leds) => leds.untouched(rest),
+            Self::Calibrated(_) => rest.light(Rect::whole(rest.width, rest.height)),
+        }
+    }
+
+    /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
+    pub fn shade(&self, contact: &Contact, rest: &BackgroundImage, effects: &mut EffectLog) -> Light {
+        match self {
+            Self::Leds(leds) => leds.shade(contact, rest, effects),
+            Self::Calibrated(calibrated) => calibrated.shade(contact, rest, effects),
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! Normals of the pad's surface.
+//!
+//! With w the displacement into the pad, the surface's height over the shell is f = thickness - w, growing away from
+//! the camera, and N = (df/dx, df/dy, -1), normalised, faces the camera. Differences are centred, with the kernels
+//! [-1 0 1] / (2 r) along rows and columns, r the pixel pitch (Gomes, Wilson and Luo 2019).
+
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::gelpad::Contact;
+
+/// Unit normals of the view, row-major; a flat pad is (0, 0, -1).
+pub fn normals(contact: &Contact, view: &View) -> Vec<[f32; 3]> {
+    let [width, height] = view.resolution_px;
+    let per_slope = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let mut normals = Vec::with_capacity(width * height);
+    for y in 0..height {
+        let above = contact.surface.row(y);
+        let here = contact.surface.row(y + SURFACE_BORDER);
+        let below = contact.surface.row(y + 2 * SURFACE_BORDER);
+        for x in 0..width {
+            let fx = (here[x] - here[x + 2]) * per_slope[0];
+            let fy = (above[x + 1] - below[x + 1]) * per_slope[1];
+            let length = (fx * fx + fy * fy + 1.0).sqrt();
+            // Adding 0 turns the -0.0 of a flat pad into 0.0.
+            normals.push([fx / length + 0.0, fy / length + 0.0, -1.0 / length]);
+        }
+    }
+    normals
+}

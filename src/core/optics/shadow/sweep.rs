@@ -1,0 +1,302 @@
+//! One sweep over the rows of a surface, away from an LED.
+
+use std::ops::Range;
+
+use super::larger;
+use super::soften::{self, Row};
+use crate::core::base::view::SURFACE_BORDER;
+
+/// The height, mm, of what stands before the LED where nothing does.
+const OPEN_MM: f32 = -1e30;
+/// Six times the variance of a disc's shadow edge, in squares of the half width of its penumbra.
+const SPREAD: f64 = 1.5;
+/// The same for every shadow at least: a wall of pixels in steps casts dots otherwise.
+const LEAST_SPREAD: f32 = 3.0;
+/// How far from a shadow's edge it is softened, in half widths of its penumbra: smoothing kernels have tails.
+pub const TAIL: f64 = 1.25;
+
+/// An LED over rows: steps lead from one row to the next, away from it.
+#[derive(Clone, Copy, Debug)]
+pub struct Rays {
+    /// True if the LED is on the side of the last row.
+    pub from_end: bool,
+    /// Pixels by which a line shifts sideways in a step, -1 to 1.
+    pub shear: f64,
+    /// Rise of the lowest and the highest ray in a step, mm.
+    pub rise_mm: [f32; 2],
+    /// Pixels by which the outermost rays part from the middle one in a step.
+    pub widening: f64,
+}
+
+impl Rays {
+    /// Pixels by which what blocks the LED is felt further aside in a step.
+    pub fn fan(&self) -> f64 {
+        TAIL * self.widening
+    }
+}
+
+/// Memory of a sweep, to be used again.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    low: Obstacles,
+    high: Obstacles,
+    fan: Obstacles,
+    before: Obstacles,
+    row: Row,
+}
+
+/// What blocks one ray, for every line.
+#[derive(Clone, Debug, Default)]
+struct Obstacles {
+    /// Its height over a plane that rises with the ray, mm.
+    over_mm: Vec<f32>,
+    /// The step at which it stands.
+    step: Vec<f32>,
+}
+
+impl Obstacles {
+    fn clear(&mut self, count: usize) {
+        for (values, open) in [(&mut self.over_mm, OPEN_MM), (&mut self.step, 0.0)] {
+            values.clear();
+            values.resize(count, open);
+        }
+    }
+
+    #[inline(always)]
+    fn part(&self, first: usize, count: usize) -> (&[f32], &[f32]) {
+        (&self.over_mm[first..][..count], &self.step[first..][..count])
+    }
+
+    #[inline(always)]
+    fn part_mut(&mut self, first: usize, count: usize) -> (&mut [f32], &mut [f32]) {
+        (&mut self.over_mm[first..][..count], &mut self.step[first..][..count])
+    }
+
+    /// Every line takes over from its neighbours what is higher.
+    #[inline(always)]
+    fn spread(&mut self, before: &mut Self) {
+        before.over_mm.clone_from(&self.over_mm);
+        before.step.clone_from(&self.step);
+        let inner = self.step.len().saturating_sub(2);
+        let (over, step) = self.part_mut(inner.min(1), inner);
+        for side in [0, 2 * inner.min(1)] {
+            let (aside, aside_step) = before.part(side, inner);
+            for x in 0..inner {
+                let higher = aside[x] > over[x];
+                over[x] = if higher { aside[x] } else { over[x] };
+                step[x] = if higher { aside_step[x] } else { step[x] };
+            }
+        }
+    }
+}
+
+/// The lines of one sweep: of all that run towards the LED, one pixel apart, those that matter to the region.
+struct Lines<'a> {
+    rays: Rays,
+    /// Columns and rows of the surface.
+    size: [usize; 2],
+    /// Columns whose hard shadows are wanted: the region's, and those that soften them.
+    across: Range<usize>,
+    /// First of the region's columns among them, and how many there are.
+    shown: [usize; 2],
+    /// Number of the first line that is kept.
+    first: isize,
+    scratch: &'a mut Scratch,
+}
+
+/// Sets `shares`, row-major, to the shares of the LED that the pixels in `columns` and `rows` see. Both are counted on the
+/// surface, given by its heights, mm, and its size, and leave out its border.
+#[inline(always)]
+pub fn sweep(
+    rays: Rays,
+    surface: (&[f32], [usize; 2]),
+    columns: Range<usize>,
+    rows: Range<usize>,
+    scratch: &mut Scratch,
+    shares: &mut [f32],
+) {
+    let (heights, size) = surface;
+    let steps = if rays.from_end { size[1] - rows.start } else { rows.end };
+    let mut lines = Lines::new(rays, size, columns, &rows, steps, scratch);
+    let width = lines.shown[1];
+    for step in 0..steps {
+        let y = if rays.from_end { size[1] - 1 - step } else { step };
+        let heights = &heights[y * size[0]..][..size[0]];
+        let shown = rows.contains(&y);
+        if shown {
+            if rays.shear == 0.0 {
+                lines.shade::<true>(step, heights)
+            } else {
+                lines.shade::<false>(step, heights)
+            }
+            let Lines { shown: [first, _], scratch, .. } = &mut lines;
+            scratch.row.soften(*first, &mut shares[(y - rows.start) * width..][..width]);
+        }
+        if rays.shear == 0.0 {
+            lines.advance::<true>(step, heights)
+        } else {
+            lines.advance::<false>(step, heights)
+        }
+        lines.widen(step);
+    }
+}
+
+impl<'a> Lines<'a> {
+    fn new(
+        rays: Rays,
+        size: [usize; 2],
+        columns: Range<usize>,
+        rows: &Range<usize>,
+        steps: usize,
+        scratch: &'a mut Scratch,
+    ) -> Self {
+        let furthest = steps as f64;
+        let reach =
+            soften::reach(soften::levels(larger((SPREAD * (rays.widening * furthest).powi(2)) as f32, LEAST_SPREAD)));
+        let across = columns.start.saturating_sub(reach).max(SURFACE_BORDER)
+            ..columns.end.saturating_add(reach).min(size[0] - SURFACE_BORDER);
+        let shown = [columns.start - across.start, columns.len()];
+        let mut lines = Self { rays, size, across, shown, first: 0, scratch };
+        let aside = (rays.fan() * furthest) as usize + 1;
+        let ends = [steps - rows.len(), steps - 1].map(|step| lines.shift(step).0);
+        lines.first = lines.across.start as isize - 1 - ends[0].max(ends[1]) - aside as isize;
+        let count = lines.across.len() + 1 + ends[0].abs_diff(ends[1]) + 2 * aside;
+        let Scratch { low, high, fan, row, .. } = lines.scratch;
+        for obstacles in [low, high, fan] {
+            obstacles.clear(count);
+        }
+        row.resize(lines.across.len());
+        lines
+    }
+
+    /// Line number n crosses a step's row between columns n + whole and n + whole + 1, by `part` of the way.
+    #[inline(always)]
+    fn shift(&self, step: usize) -> (isize, f32) {
+        let shift = self.rays.shear * step as f64;
+        let whole = libm::floor(shift);
+        (whole as isize, (shift - whole) as f32)
+    }
+
+    /// Hard shares of the LED that the pixels of this step's row see, and how soft they are to be.
+    #[inline(always)]
+    fn shade<const STRAIGHT: bool>(&mut self, step: usize, heights: &[f32]) {
+        let (whole, part) = self.shift(step);
+        let width = self.across.len();
+        let around = &heights[self.across.start - 1..][..width + 2];
+        let (left, heights, right) = (&around[..width], &around[1..][..width], &around[2..][..width]);
+        let first = (self.across.start as isize - 1 - whole - self.first) as usize;
+        let now = Now::new(&self.rays, step);
+        let Scratch { low, high, fan, row, .. } = &mut *self.scratch;
+        let (low, low_step) = (&low.over_mm[first..][..width + 1], &low.step[first..][..width + 1]);
+        let (high, high_step) = (&high.over_mm[first..][..width + 1], &high.step[first..][..width + 1]);
+        let (fan, fan_step) = (&fan.over_mm[first..][..width + 1], &fan.step[first..][..width + 1]);
+        let mixed = part * (1.0 - part);
+        // Two loops: one with both results is too much for the compiler to vectorise.
+        let shares = &mut row.shares[..width];
+        for x in 0..width {
+            let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
+            let over_low = between::<STRAIGHT>(low, x, part) - (here + now.planes_mm[0]);
+            let over_high = between::<STRAIGHT>(high, x, part) - (here + now.planes_mm[1]);
+            let steps = [between::<STRAIGHT>(low_step, x, part), between::<STRAIGHT>(high_step, x, part)];
+            shares[x] = now.seen(over_low, over_high, steps);
+        }
+        let spread = &mut row.spread[..width];
+        for x in 0..width {
+            let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
+            let over = between::<STRAIGHT>(fan, x, part) - (here + now.planes_mm[0]);
+            let steps = now.step - between::<STRAIGHT>(fan_step, x, part);
+            spread[x] = if over > 0.0 { larger(now.spread * steps * steps, LEAST_SPREAD) } else { 0.0 };
+        }
+        // Where lines come in from the side the outermost ones know of nothing.
+        if width > 1 && self.rays.shear > 0.0 && self.across.start == SURFACE_BORDER {
+            (shares[0], spread[0]) = (shares[1], spread[1]);
+        } else if width > 1 && self.rays.shear < 0.0 && self.across.end + SURFACE_BORDER == self.size[0] {
+            (shares[width - 1], spread[width - 1]) = (shares[width - 2], spread[width - 2]);
+        }
+    }
+
+    /// Adds this step's row to the obstacles.
+    #[inline(always)]
+    fn advance<const STRAIGHT: bool>(&mut self, step: usize, heights: &[f32]) {
+        let (whole, part) = self.shift(step);
+        let kept = self.scratch.low.step.len() as isize;
+        let first = self.first.max(-whole);
+        let end = (self.first + kept).min(self.size[0] as isize - 1 - whole);
+        if first >= end {
+            return;
+        }
+        let count = (end - first) as usize;
+        let heights = &heights[(first + whole) as usize..][..count + 1];
+        let first = (first - self.first) as usize;
+        let now = Now::new(&self.rays, step);
+        let Scratch { low, high, fan, .. } = &mut *self.scratch;
+        let [low_mm, high_mm] = now.planes_mm;
+        for (obstacles, plane_mm) in [(low, low_mm), (high, high_mm), (fan, low_mm)] {
+            let (over, stands) = obstacles.part_mut(first, count);
+            for x in 0..count {
+                let height = if STRAIGHT { heights[x] } else { heights[x] * (1.0 - part) + heights[x + 1] * part };
+                let (height, highest, stood) = (height + plane_mm, over[x], stands[x]);
+                over[x] = larger(height, highest);
+                stands[x] = if height > highest { now.step } else { stood };
+            }
+        }
+    }
+
+    /// Lets the fan's obstacles reach aside as far as its rays do in a step.
+    #[inline(always)]
+    fn widen(&mut self, step: usize) {
+        let [before, after] = [step, step + 1].map(|step| (self.rays.fan() * step as f64) as usize);
+        for _ in before..after {
+            self.scratch.fan.spread(&mut self.scratch.before);
+        }
+    }
+}
+
+/// The value at column x from the lines before and after it, where `part` of the way leads back to the former; the line
+/// after it goes through it where all are straight.
+#[inline(always)]
+fn between<const STRAIGHT: bool>(of: &[f32], x: usize, part: f32) -> f32 {
+    if STRAIGHT { of[x + 1] } else { of[x] * part + of[x + 1] * (1.0 - part) }
+}
+
+/// A pixel's height in a notch as it comes out on a line and back: a wall beside it must not shade it.
+#[inline(always)]
+fn lifted(left: f32, here: f32, right: f32, mixed: f32) -> f32 {
+    here + mixed * larger((left - here) + (right - here), 0.0)
+}
+
+/// One step of a sweep.
+#[derive(Clone, Copy)]
+struct Now {
+    step: f32,
+    /// Heights, mm, by which the lowest and the highest ray have risen since the first step.
+    planes_mm: [f32; 2],
+    /// Between the two, in a step.
+    range_mm: f32,
+    spread: f32,
+}
+
+impl Now {
+    #[inline(always)]
+    fn new(rays: &Rays, step: usize) -> Self {
+        Self {
+            step: step as f32,
+            planes_mm: rays.rise_mm.map(|rise| rise * step as f32),
+            range_mm: rays.rise_mm[1] - rays.rise_mm[0],
+            spread: (SPREAD * rays.widening * rays.widening) as f32,
+        }
+    }
+
+    /// The share of the LED that is seen straight ahead. What blocks the lowest ray and the highest one stands `over_low`
+    /// and `over_high` over it, mm, at these steps.
+    #[inline(always)]
+    fn seen(&self, over_low: f32, over_high: f32, [low, high]: [f32; 2]) -> f32 {
+        let (low_steps, high_steps) = (self.step - low, self.step - high);
+        // Shares over either obstacle as fractions with positive denominators, so that one division is enough.
+        let (above_low, above_high) = (self.range_mm * low_steps - over_low, -over_high);
+        let by_high = above_high * low_steps < above_low * high_steps;
+        let above = if by_high { above_high } else { above_low };
+        let share = larger(above / (self.range_mm * if by_high { high_steps } else { low_steps }), 0.0);
+        if over_low > 0.0 && share < 1.0 { share } else { 1.0 }
+    }
+}

@@ -1,0 +1,145 @@
+//! A sensor as the simulator knows it: numbers and images.
+
+use std::sync::Arc;
+
+use crate::core::base::view::{MOST_PX, View};
+use crate::core::camera::CameraParams;
+use crate::core::camera::markers::{MarkerPattern, MarkerPrint};
+use crate::core::depth::rest::{Grain, RestSurface};
+use crate::core::gelpad::material::Material;
+use crate::core::optics::background::{BackgroundImage, RenderedBackground};
+use crate::core::optics::calibrated::Table;
+use crate::core::optics::led::Led;
+
+/// A camera-based tactile sensor.
+///
+/// `Sensor::preset` gives one that is known; every field may be changed before [`crate::Simulator::new`] checks the whole.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Sensor {
+    /// Name written to labels.
+    pub name: String,
+    /// Width and height of the image, px, 1 to 8192.
+    pub resolution_px: [usize; 2],
+    /// Width and height of the pad's window that the image shows, mm.
+    pub field_of_view_mm: [f64; 2],
+    /// The gelpad.
+    pub gelpad: Material,
+    /// Shape of a pad that is not flat.
+    pub rest_surface: Option<RestSurface>,
+    /// Relief of the pad's coating.
+    pub coating: Option<Grain>,
+    /// The image without contact.
+    pub background: Background,
+    /// The LEDs, for the optics models `phong` and `led`.
+    pub leds: Vec<Led>,
+    /// Calibrated optics, for the optics model `calibrated`.
+    pub calibration: Option<Arc<Table>>,
+    /// Dots printed on the pad.
+    pub markers: Option<Markers>,
+    /// The camera.
+    pub camera: CameraParams,
+}
+
+/// The image without contact.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub enum Background {
+    /// Rendered from the LEDs.
+    Rendered(RenderedBackground),
+    /// Taken by the camera itself, of the sensor's resolution.
+    Photograph(Arc<BackgroundImage>),
+}
+
+/// Dots printed on the pad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Markers {
+    /// Their ink.
+    pub print: MarkerPrint,
+    /// The grid on which they are printed; `None` if it is said with each press.
+    pub pattern: Option<MarkerPattern>,
+}
+
+/// Why a sensor cannot be simulated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SensorError {
+    /// The image has no pixel, or too many.
+    #[error("resolution_px is {0:?}; allowed: 1 to {MOST_PX} on a side")]
+    Resolution([usize; 2]),
+    /// A number is out of range.
+    #[error("{name} is {value}; it must be {allowed}")]
+    Number {
+        /// The field.
+        name: &'static str,
+        /// What it is.
+        value: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// The photograph of the untouched pad has another size than the sensor's image.
+    #[error("the background image has {found:?} px, the sensor {expected:?}")]
+    BackgroundSize {
+        /// Of the photograph.
+        found: [usize; 2],
+        /// Of the sensor.
+        expected: [usize; 2],
+    },
+}
+
+impl Sensor {
+    /// The same with an image of another size, of the same field of view.
+    pub fn with_resolution(mut self, resolution_px: [usize; 2]) -> Self {
+        self.resolution_px = resolution_px;
+        self
+    }
+
+    /// Its view: the only place that knows where a pixel lies on the pad.
+    pub fn view(&self) -> View {
+        let mm_per_px = std::array::from_fn(|k| self.field_of_view_mm[k] / self.resolution_px[k].max(1) as f64);
+        View { resolution_px: self.resolution_px, mm_per_px }
+    }
+
+    /// The background image of its resolution.
+    pub fn background(&self) -> Arc<BackgroundImage> {
+        match &self.background {
+            Background::Photograph(photograph) => Arc::clone(photograph),
+            Background::Rendered(look) => {
+                Arc::new(BackgroundImage::rendered(look, &self.leds, self.field_of_view_mm, &self.view()))
+            }
+        }
+    }
+
+    /// True if the background image was taken by the camera itself.
+    pub fn has_photograph(&self) -> bool {
+        matches!(self.background, Background::Photograph(_))
+    }
+
+    /// The first thing about it that makes it impossible to simulate.
+    pub fn check(&self) -> Result<(), SensorError> {
+        if !self.resolution_px.iter().all(|px| (1..=MOST_PX).contains(px)) {
+            return Err(SensorError::Resolution(self.resolution_px));
+        }
+        let positive = |name: &'static str, value: f64| match value > 0.0 && value.is_finite() {
+            true => Ok(()),
+            false => Err(SensorError::Number { name, value, allowed: "above 0 and finite" }),
+        };
+        positive("field_of_view_mm[0]", self.field_of_view_mm[0])?;
+        positive("field_of_view_mm[1]", self.field_of_view_mm[1])?;
+        positive("gelpad.thickness_mm", self.gelpad.thickness_mm)?;
+        positive("gelpad.youngs_modulus_kpa", self.gelpad.youngs_modulus_kpa)?;
+        let value = self.gelpad.poisson_ratio;
+        if !(0.0..=0.4999).contains(&value) {
+            return Err(SensorError::Number { name: "gelpad.poisson_ratio", value, allowed: "0 to 0.4999" });
+        }
+        match &self.background {
+            Background::Photograph(photograph) if [photograph.width, photograph.height] != self.resolution_px => {
+                Err(SensorError::BackgroundSize {
+                    found: [photograph.width, photograph.height],
+                    expected: self.resolution_px,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,313 @@
+//! READ FIRST: the whole simulator on one page, a pure function from a press to a tactile image.
+//!
+//! [`Simulator::new`] is the costly part and is shared by threads; [`Simulator::press`] cannot fail.
+
+use std::sync::Arc;
+
+use crate::core::base::clock::{Clock, Seconds};
+use crate::core::base::grid::Grid;
+use crate::core::base::light::Light;
+use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::camera::lens::Lens;
+use crate::core::camera::markers::{MarkerPattern, MarkerPositions};
+use crate::core::camera::{Camera, CameraParams, Image};
+use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::texture::Texture;
+use crate::core::depth::{self, Depth, rest};
+use crate::core::effects::{Effect, EffectLog, EffectPolicy};
+use crate::core::fidelity::{Fidelity, Models};
+use crate::core::gelpad::elastic::inplane::InPlane;
+use crate::core::gelpad::tangential::{Shear, tangential};
+use crate::core::gelpad::{self, Contact, Pad};
+use crate::core::optics::background::BackgroundImage;
+use crate::core::optics::normals::normals;
+use crate::core::optics::{Illumination, Shader};
+use crate::core::sensor::{Markers, Sensor, SensorError};
+
+/// Everything about a sensor that is the same in every press, computed once.
+///
+/// Threads share it by reference: a press changes nothing in it.
+pub struct Simulator {
+    sensor: Sensor,
+    models: Models,
+    policy: EffectPolicy,
+    view: View,
+    background: Arc<BackgroundImage>,
+    drop_mm: Option<Grid<f32>>,
+    pad: Pad,
+    /// The sensor's markers, unless they are left out.
+    markers: Option<Markers>,
+    /// In-plane motion of the pad, where markers show it.
+    in_plane: Option<InPlane>,
+    shader: Shader,
+    camera: Camera,
+}
+
+/// What happens in one press.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct Press {
+    /// What is pressed into the pad, and where.
+    pub indenter: Indenter,
+    /// Micro-texture of the indenter. `None` if no press of the kind has any.
+    pub texture: Option<Texture>,
+    /// How the indenter then moves in the pad's plane. `None` if in no press of the kind it does.
+    pub shear: Option<Shear>,
+    /// The grid on which markers are printed, on a sensor that has markers.
+    pub markers: Option<MarkerPattern>,
+    /// The camera's parameters.
+    pub camera: CameraParams,
+}
+
+/// What a press gives: the tactile image, and what is known beneath it.
+#[non_exhaustive]
+pub struct Impression {
+    /// The tactile image, 8-bit RGB.
+    pub image: Image,
+    /// How far the object reaches below the undeformed pad. As the pad is, not as the lens shows it; see
+    /// [`Impression::depth_mm`].
+    pub depth: Depth,
+    /// The pad under it: surface, contact mask, pressure, force. As the pad is, not as the lens shows it.
+    pub contact: Contact,
+    /// The pad's markers, if it has any.
+    pub markers: Option<MarkerPositions>,
+    /// Distortion of the lens, if it has any.
+    pub lens: Option<Lens>,
+    /// The camera's parameters, less what was left out.
+    pub camera: CameraParams,
+    /// Which effects ran, and why.
+    pub effects: EffectLog,
+    /// CPU seconds that each stage took.
+    pub seconds: Seconds,
+    view: View,
+}
+
+impl Simulator {
+    /// Makes a sensor ready at a fidelity level. This takes from a few milliseconds to a second.
+    ///
+    /// # Errors
+    ///
+    /// What makes the sensor impossible to simulate.
+    pub fn new(sensor: &Sensor, fidelity: Fidelity) -> Result<Self, SensorError> {
+        sensor.check()?;
+        Ok(Self::with_models(sensor.clone(), fidelity.models(sensor.calibration.is_some()), EffectPolicy::default()))
+    }
+
+    /// The same with any models, and with a policy for the effects: one that leaves an effect out takes it from the
+    /// background image, too. The sensor must be sound ([`Sensor::check`]).
+    pub fn with_models(sensor: Sensor, models: Models, policy: EffectPolicy) -> Self {
+        let view = sensor.view();
+        let background = sensor.background();
+        let drop_mm = sensor.rest_surface.as_ref().map(|shape| rest::drop_mm(shape, &view));
+        let relief = match policy {
+            EffectPolicy::Without(Effect::Grain) => None,
+            EffectPolicy::Without(Effect::RestShape) => rest::relief(None, sensor.coating.as_ref(), &view),
+            _ => rest::relief(drop_mm.as_ref(), sensor.coating.as_ref(), &view),
+        };
+        let pad = Pad::new(&models.gelpad, &sensor.gelpad, &view);
+        let light = Illumination {
+            leds: &sensor.leds,
+            field_of_view_mm: sensor.field_of_view_mm,
+            thickness_mm: sensor.gelpad.thickness_mm,
+            photograph: sensor.has_photograph(),
+        };
+        let shader = Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief);
+        let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
+        let in_plane = markers.and_then(|_| pad.in_plane(&sensor.gelpad, sensor.field_of_view_mm, &view));
+        let printed = markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
+        let resting = sensor.camera.under(policy);
+        let camera = Camera::new(&view, shader.untouched(&background), sensor.has_photograph(), resting, printed);
+        Self { sensor, models, policy, view, background, drop_mm, pad, markers, in_plane, shader, camera }
+    }
+
+    /// Presses an indenter into the pad, with the sensor's own markers and camera.
+    ///
+    /// # Panics
+    ///
+    /// If the indenter is a height map of another size than the sensor's image.
+    pub fn press(&self, indenter: &Indenter) -> Impression {
+        self.press_with(&Press::of(indenter.clone(), &self.sensor))
+    }
+
+    /// Presses with texture, motion in the pad's plane, and markers and camera of its own.
+    ///
+    /// # Panics
+    ///
+    /// If the indenter is a height map of another size than the sensor's image.
+    pub fn press_with(&self, press: &Press) -> Impression {
+        let Press { indenter, texture, shear, markers, camera } = press;
+        if let Shape::HeightMap(map) = &indenter.shape {
+            let size = [map.above_mm.width, map.above_mm.height];
+            assert_eq!(size, self.view.resolution_px, "a height map has the size of the sensor's image");
+        }
+        let mut clock = Clock::start();
+        let mut seconds = Seconds::default();
+        let mut effects = EffectLog::new(self.policy);
+        let camera = camera.under(self.policy);
+
+        let thickness_mm = self.sensor.gelpad.thickness_mm;
+        let mut window = self.pad.window(indenter.depth_mm);
+        let (depth, mut contact) = loop {
+            // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
+            let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_ref());
+            let depth = depth::overlap(indenter, texture, drop_mm, thickness_mm, &self.view, window, &mut effects);
+            seconds.depth += clock.lap();
+
+            // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
+            let contact = gelpad::deform(&self.pad, &depth, &mut effects);
+            seconds.gelpad += clock.lap();
+            match self.pad.higher(window, &contact) {
+                Some(higher) => window = higher,
+                None => break (depth, contact),
+            }
+        };
+        // The motion of the elastomer in its own plane, where markers show it.
+        let (in_plane, load) = (self.in_plane.as_ref(), contact.load.as_ref());
+        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, shear.as_ref(), &mut effects);
+        seconds.gelpad += clock.lap();
+
+        // The light that the surface sends to the camera.
+        let light = self.shader.shade(&contact, &self.background, &mut effects);
+        seconds.optics = clock.lap();
+
+        // 8-bit RGB.
+        let markers = self.markers.zip(*markers).map(|(markers, pattern)| {
+            let moved_by = contact.tangential.as_ref().map(|tangential| &tangential.field);
+            effects.timed(Effect::Markers, || markers.print.positions(&pattern, moved_by, &self.view))
+        });
+        let image = self.camera.expose(light, markers.as_ref(), &camera, &mut effects);
+        seconds.camera = clock.lap();
+
+        let lens = camera.lens(&self.view);
+        Impression { image, depth, contact, markers, lens, camera, effects, seconds, view: self.view }
+    }
+
+    /// The sensor.
+    pub fn sensor(&self) -> &Sensor {
+        &self.sensor
+    }
+
+    /// The models of gelpad and light.
+    pub fn models(&self) -> &Models {
+        &self.models
+    }
+
+    /// Which effects run.
+    pub fn policy(&self) -> EffectPolicy {
+        self.policy
+    }
+
+    /// Its view.
+    pub fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// The background image as it was given or rendered, before markers and lens.
+    pub fn background(&self) -> &BackgroundImage {
+        &self.background
+    }
+
+    /// The image without contact, markers included.
+    pub fn untouched(&self) -> &Image {
+        &self.camera.untouched
+    }
+
+    /// The gelpad alone: contacts without light.
+    pub fn pad(&self) -> &Pad {
+        &self.pad
+    }
+
+    /// The light alone: from a contact to brightness.
+    pub fn shader(&self) -> &Shader {
+        &self.shader
+    }
+
+    /// The camera alone: from brightness to an image.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// The light that a contact sends to the camera, where it differs from the background image.
+    pub fn light(&self, contact: &Contact) -> Light {
+        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy))
+    }
+
+    /// How far a curved pad lies below its highest point, mm, on the grid of [`Contact::surface`].
+    pub fn drop_mm(&self) -> Option<&Grid<f32>> {
+        self.drop_mm.as_ref()
+    }
+
+    /// True if tractions are known where something is moved in the pad's plane: markers show them, and the model of the
+    /// gelpad knows them.
+    pub fn knows_tractions(&self) -> bool {
+        self.in_plane.is_some()
+    }
+}
+
+impl Press {
+    /// A press without texture or motion, with the sensor's own markers and camera.
+    pub fn of(indenter: Indenter, sensor: &Sensor) -> Self {
+        let markers = sensor.markers.and_then(|markers| markers.pattern);
+        Self { indenter, texture: None, shear: None, markers, camera: sensor.camera }
+    }
+}
+
+/// Layers in the geometry of the image: row-major, one value per pixel, with the lens's distortion.
+impl Impression {
+    /// How far the object reaches below the undeformed pad, mm; 0 where it does not.
+    pub fn depth_mm(&self) -> Vec<f32> {
+        self.through_lens(self.depth.below_pad())
+    }
+
+    /// Displacement of the pad's surface, mm, positive into the pad, towards the camera.
+    pub fn surface_mm(&self) -> Vec<f32> {
+        self.through_lens(self.contact.surface.inner(SURFACE_BORDER))
+    }
+
+    /// 255 where the pad touches the object.
+    pub fn contact_mask(&self) -> Vec<u8> {
+        match &self.lens {
+            Some(lens) => lens.warp_mask(&self.contact.mask).data,
+            None => self.contact.mask.data.clone(),
+        }
+    }
+
+    /// Unit normals of the pad's surface, towards the camera: a flat pad is (0, 0, -1).
+    pub fn normals(&self) -> Vec<[f32; 3]> {
+        let mut normals = normals(&self.contact, &self.view);
+        if self.lens.is_some() {
+            let [width, height] = self.view.resolution_px;
+            let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();
+            let planes = [0, 1, 2].map(|k| self.through_lens(Grid { width, height, data: plane(k) }));
+            for (i, normal) in normals.iter_mut().enumerate() {
+                let [x, y, z] = planes.each_ref().map(|plane| plane[i]);
+                // Interpolated normals are a little short.
+                let length = (x * x + y * y + z * z).sqrt();
+                *normal = [x / length, y / length, z / length];
+            }
+        }
+        normals
+    }
+
+    /// Pressure between pad and object, kPa; 0 without contact. `None` if the model of the gelpad knows none.
+    pub fn pressure_kpa(&self) -> Option<Vec<f32>> {
+        self.contact.force_n?;
+        let [width, height] = self.view.resolution_px;
+        let pressure = self.contact.pressure.clone();
+        Some(pressure.map_or_else(|| vec![0.0; width * height], |pressure| self.through_lens(pressure)))
+    }
+
+    /// Where each marker in view was printed, and where the pad carried it, px: the first pixel's centre is at (0.5, 0.5).
+    pub fn marker_positions(&self) -> Vec<([f64; 2], [f64; 2])> {
+        let in_view =
+            |markers: &MarkerPositions| markers.in_view(self.lens.as_ref(), self.view.resolution_px).collect();
+        self.markers.as_ref().map_or_else(Vec::new, in_view)
+    }
+
+    fn through_lens(&self, plane: Grid<f32>) -> Vec<f32> {
+        match &self.lens {
+            Some(lens) => lens.warp_plane(&plane).data,
+            None => plane.data,
+        }
+    }
+}

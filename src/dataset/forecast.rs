@@ -1,0 +1,207 @@
+//! What a run would do and take: some of the job's samples are rendered and encoded, on as many threads as the run would
+//! have, and thrown away.
+//!
+//! Samples are taken from all over the job until their mean time is known well enough; time and bytes of the whole are
+//! in proportion. CPU time is taken while all threads are busy, so that what they take from each other is in it.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+use crate::core::base::clock::Clock;
+use crate::core::base::clock::Seconds;
+use crate::core::effects::{Effect, PerEffect};
+use crate::dataset::encode::members;
+use crate::job::plan::Plan;
+use crate::job::sample::shown;
+
+/// Samples that are probed at least, if the job has them.
+const FEWEST: u64 = 32;
+
+/// Relative standard error of the mean time at which probing ends.
+const ACCURACY: f64 = 0.04;
+
+/// Wall time after which no more samples are probed, s.
+const LONGEST_S: f64 = 12.0;
+
+/// What was found, and what it means for the run.
+#[derive(Clone, Debug)]
+pub struct Forecast {
+    /// Samples that were rendered.
+    pub probed: u64,
+    /// Those among them that are not healthy.
+    pub unhealthy: u64,
+    /// Of each effect, in those samples.
+    pub effects: PerEffect<Probed>,
+    /// CPU seconds of a sample, mean, per stage.
+    pub seconds: Seconds,
+    /// CPU seconds of a sample for hashing and writing its files, mean.
+    pub write_s: f64,
+    /// Wall time of the run, s.
+    pub wall_s: f64,
+    /// Bytes of its shards.
+    pub bytes: f64,
+    /// Samples of the run.
+    pub samples: u64,
+    /// Shards of the run.
+    pub shards: u64,
+    /// Threads of the run.
+    pub threads: usize,
+}
+
+/// An effect in the probed samples.
+#[derive(Clone, Debug, Default)]
+pub struct Probed {
+    /// Samples in which it ran.
+    pub ran: u64,
+    /// Why, and why not, with the number of samples.
+    pub reasons: BTreeMap<(bool, String), u64>,
+    /// CPU seconds of a sample, mean.
+    pub seconds: f64,
+}
+
+/// One sample of the probe.
+struct Probe {
+    healthy: bool,
+    notes: PerEffect<crate::core::effects::Note>,
+    effects: PerEffect<f64>,
+    seconds: Seconds,
+    write_s: f64,
+    bytes: u64,
+}
+
+impl Probe {
+    fn new(plan: &Plan, index: u64) -> Self {
+        let sample = shown(plan, index);
+        let mut clock = Clock::start();
+        let members = members(plan, &sample);
+        let encode = clock.lap();
+        let mut hash = Sha256::new();
+        members.iter().for_each(|member| hash.update(&member.bytes));
+        std::hint::black_box(hash.finalize());
+        Self {
+            healthy: sample.label.health.healthy,
+            notes: sample.label.effects,
+            effects: sample.impression.effects.seconds,
+            seconds: Seconds { encode, ..sample.seconds },
+            write_s: clock.lap(),
+            bytes: plan.output().container.bytes_of(&plan.layout.shard_of(index), index, &members),
+        }
+    }
+
+    fn total_s(&self) -> f64 {
+        self.seconds.simulation() + self.seconds.encode + self.write_s
+    }
+}
+
+/// Foresees a run over `samples` samples in `shards` shards on `threads` threads.
+pub fn forecast(
+    plan: &Plan,
+    samples: u64,
+    shards: u64,
+    threads: usize,
+) -> Result<Forecast, rayon::ThreadPoolBuildError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let all = plan.layout.samples();
+    let order = |k: u64| (u128::from(k) * u128::from(step(all)) % u128::from(all)) as u64;
+    let start = Instant::now();
+    let mut probes: Vec<Probe> = Vec::new();
+    pool.install(|| {
+        // Caches and memory are cold at first.
+        (0..threads as u64).into_par_iter().for_each(|k| drop(Probe::new(plan, order(k))));
+        loop {
+            let from = probes.len() as u64;
+            let until = (from + FEWEST).min(all);
+            let block: Vec<Probe> = (from..until).into_par_iter().map(|k| Probe::new(plan, order(k))).collect();
+            probes.extend(block);
+            let seconds: Vec<f64> = probes.iter().map(Probe::total_s).collect();
+            if until == all || relative_error(&seconds) < ACCURACY || start.elapsed().as_secs_f64() > LONGEST_S {
+                break;
+            }
+        }
+    });
+    let count = probes.len() as f64;
+    let mean = |of: &dyn Fn(&Probe) -> f64| probes.iter().map(of).sum::<f64>() / count;
+    let mut seconds = Seconds::default();
+    probes.iter().for_each(|probe| seconds.add(&probe.seconds));
+    let mut effects = PerEffect::<Probed>::default();
+    for effect in Effect::ALL {
+        let probed = &mut effects[effect];
+        probed.seconds = mean(&|probe| probe.effects[effect]);
+        for probe in &probes {
+            let note = &probe.notes[effect];
+            probed.ran += u64::from(note.ran);
+            *probed.reasons.entry((note.ran, note.reason.clone().into_owned())).or_default() += 1;
+        }
+    }
+    let (write_s, bytes) = (mean(&|probe| probe.write_s), mean(&|probe| probe.bytes as f64));
+    // A shard's samples are rendered by all threads, but written by one.
+    let busy = |count: u64| threads.min(count.max(1) as usize) as f64;
+    let render_s = (seconds.simulation() + seconds.encode) / count;
+    let wall_s = samples as f64 * (render_s / busy(samples) + write_s / busy(shards));
+    Ok(Forecast {
+        probed: probes.len() as u64,
+        unhealthy: probes.iter().filter(|probe| !probe.healthy).count() as u64,
+        effects,
+        seconds: seconds.scaled(1.0 / count),
+        write_s,
+        wall_s,
+        bytes: samples as f64 * bytes + shards as f64 * plan.output().container.empty_bytes() as f64,
+        samples,
+        shards,
+        threads,
+    })
+}
+
+/// A step that visits all numbers below `count` before the first comes again, far apart from one to the next: the
+/// largest one below the golden section of `count` that has no common divisor with it.
+fn step(count: u64) -> u64 {
+    let golden = (count as f64 * 0.618_033_988_749_894_9) as u64;
+    let divisor = |mut a: u64, mut b: u64| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    (1..=golden).rev().find(|step| divisor(*step, count) == 1).unwrap_or(1)
+}
+
+/// Standard error of the mean over the mean.
+fn relative_error(values: &[f64]) -> f64 {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / (count - 1.0).max(1.0);
+    if mean > 0.0 { (variance / count).sqrt() / mean } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn probing_goes_all_over_the_job_and_meets_no_sample_twice() {
+        for count in [1_u64, 2, 3, 10, 64, 97, 200] {
+            let step = step(count);
+            let mut seen: Vec<u64> = (0..count).map(|k| k * step % count).collect();
+            if count >= 64 {
+                let mut first: Vec<u64> = seen[..8].to_vec();
+                first.sort_unstable();
+                let gaps = first.windows(2).map(|pair| pair[1] - pair[0]);
+                assert!(gaps.max().unwrap_or(0) <= count / 3, "{count}: {first:?}");
+            }
+            seen.sort_unstable();
+            assert!(seen.into_iter().eq(0..count), "{count}");
+        }
+    }
+
+    #[test]
+    fn the_error_of_a_mean_falls_with_the_root_of_the_count() {
+        let values = |count: usize| (0..count).map(|k| 1.0 + (k % 2) as f64).collect::<Vec<f64>>();
+        let (few, many) = (relative_error(&values(100)), relative_error(&values(10_000)));
+        assert!((few / many - 10.0).abs() < 0.1, "{few} {many}");
+        assert!((many - 0.5 / 1.5 / 100.0).abs() < 1e-5);
+        assert_eq!(relative_error(&[2.0]), 0.0);
+    }
+}

@@ -1,0 +1,159 @@
+//! Whether heights over the pad can be right: units and the place of the pad are easily mistaken, and either shows.
+
+use super::camera::{DepthCamera, Unit};
+use super::heights::Heights;
+use crate::files::diagnostic::Diagnostic;
+
+/// What is known of a frame's heights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Height of the lowest point over the undeformed pad, mm; infinite if nothing is seen.
+    pub lowest_mm: f64,
+    /// That of the highest point that is seen.
+    pub highest_mm: f64,
+    /// Pixels in which something is deeper than the pad is thick.
+    pub through_px: u64,
+    /// Pixels that the camera could not see.
+    pub unseen_px: u64,
+    thickness_mm: f64,
+}
+
+impl Reach {
+    /// Of heights over a pad `thickness_mm` thick.
+    pub fn of(heights: &Heights, thickness_mm: f64) -> Self {
+        let thickness = thickness_mm as f32;
+        let (mut lowest, mut highest, mut through_px) = (f32::INFINITY, f32::NEG_INFINITY, 0);
+        for mm in &heights.above_mm.data {
+            lowest = lowest.min(*mm);
+            highest = if mm.is_finite() { highest.max(*mm) } else { highest };
+            through_px += u64::from(*mm < -thickness);
+        }
+        Self {
+            lowest_mm: lowest.into(),
+            highest_mm: highest.into(),
+            through_px,
+            unseen_px: heights.unseen_px,
+            thickness_mm,
+        }
+    }
+
+    /// True if something reaches into the pad.
+    pub fn touches(&self) -> bool {
+        self.lowest_mm < 0.0
+    }
+
+    /// What cannot be right of one frame: all that it shows is behind the pad.
+    pub fn mistake(&self, camera: &DepthCamera) -> Option<Diagnostic> {
+        (self.lowest_mm.is_finite() && self.highest_mm < -self.thickness_mm).then(|| {
+            let message = format!(
+                "all that is seen lies behind the pad, which is {} mm thick: {} to {} mm from the camera, and the pad's \
+                 surface is at {} mm",
+                self.thickness_mm,
+                rounded(self.lowest_mm + camera.plane_mm),
+                rounded(self.highest_mm + camera.plane_mm),
+                rounded(camera.plane_mm)
+            );
+            Diagnostic::new(message).help(self.fix(camera))
+        })
+    }
+
+    /// What cannot be right of a set of frames of which this one comes nearest to the pad, and does not touch it.
+    pub fn out_of_reach(&self, camera: &DepthCamera) -> Diagnostic {
+        let message = match self.lowest_mm.is_finite() {
+            false => String::from("nothing is seen in any frame"),
+            true => format!("nothing reaches the pad: the nearest point is {} mm beyond it", rounded(self.lowest_mm)),
+        };
+        Diagnostic::new(message)
+            .help(format!("{}; frames without contact are rendered with --no-contact-ok", self.fix(camera)))
+    }
+
+    /// The likely way out: the unit in which the lowest point would be in the pad, or else the pad's place.
+    fn fix(&self, camera: &DepthCamera) -> String {
+        if !self.lowest_mm.is_finite() {
+            return String::from("are --max-depth-mm and --background-value right?");
+        }
+        let value = (self.lowest_mm + camera.plane_mm) / camera.unit.mm();
+        let would_touch = |unit: Unit| (-self.thickness_mm..=0.0).contains(&(value * unit.mm() - camera.plane_mm));
+        // Units are a thousand apart; what is nearer than that is rather the plane's mistake.
+        let far_off = |times: f64| !(1.0 / 30.0..30.0).contains(&times);
+        let other_unit = |unit: &Unit| far_off(unit.mm() / camera.unit.mm()) && would_touch(*unit);
+        let nearest_mm = value * camera.unit.mm();
+        let mistaken = camera.plane_mm > 0.0 && far_off(nearest_mm / camera.plane_mm);
+        match Unit::ALL.into_iter().find(other_unit).filter(|_| mistaken) {
+            Some(unit) => {
+                let (name, words) = unit.names();
+                format!("the values look like {words}: --depth-unit {name}")
+            }
+            None => format!(
+                "is --plane-mm {} right? it is the distance of the undeformed pad from the camera",
+                rounded(camera.plane_mm)
+            ),
+        }
+    }
+}
+
+/// A length to a micrometre, without zeros at its end.
+fn rounded(mm: f64) -> f64 {
+    (mm * 1e3).round() / 1e3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::base::grid::Grid;
+    use crate::dataset::frames::camera::Projection;
+
+    fn camera(unit: Unit, plane_mm: f64) -> DepthCamera {
+        DepthCamera {
+            unit,
+            plane_mm,
+            max_depth_mm: None,
+            background: None,
+            flip: [false; 2],
+            offset_px: [0.0; 2],
+            projection: Projection::Orthographic,
+        }
+    }
+
+    fn reach(above_mm: &[f32]) -> Reach {
+        let above_mm = Grid { width: above_mm.len(), height: 1, data: above_mm.to_vec() };
+        Reach::of(&Heights { above_mm, unseen_px: 0 }, 3.0)
+    }
+
+    #[test]
+    fn a_press_is_no_mistake_even_where_it_goes_through() {
+        let pressed = reach(&[-0.5, 4.0, f32::INFINITY]);
+        assert!(pressed.touches() && pressed.mistake(&camera(Unit::Millimetre, 10.0)).is_none());
+        let through = reach(&[-3.5, -0.1]);
+        assert_eq!((through.through_px, through.mistake(&camera(Unit::Millimetre, 10.0))), (1, None));
+        assert!(!reach(&[0.0, f32::INFINITY]).touches());
+    }
+
+    #[test]
+    fn metres_taken_for_millimetres_are_all_behind_the_pad_and_the_unit_is_named() {
+        // 9.5 mm and 50 mm in metres.
+        let wrong = camera(Unit::Millimetre, 10.0);
+        let problem = reach(&[0.0095 - 10.0, 0.05 - 10.0]).mistake(&wrong).expect("a mistake");
+        assert!(problem.message.contains("behind the pad"), "{}", problem.message);
+        assert_eq!(problem.help.as_deref(), Some("the values look like metres: --depth-unit m"));
+        // Millimetres taken for metres are far away.
+        let problem = reach(&[9500.0 - 10.0]).out_of_reach(&camera(Unit::Metre, 10.0));
+        assert!(problem.message.ends_with("the nearest point is 9490 mm beyond it"), "{}", problem.message);
+        assert!(problem.help.is_some_and(|help| help.starts_with("the values look like millimetres: --depth-unit mm")));
+    }
+
+    #[test]
+    fn where_no_unit_helps_the_plane_is_asked_for() {
+        let wrong = camera(Unit::Millimetre, 10.0);
+        let problem = reach(&[12.3, 20.0]).out_of_reach(&wrong);
+        assert!(problem.message.contains("12.3 mm beyond"), "{}", problem.message);
+        assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 10 right?")));
+        // In millimetres it would touch, but 9 mm are no mistake of a unit.
+        let problem = reach(&[8.0, 49.0]).out_of_reach(&camera(Unit::Metre, 1.0));
+        assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 1 right?")));
+        let problem = reach(&[-8.0, -7.0]).mistake(&wrong).expect("a mistake");
+        assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 10 right?")));
+        let problem = reach(&[f32::INFINITY]).out_of_reach(&wrong);
+        assert!(problem.help.is_some_and(|help| help.contains("--max-depth-mm")));
+    }
+}

@@ -1,0 +1,16 @@
+//! Depth frames of simulators, which take the place of a mesh and its pose: everything behind the capture of depth is the
+//! same code.
+//!
+//! [`source`] finds the files, [`read`] reads one, [`camera`] takes it to heights over the pad (through [`perspective`],
+//! if its camera was one of perspective), [`check`] says what cannot be right, [`poses`] reads what is known of the
+//! objects, [`run`] renders files, [`stream`] renders what comes through a pipe.
+
+pub mod camera;
+pub mod check;
+pub mod heights;
+pub mod perspective;
+pub mod poses;
+pub mod read;
+pub mod run;
+pub mod source;
+pub mod stream;

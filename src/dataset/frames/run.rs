@@ -1,0 +1,176 @@
+//! Renders files of depth frames: first all are read and checked, then each becomes a tactile image, layers and a label.
+//!
+//! A frame's files are written under other names and renamed. What an earlier run wrote of the same frames is replaced,
+//! layers that this one does not write included; files that only have such names, without a label, stay.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::camera::DepthCamera;
+use super::check::Reach;
+use super::heights::Heights;
+use super::poses::FrameMetadata;
+use super::read;
+use super::source::Source;
+use crate::core::depth::height_map::HeightMap;
+use crate::dataset::archive::Member;
+use crate::dataset::encode::members;
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::files::write::{sync_all_in, write_one_of_many};
+use crate::job::config::output::OnUnhealthy;
+use crate::job::label::Label;
+use crate::job::layers::{DepthFormat, OutputLayer};
+use crate::job::layout::Split;
+use crate::job::plan::Plan;
+use crate::job::sample::Sample;
+use crate::job::sample::press;
+use crate::job::scene::{Frame, KnownPress, Pressed, Scene};
+
+/// What to render and where.
+pub struct Request<'a> {
+    /// The frames; their places are their samples' numbers.
+    pub sources: &'a [Source],
+    /// What saw them.
+    pub camera: DepthCamera,
+    /// What is known of each, if anything is.
+    pub known: Option<Vec<FrameMetadata>>,
+    /// Folder of the results.
+    pub out: &'a Path,
+    /// No frame need reach the pad.
+    pub no_contact_ok: bool,
+}
+
+/// Why rendering ended early. What was written before stays.
+#[derive(Debug)]
+pub enum RenderError {
+    /// Reading or writing failed.
+    Io(PathBuf, io::Error),
+    /// A file is no more what it was when it was checked.
+    Changed(PathBuf, String),
+    /// A frame's sample is not sound, and the job wants no such sample: its file, and why.
+    Unhealthy(PathBuf, String),
+}
+
+/// Reads every frame. On failure, all mistakes in them.
+pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
+    let Request { sources, camera, out, .. } = request;
+    let found: Vec<Result<Reach, Diagnostic>> = sources
+        .par_iter()
+        .map(|source| {
+            let heights = heights(plan, camera, &source.path)?;
+            let reach = Reach::of(&heights, plan.thickness_mm());
+            reach.mistake(camera).map_or(Ok(reach), Err)
+        })
+        .collect();
+    let mut problems = Diagnostics::default();
+    for known in request.known.iter().flatten() {
+        if !known.class.is_empty() && plan.class_index(&known.class).is_none() {
+            let problem =
+                Diagnostic::new(format!("the plan knows no class `{}`, which is that of `{}`", known.class, known.id));
+            problems.push(problem.help("make the plan with the classes of all frames"));
+        }
+    }
+    let mut reaches = Vec::new();
+    for (source, found) in sources.iter().zip(found) {
+        match found {
+            Ok(reach) => reaches.push(reach),
+            Err(problem) => {
+                let message = format!("{}: {}", source.path.display(), problem.message);
+                problems.push(Diagnostic { message, ..problem });
+            }
+        }
+        let mut ours = suffixes(plan).into_iter().map(|suffix| out.join(format!("{}.{suffix}", source.stem)));
+        if ours.any(|path| is_same_file(&path, &source.path)) {
+            let problem = Diagnostic::new(format!("{} would be written over", source.path.display()));
+            problems.push(problem.help("choose another folder with --out"));
+        }
+    }
+    let nearest = reaches.iter().min_by(|a, b| a.lowest_mm.total_cmp(&b.lowest_mm));
+    if let Some(nearest) = nearest.filter(|nearest| !nearest.touches() && !request.no_contact_ok && problems.is_empty())
+    {
+        problems.push(nearest.out_of_reach(camera));
+    }
+    if problems.is_empty() { Ok(reaches) } else { Err(Report::new(&problems, &[])) }
+}
+
+/// Renders and writes every frame, on the threads of the pool that this is called in.
+pub fn run(plan: &Plan, request: &Request) -> Result<(), RenderError> {
+    let out = request.out;
+    let failed = |error| RenderError::Io(out.to_owned(), error);
+    fs::create_dir_all(out).map_err(failed)?;
+    let one = |(index, source): (usize, &Source)| {
+        let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
+        let heights = heights(plan, &request.camera, &source.path).map_err(changed)?;
+        let known = request.known.as_ref().map(|known| &known[index]);
+        let sample = sample(plan, index as u64, &source.stem, heights, known);
+        let health = &sample.label.health;
+        if !health.healthy && plan.output().on_unhealthy != OnUnhealthy::Keep {
+            return Err(RenderError::Unhealthy(source.path.clone(), health.reason.clone()));
+        }
+        write(out, source, &members(plan, &sample))
+    };
+    request.sources.par_iter().enumerate().try_for_each(one)?;
+    File::open(out).and_then(|folder| sync_all_in(&folder)).map_err(failed)
+}
+
+/// Reads a frame and takes it to heights in the plan's view.
+fn heights(plan: &Plan, camera: &DepthCamera, path: &Path) -> Result<Heights, Diagnostic> {
+    let frame = read::file(path).map_err(|reason| {
+        Diagnostic::new(reason)
+            .help("a frame is an npy array, an EXR picture or a grey PNG of 16 bits, up to 8192 px on a side")
+    })?;
+    camera.heights(frame, plan.simulator.view())
+}
+
+/// The sample of a frame called `name`.
+pub fn sample(plan: &Plan, index: u64, name: &str, heights: Heights, known: Option<&FrameMetadata>) -> Sample {
+    let nothing = FrameMetadata::nothing(name);
+    let FrameMetadata { id, class, pose, motion } = known.unwrap_or(&nothing).clone();
+    let map = HeightMap { above_mm: heights.above_mm, unseen_px: heights.unseen_px };
+    let indentation_depth_mm = map.indentation_depth_mm();
+    let pressed = Pressed::Frame(Frame { id, class, map: Arc::new(map) });
+    let given = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm };
+    let mut scene = Scene::given(plan, index, 0, given);
+    if known.is_some() {
+        scene.motion = motion;
+    }
+    press(plan, &scene)
+}
+
+/// Ends of the names of a frame's files.
+fn suffixes(plan: &Plan) -> Vec<String> {
+    let format = plan.output().depth_format;
+    let layers = plan.layers().into_iter().map(|layer| layer.suffix(format));
+    [String::from("tactile.png"), String::from("json")].into_iter().chain(layers).collect()
+}
+
+fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), RenderError> {
+    let path = |suffix: &str| out.join(format!("{}.{suffix}", source.stem));
+    let stale = DepthFormat::ALL.into_iter().flat_map(|format| OutputLayer::ALL.map(|layer| layer.suffix(format)));
+    let label = fs::read(path("json")).unwrap_or_default();
+    let is_ours = serde_json::from_slice::<Label>(&label).is_ok();
+    for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
+        let path = path(&suffix);
+        if is_same_file(&path, &source.path) {
+            continue;
+        }
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(RenderError::Io(path, error)),
+            _ => {}
+        }
+    }
+    for member in members {
+        let path = path(&member.suffix);
+        write_one_of_many(&path, &member.bytes).map_err(|error| RenderError::Io(path, error))?;
+    }
+    Ok(())
+}
+
+/// True if both are there and are one file.
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}

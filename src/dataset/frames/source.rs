@@ -1,0 +1,117 @@
+//! The files that hold depth frames, and the names of what is rendered from them.
+
+use std::collections::HashMap;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::read::ENDINGS;
+use crate::files::diagnostic::{Diagnostic, Diagnostics};
+
+/// A frame's file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// Where it is.
+    pub path: PathBuf,
+    /// What its results are called.
+    pub stem: String,
+}
+
+/// The files that `written` names, in the order in which they are named; those of a folder or a pattern by their names.
+/// Mistakes go to `problems`.
+pub fn find(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<Source> {
+    let mut sources: Vec<Source> = Vec::new();
+    let mut taken: HashMap<String, usize> = HashMap::new();
+    let paths: Vec<PathBuf> = written.iter().flat_map(|written| files(written, problems)).collect();
+    for path in paths {
+        let Some(stem) = stem(&path) else {
+            problems.push(Diagnostic::new(format!("{}: its name is not UTF-8", path.display())).help("rename it"));
+            continue;
+        };
+        match taken.insert(stem.clone(), sources.len()) {
+            Some(first) => {
+                let first = sources[first].path.display();
+                let problem =
+                    Diagnostic::new(format!("{} and {first} would both be {stem}.tactile.png", path.display()));
+                problems.push(problem.help("rename one of them, or render them into two folders"));
+            }
+            None => sources.push(Source { path, stem }),
+        }
+    }
+    sources
+}
+
+/// The name of a frame: its file's without folder and ending, and without a `.depth` before that.
+pub fn stem(path: &Path) -> Option<String> {
+    let stem = path.file_stem()?.to_str()?;
+    Some(stem.strip_suffix(".depth").filter(|rest| !rest.is_empty()).unwrap_or(stem).to_owned())
+}
+
+/// A file itself, the frames in a folder, or what matches a pattern.
+fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
+    let mut wrong = |message: String, help: String| {
+        problems.push(Diagnostic::new(message).help(help));
+        Vec::new()
+    };
+    let shown = written.display();
+    if written.is_dir() {
+        let entries = match fs::read_dir(written) {
+            Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())),
+            Err(error) => return wrong(format!("{shown}: {error}"), String::from("name a folder that can be read")),
+        };
+        let ending = |path: &Path| ENDINGS.into_iter().any(|known| path.extension() == Some(OsStr::new(known)));
+        let mut found: Vec<PathBuf> = entries.filter(|path| ending(path) && path.is_file()).collect();
+        found.sort();
+        return match found.is_empty() {
+            true => wrong(format!("{shown} holds no depth frame"), format!("these are .{}", ENDINGS.join(", ."))),
+            false => found,
+        };
+    }
+    let pattern = written.to_str().filter(|text| text.contains(['*', '?', '[']) && !written.exists());
+    let Some(pattern) = pattern else {
+        return match written.exists() {
+            true => vec![written.to_owned()],
+            false => wrong(format!("{shown} does not exist"), String::from("name files, folders or patterns of names")),
+        };
+    };
+    match glob::glob(pattern) {
+        Err(error) => wrong(
+            format!("{shown} is no pattern: {}", error.msg),
+            String::from("`*`, `?` and `[abc]` stand for characters"),
+        ),
+        Ok(paths) => {
+            let mut found: Vec<PathBuf> = paths.filter_map(Result::ok).filter(|path| path.is_file()).collect();
+            found.sort();
+            match found.is_empty() {
+                true => wrong(format!("no file matches {shown}"), String::from("paths start from the current folder")),
+                false => found,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::diagnostic::Report;
+
+    #[test]
+    fn files_folders_and_patterns_are_taken_in_order_and_no_name_twice() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir_all(at("more")).expect("a folder");
+        for name in ["b.npy", "a.depth.exr", "c.png", "notes.txt", "more/b.npy"] {
+            fs::write(at(name), b"").expect("a file");
+        }
+        let mut problems = Diagnostics::default();
+        let stems = |sources: &[Source]| sources.iter().map(|source| source.stem.clone()).collect::<Vec<_>>();
+        assert_eq!(stems(&find(&[folder.path().to_owned()], &mut problems)), ["a", "b", "c"]);
+        assert_eq!(stems(&find(&[at("c.png"), at("?.npy")], &mut problems)), ["c", "b"]);
+        assert!(problems.is_empty());
+        find(&[at("b.npy"), at("more"), at("none"), at("*.tif")], &mut problems);
+        let said = Report::new(&problems, &[]).render(false);
+        for part in ["would both be b.tactile.png", "none does not exist", "no file matches"] {
+            assert!(said.contains(part), "{part}: {said}");
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Depth frames from a pipe, tactile images into another: what a simulator's control loop talks to.
+//!
+//! Either way frames are npy files one after another, each with its header (docs/simulators.md has the other side). An image is
+//! written and flushed before the next frame is read, and nothing is kept.
+
+use std::io::{self, ErrorKind, Read, Write};
+
+use super::camera::DepthCamera;
+use super::check::Reach;
+use super::{read, run};
+use crate::files::diagnostic::{Diagnostic, Report};
+use crate::files::npy;
+use crate::job::plan::Plan;
+
+/// Longest header, bytes; numpy's has 118.
+const MOST_HEADER: usize = 1 << 16;
+
+/// Why a stream ended early.
+#[derive(Debug)]
+pub enum StreamError {
+    /// A frame, counted from 0, cannot be read or cannot be right.
+    Frame(u64, Diagnostic),
+    /// No plan can be made for the first frame's size.
+    Plan(Report),
+    /// Nobody takes the images any more.
+    Unread,
+    /// Reading or writing failed.
+    Io(io::Error),
+}
+
+/// Renders each frame of `input` to `output` until the input ends between two frames; how many there were. `plan` gives
+/// the plan for frames of a size, once.
+pub fn stream(
+    mut input: impl Read,
+    mut output: impl Write,
+    camera: &DepthCamera,
+    plan: impl FnOnce([usize; 2]) -> Result<Plan, Report>,
+) -> Result<u64, StreamError> {
+    let mut bytes = Vec::new();
+    let mut make = Some(plan);
+    let mut made: Option<([usize; 2], Plan)> = None;
+    for number in 0.. {
+        let wrong = |message: String| StreamError::Frame(number, Diagnostic::new(message));
+        if !next(&mut input, &mut bytes).map_err(wrong)? {
+            return Ok(number);
+        }
+        let frame = read::decode(&bytes).map_err(wrong)?;
+        let size = [frame.width, frame.height];
+        if let Some(make) = make.take() {
+            made = Some((size, make(size).map_err(StreamError::Plan)?));
+        }
+        let Some((first, plan)) = &made else { continue };
+        if size != *first {
+            let [now, before] = [size, *first].map(|[width, height]| format!("{width}x{height}"));
+            return Err(wrong(format!("it has {now} px, and those before it have {before}")));
+        }
+        let heights =
+            camera.heights(frame, plan.simulator.view()).map_err(|problem| StreamError::Frame(number, problem))?;
+        if let Some(problem) = Reach::of(&heights, plan.thickness_mm()).mistake(camera) {
+            return Err(StreamError::Frame(number, problem));
+        }
+        let image = run::sample(plan, number, "frame", heights, None).impression.image;
+        let written = output.write_all(&npy::encode_rgb(image.width, image.height, &image.rgb));
+        written.and_then(|()| output.flush()).map_err(|error| match error.kind() {
+            ErrorKind::BrokenPipe => StreamError::Unread,
+            _ => StreamError::Io(error),
+        })?;
+    }
+    Ok(0)
+}
+
+/// Reads the next npy file into `bytes`; false if there is none. On failure, what is wrong with it.
+fn next(input: &mut impl Read, bytes: &mut Vec<u8>) -> Result<bool, String> {
+    /// Up to the length of the header.
+    const START: usize = 8;
+    bytes.clear();
+    if !more(input, bytes, START)? {
+        return Ok(false);
+    }
+    let length = match bytes.as_slice() {
+        [0x93, b'N', b'U', b'M', b'P', b'Y', 1, _] => 2,
+        [0x93, b'N', b'U', b'M', b'P', b'Y', 2 | 3, _] => 4,
+        _ => return Err(String::from("no npy file begins where it should")),
+    };
+    whole(input, bytes, length)?;
+    let header = bytes[START..].iter().rev().fold(0, |length: usize, byte| length << 8 | usize::from(*byte));
+    if header > MOST_HEADER {
+        return Err(format!("its header claims {header} bytes"));
+    }
+    whole(input, bytes, header)?;
+    let (shape, data) = npy::announced(bytes)?;
+    read::size(&shape)?;
+    whole(input, bytes, data)?;
+    Ok(true)
+}
+
+/// Appends `count` bytes of a frame that has begun.
+fn whole(input: &mut impl Read, bytes: &mut Vec<u8>, count: usize) -> Result<(), String> {
+    match more(input, bytes, count)? || count == 0 {
+        true => Ok(()),
+        false => Err(format!("the input ends within it, after {} bytes", bytes.len())),
+    }
+}
+
+/// Appends `count` bytes; false if the input has ended before the first of them.
+fn more(input: &mut impl Read, bytes: &mut Vec<u8>, count: usize) -> Result<bool, String> {
+    let before = bytes.len();
+    let read = input.by_ref().take(count as u64).read_to_end(bytes).map_err(|error| error.to_string())?;
+    match read {
+        _ if read == count => Ok(count > 0),
+        0 => Ok(false),
+        _ => Err(format!("the input ends within it, after {} bytes", before + read)),
+    }
+}

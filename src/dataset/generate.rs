@@ -1,0 +1,366 @@
+//! Writes a dataset: shards in parallel, each whole or not at all; stops cleanly and goes on where it stopped.
+//!
+//! What is there already is read first, and made again where it is not what was written. Every thread takes the next
+//! shard that is not there yet. Within a shard, blocks of samples are rendered in parallel and appended in order, so that
+//! threads without a shard of their own help the others. No bytes depend on who renders what: a shard is a function of
+//! plan and shard number.
+
+use crate::files::fail_point::Step;
+use std::any::Any;
+use std::io;
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use crate::core::base::clock::Clock;
+use crate::core::base::clock::Seconds;
+use crate::core::effects::PerEffect;
+use crate::dataset::archive::Member;
+use crate::dataset::encode::members;
+use crate::dataset::finalize::{Finalized, finalize};
+use crate::dataset::folder::prepare;
+use crate::dataset::lock::Lock;
+use crate::dataset::manifest::Manifest;
+use crate::dataset::paths::Paths;
+use crate::dataset::recorded::Recorded;
+use crate::dataset::refused::Refused;
+use crate::dataset::shard::Writer;
+use crate::dataset::stats::Stats;
+use crate::dataset::verify::CheckLevel;
+use crate::dataset::versioned::Versioned;
+use crate::files::diagnostic::Report;
+use crate::job::label::Label;
+use crate::job::layout::Shard;
+use crate::job::plan::Plan;
+use crate::job::sample::Accepted;
+use crate::job::sample::Unfit;
+use crate::job::sample::accept;
+
+/// Samples that are rendered before the first of them is written: bounds memory, and keeps helping threads busy.
+const BLOCK: usize = 16;
+
+/// What to generate and where.
+pub struct Request {
+    /// Folder of the dataset.
+    pub root: PathBuf,
+    /// Shards to write, numbers in plan order; all of them if absent.
+    pub shards: Option<Range<u64>>,
+    /// Threads; all cores if absent.
+    pub threads: Option<usize>,
+    /// Replace a dataset that is there.
+    pub overwrite: bool,
+}
+
+/// What a run did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Done {
+    /// Samples rendered.
+    pub samples: u64,
+    /// Shards written.
+    pub shards: u64,
+    /// Shards that were there already.
+    pub skipped: u64,
+    /// Shards that were there but not as they were written, and so were made again.
+    pub damaged: Vec<String>,
+    /// Draws that were rejected and drawn again.
+    pub rejected: u64,
+    /// Samples written that are not healthy.
+    pub unhealthy: u64,
+    /// Samples written whose contact was not solved to the tolerance.
+    pub unconverged: u64,
+    /// Bytes of the written shards.
+    pub bytes: u64,
+    /// Wall time, s.
+    pub seconds: f64,
+    /// Samples of the dataset before this run made it larger.
+    pub grown_from: Option<u64>,
+    /// True if the dataset is complete and described.
+    pub complete: bool,
+}
+
+/// Why a run ended early. Finished shards stay; the same command goes on.
+#[derive(Debug)]
+pub enum GenerateError {
+    /// Something the user wrote is wrong; nothing was written.
+    Usage(Report),
+    /// Reading or writing failed.
+    Io(PathBuf, io::Error),
+    /// Other processes are writing some of the shards: names and holders.
+    Held(Vec<String>),
+    /// A sample is unhealthy, and the job wants no such sample.
+    Unhealthy(Unfit),
+    /// Rendering a sample panicked, which is a bug: the sample's number and what was said.
+    Panicked(u64, String),
+    /// The stop flag was raised.
+    Interrupted,
+}
+
+impl From<Refused> for GenerateError {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Usage(report) => Self::Usage(report),
+            Refused::Io(path, error) => Self::Io(path, error),
+        }
+    }
+}
+
+/// Signals between a run and who watches it.
+#[derive(Default)]
+pub struct Watch {
+    /// Raise to stop: samples under way are finished and dropped, complete shards stay.
+    pub stop: AtomicBool,
+    /// Samples rendered so far.
+    pub rendered: AtomicU64,
+    /// Shards written so far.
+    pub written: AtomicU64,
+    /// Samples and shards of this run in all, once they are known.
+    pub expected: OnceLock<Expected>,
+}
+
+/// What a run has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Expected {
+    /// Samples to render.
+    pub samples: u64,
+    /// Shards to write.
+    pub shards: u64,
+    /// Shards that are there already.
+    pub skipped: u64,
+}
+
+/// Draws a sample of a plan: [`accept`], but for tests.
+type Draw = dyn Fn(&Plan, u64) -> Result<Accepted, Unfit> + Sync;
+
+/// Generates the dataset, or the shards of it that were asked for.
+pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
+    run(plan, request, watch, &accept)
+}
+
+fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Done, GenerateError> {
+    let start = Instant::now();
+    let root = &request.root;
+    let grown_from = prepare(root, plan, request.overwrite)?;
+    known::<Manifest>(&root.join("dataset.json"))?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| GenerateError::Io(root.clone(), io::Error::other(error)))?;
+
+    let mut done = Done { grown_from, ..Done::default() };
+    let mut missing = Vec::new();
+    let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
+    let there = |number| {
+        let shard = plan.layout.shard(number);
+        let stop = watch.stop.load(Ordering::Relaxed);
+        if stop { Err(GenerateError::Interrupted) } else { Ok((shard, there(plan, root, &shard)?)) }
+    };
+    let found: Vec<(Shard, ShardState)> =
+        pool.install(|| wanted.into_par_iter().map(there).collect::<Result<_, _>>())?;
+    for (shard, there) in found {
+        match there {
+            ShardState::Whole(_) => done.skipped += 1,
+            ShardState::Missing => missing.push(shard),
+            ShardState::Damaged => {
+                done.damaged.push(shard.name());
+                missing.push(shard);
+            }
+        }
+    }
+    let samples = missing.iter().map(|shard| shard.samples).sum();
+    // Nobody else sets it.
+    let _ = watch.expected.set(Expected { samples, shards: missing.len() as u64, skipped: done.skipped });
+
+    let next = AtomicUsize::new(0);
+    let failed = AtomicBool::new(false);
+    let results = pool.broadcast(|_| {
+        let mut written = Vec::new();
+        while let Some(shard) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
+            if failed.load(Ordering::Relaxed) {
+                break;
+            }
+            let result = write_shard(plan, root, shard, watch, &failed, draw);
+            failed.fetch_or(!matches!(result, Ok(_) | Err(GenerateError::Held(_))), Ordering::Relaxed);
+            watch.written.fetch_add(u64::from(result.is_ok()), Ordering::Relaxed);
+            written.push(result);
+        }
+        written
+    });
+
+    let mut held = Vec::new();
+    let mut error = None;
+    for result in results.into_iter().flatten() {
+        match result {
+            Ok(stats) => {
+                done.shards += 1;
+                done.samples += stats.samples;
+                done.bytes += stats.bytes;
+                done.rejected += stats.rejected;
+                done.unhealthy += stats.unhealthy;
+                done.unconverged += stats.unconverged;
+            }
+            Err(GenerateError::Held(names)) => held.extend(names),
+            // The cause, not the stops that it brought about elsewhere.
+            Err(GenerateError::Interrupted) => error = Some(error.unwrap_or(GenerateError::Interrupted)),
+            Err(cause) => error = Some(cause),
+        }
+    }
+    if let Some(stopped) = error {
+        return Err(stopped);
+    }
+    // Also after a shard was held: who finishes last describes the dataset, whoever that is.
+    let finalized = finalize(&Recorded::new(root, plan.job().clone()), CheckLevel::Sizes)?;
+    done.complete = matches!(finalized, Finalized::Whole { .. });
+    if !done.complete && !held.is_empty() {
+        held.sort();
+        return Err(GenerateError::Held(held));
+    }
+    done.seconds = start.elapsed().as_secs_f64();
+    Ok(done)
+}
+
+/// What is there of a shard.
+enum ShardState {
+    /// Nothing that counts.
+    Missing,
+    /// Its stats, but not the tar that they describe.
+    Damaged,
+    /// All of it.
+    Whole(Box<Stats>),
+}
+
+/// Looks for a shard of this job, and reads it.
+fn there(plan: &Plan, root: &Path, shard: &Shard) -> Result<ShardState, GenerateError> {
+    let paths = Paths::new(root, shard, plan.output().container);
+    // The last shard of a split was shorter before the dataset grew.
+    let is_ours = |stats: &Stats| stats.fingerprint == plan.fingerprint && stats.samples == shard.samples;
+    let Some(stats) = known::<Stats>(&paths.stats)?.filter(is_ours) else { return Ok(ShardState::Missing) };
+    let whole = stats.vouches_for(&paths).map_err(|error| GenerateError::Io(paths.data.clone(), error))?;
+    Ok(if whole { ShardState::Whole(Box::new(stats)) } else { ShardState::Damaged })
+}
+
+/// A file of the dataset, if it is there and whole. One that a newer gelsim wrote is not ours to replace.
+fn known<T: Versioned>(path: &Path) -> Result<Option<T>, GenerateError> {
+    Ok(T::read(path)?)
+}
+
+fn write_shard(
+    plan: &Plan,
+    root: &Path,
+    shard: &Shard,
+    watch: &Watch,
+    failed: &AtomicBool,
+    draw: &Draw,
+) -> Result<Stats, GenerateError> {
+    let paths = Paths::new(root, shard, plan.output().container);
+    let partial = paths.partial.clone();
+    let io = |error| GenerateError::Io(partial.clone(), error);
+    let lock = match Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))? {
+        Ok(lock) => lock,
+        Err(holder) => return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())])),
+    };
+    Step::ShardLocked.reached(&paths.data);
+    // Another process may have finished it since we looked.
+    if let ShardState::Whole(stats) = there(plan, root, shard)? {
+        return Ok(*stats);
+    }
+    let mut writer = Writer::create(paths, lock, shard, &plan.fingerprint).map_err(io)?;
+    let indices: Vec<u64> = plan.layout.indices(*shard).collect();
+    for block in indices.chunks(BLOCK) {
+        let encoded: Vec<Option<Result<Encoded, GenerateError>>> = block
+            .par_iter()
+            .map(|&index| {
+                let stop = watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed);
+                (!stop).then(|| {
+                    let encoded = encode(plan, index, draw);
+                    watch.rendered.fetch_add(1, Ordering::Relaxed);
+                    encoded
+                })
+            })
+            .collect();
+        for sample in encoded {
+            let sample = sample.unwrap_or(Err(GenerateError::Interrupted))?;
+            writer.append(&sample.label.key, &sample.members).map_err(io)?;
+            writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
+        }
+    }
+    let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
+    Step::ShardDone.reached(&partial);
+    Ok(stats)
+}
+
+/// What is kept of a sample until it is written; its images are not.
+struct Encoded {
+    label: Label,
+    rejected: Vec<Label>,
+    members: Vec<Member>,
+    seconds: Seconds,
+    effects: PerEffect<f64>,
+}
+
+fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Encoded, GenerateError> {
+    // Nothing outside is changed by what panics.
+    let encoded = catch_unwind(AssertUnwindSafe(|| {
+        let Accepted { sample, rejected } = draw(plan, index).map_err(GenerateError::Unhealthy)?;
+        let mut clock = Clock::start();
+        let members = members(plan, &sample);
+        let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
+        Ok(Encoded { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds })
+    }));
+    encoded.unwrap_or_else(|panic| Err(GenerateError::Panicked(index, said(&*panic))))
+}
+
+/// The message of a panic.
+pub fn said(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    text.unwrap_or("no message").to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::config::Overrides;
+
+    /// 30 small samples in shards of 10.
+    fn job(folder: &Path) -> Plan {
+        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects/sphere.obj");
+        let text = format!(
+            "dataset = {{ name = \"t\", samples = 30, samples_per_shard = 10, seed = 5 }}\n\
+             sensor.resolution_px = [24, 18]\nindentation.depth_mm = 0.5\nobject = [{{ path = {ball:?} }}]\n"
+        );
+        let path = folder.join("job.toml");
+        std::fs::write(&path, text).expect("a file");
+        Plan::load(&path, &Overrides::default()).expect("a sound job")
+    }
+
+    #[test]
+    fn a_panic_in_a_worker_ends_the_run_with_the_samples_number_and_finished_shards_stay() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let plan = job(folder.path());
+        let root = folder.path().join("out");
+        for threads in [1, 4] {
+            let request = Request { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
+            let broken = |plan: &Plan, index: u64| match index {
+                27 => panic!("injected"),
+                _ => accept(plan, index),
+            };
+            match run(&plan, &request, &Watch::default(), &broken) {
+                Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),
+                other => panic!("{other:?}"),
+            }
+            // On one thread the shards before it are finished; on several they may be under way, and then are dropped.
+            let finished = |number| matches!(there(&plan, &root, &plan.layout.shard(number)), Ok(ShardState::Whole(_)));
+            assert!(threads > 1 || finished(0) && finished(1));
+            assert!(!root.join("data/train-000002.tar").exists());
+            let partials = std::fs::read_dir(root.join("data")).expect("a folder").filter_map(Result::ok);
+            assert_eq!(partials.filter(|entry| entry.file_name().to_string_lossy().starts_with('.')).count(), 0);
+
+            let request = Request { overwrite: false, ..request };
+            let done = generate(&plan, &request, &Watch::default()).expect("the same command goes on");
+            assert!(done.complete);
+            assert!(threads > 1 || (done.shards, done.skipped) == (1, 2), "{done:?}");
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! The table that `gelsim calibrate` writes, read and checked.
+
+use serde::Deserialize;
+
+use crate::core::optics::calibrated::{Colors, Table};
+
+impl Table {
+    /// Reads a file's bytes.
+    pub fn parse(bytes: &[u8]) -> Result<Self, String> {
+        /// What every version has.
+        #[derive(Deserialize)]
+        struct Header {
+            calibration_version: u32,
+            generator: String,
+        }
+        let none = |error: serde_json::Error| format!("no table of `gelsim calibrate`: {error}");
+        let Header { calibration_version, generator } = serde_json::from_slice(bytes).map_err(none)?;
+        if calibration_version > Self::NEWEST {
+            return Err(format!("gelsim {generator} wrote it, which is newer than this one"));
+        }
+        if calibration_version != Self::NEWEST {
+            return Err(format!("version {calibration_version} of the file is not known"));
+        }
+        let found: Self = serde_json::from_slice(bytes).map_err(none)?;
+        if !(0.1..=10.0).contains(&found.contact_over_disc) {
+            return Err(format!("contact_over_disc is {}", found.contact_over_disc));
+        }
+        match &found.colors {
+            Colors::Response(response) => response.validate()?,
+            Colors::Taxim(taxim) => taxim.validate()?,
+        }
+        Ok(found)
+    }
+}

@@ -1,0 +1,476 @@
+//! Reads PLY: ASCII, binary little-endian and binary big-endian (Turk, The PLY Polygon File Format, 1994).
+//!
+//! Our own reader: `ply-rs-bw` 4 is safe against lying headers, but refuses `nan`, `.5`, `1.` and names that are
+//! not UTF-8, and allocates for every element and face.
+
+use crate::core::mesh::MeshError;
+use crate::files::mesh::polygon::{Cutter, MAX_CORNERS};
+use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, number};
+
+mod header;
+
+use header::{Element, Encoding, Header, Kind, Property, Role, Scalar, malformed};
+
+/// Vertices and triangles in the order of the file. Elements may come in any order, properties too, and those that
+/// say nothing about the shape are passed over.
+pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
+    let mut words = Words::new(bytes);
+    let header = Header::read(&mut words)?;
+    let (vertices, faces) = match header.encoding {
+        Encoding::Ascii => read_body(&header, Ascii { words }),
+        Encoding::LittleEndian => read_body(&header, Binary::<false>(&words.bytes[words.at..])),
+        Encoding::BigEndian => read_body(&header, Binary::<true>(&words.bytes[words.at..])),
+    }?;
+
+    let mut triangles = Vec::with_capacity(faces.lengths.len());
+    let mut cutter = Cutter::new();
+    let mut rest = &faces.corners[..];
+    for &length in &faces.lengths {
+        let (corners, after) = rest.split_at(length as usize);
+        cutter.cut(&vertices, corners, &mut triangles)?;
+        rest = after;
+    }
+    Ok(Raw { vertices, triangles })
+}
+
+/// Polygons as they come: the vertices they index may follow later in the file.
+#[derive(Default)]
+struct Faces {
+    corners: Vec<u32>,
+    /// Corners of each face.
+    lengths: Vec<u32>,
+}
+
+/// What follows the header, value by value. Integers of PLY have at most 32 bits: f64 holds them exactly.
+trait Body {
+    /// How many elements with these properties the rest has room for, at most.
+    fn room(&self, properties: &[Property]) -> u64;
+
+    /// Goes to the next element; its line, in text; `None` at the end.
+    fn begin(&mut self) -> Option<Option<usize>>;
+
+    /// `Ok(None)` where the element ends too early.
+    fn value(&mut self, scalar: Scalar) -> Result<Option<f64>, MeshFileProblem>;
+
+    /// Passes over `count` values; false where the element ends too early.
+    fn skip(&mut self, count: usize, scalar: Scalar) -> bool;
+
+    /// Leaves the element; false if there is more in it.
+    fn end(&mut self) -> bool;
+}
+
+struct Ascii<'a> {
+    words: Words<'a>,
+}
+
+impl Body for Ascii<'_> {
+    fn room(&self, properties: &[Property]) -> u64 {
+        // Every value has a digit at least, and a blank or a line break between it and the next.
+        let rest = self.words.bytes.len() - self.words.at;
+        (rest as u64).div_ceil(2) / properties.len() as u64
+    }
+
+    fn begin(&mut self) -> Option<Option<usize>> {
+        while !self.words.has_word() {
+            if !self.words.next_line() {
+                return None;
+            }
+        }
+        Some(Some(self.words.line))
+    }
+
+    fn value(&mut self, _: Scalar) -> Result<Option<f64>, MeshFileProblem> {
+        self.words.word().map(number).transpose()
+    }
+
+    fn skip(&mut self, count: usize, _: Scalar) -> bool {
+        (0..count).all(|_| self.words.word().is_some())
+    }
+
+    fn end(&mut self) -> bool {
+        let is_end = self.words.word().is_none();
+        self.words.next_line();
+        is_end
+    }
+}
+
+struct Binary<'a, const IS_BIG: bool>(&'a [u8]);
+
+impl<const IS_BIG: bool> Binary<'_, IS_BIG> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (&value, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        let mut value: [u8; N] = value;
+        if IS_BIG {
+            value.reverse();
+        }
+        Some(value)
+    }
+}
+
+impl<const IS_BIG: bool> Body for Binary<'_, IS_BIG> {
+    fn room(&self, properties: &[Property]) -> u64 {
+        let size = |property: &Property| property.list.unwrap_or(property.scalar).size();
+        (self.0.len() / properties.iter().map(size).sum::<usize>()) as u64
+    }
+
+    fn begin(&mut self) -> Option<Option<usize>> {
+        Some(None)
+    }
+
+    fn value(&mut self, scalar: Scalar) -> Result<Option<f64>, MeshFileProblem> {
+        Ok(match scalar {
+            Scalar::I8 => self.take().map(|bytes| i8::from_le_bytes(bytes).into()),
+            Scalar::U8 => self.take().map(|bytes| u8::from_le_bytes(bytes).into()),
+            Scalar::I16 => self.take().map(|bytes| i16::from_le_bytes(bytes).into()),
+            Scalar::U16 => self.take().map(|bytes| u16::from_le_bytes(bytes).into()),
+            Scalar::I32 => self.take().map(|bytes| i32::from_le_bytes(bytes).into()),
+            Scalar::U32 => self.take().map(|bytes| u32::from_le_bytes(bytes).into()),
+            Scalar::F32 => self.take().map(|bytes| f32::from_le_bytes(bytes).into()),
+            Scalar::F64 => self.take().map(f64::from_le_bytes),
+        })
+    }
+
+    fn skip(&mut self, count: usize, scalar: Scalar) -> bool {
+        let rest = count.checked_mul(scalar.size()).and_then(|len| self.0.get(len..));
+        self.0 = rest.unwrap_or_default();
+        rest.is_some()
+    }
+
+    fn end(&mut self) -> bool {
+        true
+    }
+}
+
+fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Faces), MeshFileError> {
+    let is_vertex = |element: &&Element| element.kind == Kind::Vertex;
+    let vertex_count = header.elements.iter().find(is_vertex).map_or(0, |element| element.count);
+    let mut vertices = Vec::new();
+    let mut faces = Faces::default();
+    for element in header.elements.iter().filter(|element| !element.properties.is_empty()) {
+        let room = body.room(&element.properties);
+        if element.count > room {
+            let what = format!("elements {}", element.name);
+            return Err(MeshFileProblem::Room { claimed: element.count, what, room }.into());
+        }
+        match element.kind {
+            Kind::Vertex => vertices.reserve_exact(element.count as usize),
+            Kind::Face => faces.lengths.reserve_exact(element.count as usize),
+            Kind::Other => {}
+        }
+        for number in 0..element.count {
+            let early =
+                || MeshFileProblem::EndsEarly(format!("element {} {number} of {}", element.name, element.count));
+            let line = body.begin().ok_or_else(early)?;
+            let mut vertex = [0.0; 3];
+            let complete = read_element(&mut body, element, vertex_count, &mut vertex, &mut faces)
+                .map_err(|problem| MeshFileError { path: None, line, problem })?;
+            if !complete {
+                return Err(match line {
+                    None => early().into(),
+                    Some(line) => {
+                        let message = format!("fewer values than an element {} has", element.name);
+                        MeshFileError::at(line, MeshFileProblem::Malformed(message))
+                    }
+                });
+            }
+            if !body.end() {
+                let message = format!("more values than an element {} has", element.name);
+                return Err(MeshFileError { path: None, line, problem: MeshFileProblem::Malformed(message) });
+            }
+            if element.kind == Kind::Vertex {
+                vertices.push(vertex);
+            }
+        }
+    }
+    Ok((vertices, faces))
+}
+
+/// Reads one element, into `vertex` or onto `faces` if it is one; false if it ends too early.
+fn read_element(
+    body: &mut impl Body,
+    element: &Element,
+    vertex_count: u64,
+    vertex: &mut [f64; 3],
+    faces: &mut Faces,
+) -> Result<bool, MeshFileProblem> {
+    for property in &element.properties {
+        let Some(list) = property.list else {
+            let Some(value) = body.value(property.scalar)? else {
+                return Ok(false);
+            };
+            if let Role::Coordinate(axis) = property.role {
+                vertex[axis] = value;
+            }
+            continue;
+        };
+        let Some(given) = body.value(list)? else {
+            return Ok(false);
+        };
+        let length = given as u32;
+        if f64::from(length) != given {
+            return malformed(format!("{given} is not the length of a list"));
+        }
+        if property.role != Role::Corners {
+            if !body.skip(length as usize, property.scalar) {
+                return Ok(false);
+            }
+            continue;
+        }
+        if length as usize > MAX_CORNERS {
+            return malformed(format!("a face has {length} corners, more than the {MAX_CORNERS} allowed"));
+        }
+        for _ in 0..length {
+            let Some(index) = body.value(property.scalar)? else {
+                return Ok(false);
+            };
+            // The cast saturates: what is not a number from 0 to u32::MAX comes out different.
+            let corner = index as u32;
+            if f64::from(corner) != index && index.fract() != 0.0 {
+                return malformed(format!("{index} is not the number of a vertex"));
+            }
+            if f64::from(corner) != index || u64::from(corner) >= vertex_count {
+                let (index, count) = (index as i64, vertex_count as usize);
+                return Err(MeshError::NoSuchVertex { index, count, note: ", counted from 0" }.into());
+            }
+            faces.corners.push(corner);
+        }
+        faces.lengths.push(length);
+    }
+    Ok(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::mesh::{Format, parse};
+
+    const VERTEX: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
+    const FACE: &str = "element face 2\nproperty list uchar int vertex_indices\n";
+    const SQUARE: &str = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n";
+    const TWO: &str = "3 0 1 2\n3 0 2 3\n";
+
+    fn ascii(header: &str, body: &str) -> Vec<u8> {
+        format!("ply\nformat ascii 1.0\n{header}end_header\n{body}").into_bytes()
+    }
+
+    fn binary(header: &str, body: &[u8]) -> Vec<u8> {
+        let mut bytes = format!("ply\nformat binary_little_endian 1.0\n{header}end_header\n").into_bytes();
+        bytes.extend(body);
+        bytes
+    }
+
+    fn failure(bytes: &[u8]) -> String {
+        read(bytes).err().unwrap().to_string()
+    }
+
+    #[test]
+    fn vertices_and_faces_may_be_named_and_ordered_in_any_way() {
+        for (header, body) in [
+            (format!("{VERTEX}{FACE}"), format!("{SQUARE}{TWO}")),
+            (format!("{FACE}{VERTEX}"), format!("{TWO}{SQUARE}")),
+            (format!("{VERTEX}{}", FACE.replace("indices", "index")), format!("{SQUARE}{TWO}")),
+            (format!("{VERTEX}{}", FACE.replace("uchar int", "int32 float64")), format!("{SQUARE}{TWO}")),
+            (
+                format!("{}{FACE}", VERTEX.replace("float x", "double nx\nproperty list char int q\nproperty int16 x")),
+                format!("9.5 2 7 7 0 0 0\n0 0 1 0 0\n0 1 4 1 1 0\n0 0 0 1 0\n{TWO}"),
+            ),
+        ] {
+            let raw = read(&ascii(&header, &body)).unwrap();
+            assert_eq!(raw.vertices, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]);
+            assert_eq!(raw.triangles, [[0, 1, 2], [0, 2, 3]]);
+        }
+    }
+
+    #[test]
+    fn other_elements_are_passed_over() {
+        let edge = "element edge 2\nproperty int vertex1\nproperty list uchar float weights\n";
+        let nothing = "element nothing 4294967295\n";
+        let text = ascii(
+            &format!("{edge}{nothing}{VERTEX}{edge}{FACE}"),
+            &format!("5 0\n6 2 .5 1.\n{SQUARE}5 1 nan\n6 0\n{TWO}"),
+        );
+        assert_eq!(read(&text).unwrap().triangles, [[0, 1, 2], [0, 2, 3]]);
+
+        let mut body = Vec::new();
+        for weights in [0u8, 3] {
+            body.extend(5i32.to_le_bytes());
+            body.push(weights);
+            body.extend(vec![0xee; 4 * usize::from(weights)]);
+        }
+        for vertex in [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]] {
+            body.extend(vertex.map(f32::to_le_bytes).as_flattened());
+        }
+        for face in [[0i32, 1, 2], [0, 2, 3]] {
+            body.push(3);
+            body.extend(face.map(i32::to_le_bytes).as_flattened());
+        }
+        let raw = read(&binary(&format!("{edge}{nothing}{VERTEX}{FACE}"), &body)).unwrap();
+        assert_eq!(raw.vertices[2], [1.0, 1.0, 0.0]);
+        assert_eq!(raw.triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn lines_may_end_in_any_way_and_comments_hold_anything() {
+        let text = ascii(
+            &format!("comment made by \\\nobj_info 7 # 8\ncomment\n{VERTEX}comment x\n{FACE}"),
+            &format!("\n{SQUARE}  \n\t{TWO}\n"),
+        );
+        for end in ["\n", "\r\n", "\r"] {
+            let mut text = String::from_utf8(text.clone()).unwrap().replace('\n', end).into_bytes();
+            let at = text.windows(7).position(|part| part == b"made by").unwrap();
+            text[at] = 0xff;
+            assert_eq!(read(&text).unwrap().triangles.len(), 2, "{end:?}");
+        }
+    }
+
+    #[test]
+    fn a_binary_body_starts_after_one_line_end_whatever_its_first_byte_is() {
+        let header = "element vertex 1\nproperty uchar x\nproperty uchar y\nproperty uchar z\n";
+        for first in [b'\n', b'\r', b' ', b'#'] {
+            for end in ["\n", "\r\n", "\r"] {
+                let bytes = binary(header, &[]);
+                let mut bytes = String::from_utf8(bytes).unwrap().replace('\n', end).into_bytes();
+                bytes.extend([first, 2, 3]);
+                assert_eq!(read(&bytes).unwrap().vertices, [[f64::from(first), 2.0, 3.0]], "{end:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_type_of_number_is_read_in_both_byte_orders() {
+        for (name, size, bytes, expected) in [
+            ("char", 1, vec![0x85], -123.0),
+            ("uint8", 1, vec![0x85], 133.0),
+            ("short", 2, vec![0x85, 0x01], -31487.0),
+            ("ushort", 2, vec![0x85, 0x01], 34049.0),
+            ("int", 4, vec![0xff, 0xff, 0xff, 0xfe], -2.0),
+            ("uint32", 4, vec![0xff, 0xff, 0xff, 0xfe], 4_294_967_294.0),
+            ("float32", 4, 1.5f32.to_be_bytes().to_vec(), 1.5),
+            ("double", 8, 0.1f64.to_be_bytes().to_vec(), 0.1),
+        ] {
+            assert_eq!(bytes.len(), size);
+            let header = format!("element vertex 1\nproperty {name} x\nproperty {name} y\nproperty {name} z\n");
+            let little: Vec<u8> = bytes.iter().rev().copied().collect();
+            let little = binary(&header, &little.repeat(3));
+            let big = String::from_utf8(binary(&header, &[])).unwrap().replace("little", "big");
+            let big = [big.into_bytes(), bytes.repeat(3)].concat();
+            assert_eq!(read(&little).unwrap().vertices, [[expected; 3]], "{name}");
+            assert_eq!(read(&big).unwrap().vertices, [[expected; 3]], "{name}");
+        }
+    }
+
+    #[test]
+    fn concave_faces_are_cut_properly() {
+        let header = VERTEX.replace('4', "6") + &FACE.replace('2', "1");
+        let text = ascii(&header, "0 0 0\n4 0 0\n4 1 0\n1 1 0\n1 3 0\n0 3 0\n6 1 2 3 4 5 0\n");
+        let raw = read(&text).unwrap();
+        let twice_area: f64 = raw
+            .triangles
+            .iter()
+            .map(|triangle| {
+                let [a, b, c] = triangle.map(|i| raw.vertices[i as usize]);
+                (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            })
+            .inspect(|&area| assert!(area > 0.0))
+            .sum();
+        assert_eq!(twice_area, 12.0);
+    }
+
+    #[test]
+    fn a_lying_header_is_refused_before_memory_is_reserved() {
+        let most = u64::MAX.to_string();
+        for (bytes, expected) in [
+            (
+                ascii(&format!("{}{FACE}", VERTEX.replace('4', &most)), SQUARE),
+                "says 18446744073709551615 elements `vertex` but has room for 4",
+            ),
+            (
+                ascii(&format!("{VERTEX}{}", FACE.replace('2', "4000000000")), &format!("{SQUARE}{TWO}")),
+                "says 4000000000 elements `face` but has room for 8",
+            ),
+            (
+                binary(&VERTEX.replace('4', "4294967295"), &[0; 50]),
+                "says 4294967295 elements `vertex` but has room for 4",
+            ),
+            (
+                binary(&FACE.replace('2', &most), &[0; 5]),
+                "says 18446744073709551615 elements `face` but has room for 5",
+            ),
+            (
+                binary("element a 1\nproperty list uint double b\n", &[0xff; 100]),
+                "ends too early: in element `a` 0 of 1",
+            ),
+            (
+                binary("element face 1\nproperty list uint uchar vertex_index\n", &[0xff; 100]),
+                "a face has 4294967295 corners, more than the 16384 allowed",
+            ),
+        ] {
+            assert_eq!(failure(&bytes), expected);
+        }
+    }
+
+    #[test]
+    fn errors_in_the_body_name_the_line() {
+        for (from, to, expected) in [
+            ("1 1 0", "1 1", "line 12: fewer values than an element `vertex` has"),
+            ("1 1 0", "1 1 0 0", "line 12: more values than an element `vertex` has"),
+            ("1 1 0", "1 1 0,5", "line 12: `0,5` is not a number"),
+            ("3 0 2 3", "3 0 2", "line 16: fewer values than an element `face` has"),
+            ("3 0 2 3", "3 0 2 4", "line 16: face refers to vertex 4, but the file has 4, counted from 0"),
+            ("3 0 2 3", "3 0 2 -1", "line 16: face refers to vertex -1, but the file has 4, counted from 0"),
+            ("3 0 2 3", "3 0 2 1.5", "line 16: 1.5 is not the number of a vertex"),
+            ("3 0 2 3", "-3 0 2 3", "line 16: -3 is not the length of a list"),
+            ("3 0 2 3", "nan 0 2 3", "line 16: NaN is not the length of a list"),
+            ("3 0 2 3\n", "", "ends too early: in element `face` 1 of 2"),
+        ] {
+            let body = format!("{SQUARE}\n{TWO}").replace(from, to);
+            assert_eq!(failure(&ascii(&format!("{VERTEX}{FACE}"), &body)), expected, "{to}");
+        }
+    }
+
+    #[test]
+    fn errors_in_the_header_name_the_line() {
+        let header = format!("ply\nformat ascii 1.0\n{VERTEX}{FACE}end_header\n");
+        for (from, to, expected) in [
+            ("ply\n", "plywood\n", "line 1: a PLY file starts with `ply`"),
+            ("ascii", "utf8", "line 2: `utf8` is not a format of PLY"),
+            ("format", "comment", "line 9: no `format` above"),
+            ("vertex 4", "vertex four", "line 3: `four` is not a count"),
+            ("vertex 4", "vertex", "line 3: an element needs a name and a count"),
+            ("element vertex 4\n", "", "line 3: a property stands before the first element"),
+            ("face", "vertex", "line 7: a second element `vertex`"),
+            ("float y", "half y", "line 5: `half` is not a type of PLY"),
+            ("float y", "float x", "line 5: a second property `x`"),
+            ("float y", "float v", "line 3: element `vertex` lacks the numbers x, y and z"),
+            ("float y", "float", "line 5: a property needs a name"),
+            ("property float y", "attribute float y", "line 5: `attribute` is not a word of a PLY header"),
+            ("uchar int", "float int", "line 8: the length of a list must be an integer"),
+            ("vertex_indices", "corners", "line 7: element `face` lacks the list vertex_indices"),
+            ("list uchar int", "int", "line 7: element `face` lacks the list vertex_indices"),
+            ("end_header\n", "", "ends too early: in the header"),
+        ] {
+            assert_eq!(failure(header.replacen(from, to, 1).as_bytes()), expected, "{to}");
+        }
+        assert_eq!(failure(b""), "line 1: a PLY file starts with `ply`");
+    }
+
+    #[test]
+    fn files_without_vertices_or_faces_are_refused() {
+        for (bytes, expected) in [
+            (ascii(VERTEX, SQUARE), "no triangle"),
+            (ascii(&VERTEX.replace('4', "0"), ""), "no vertex"),
+            (ascii("", ""), "no vertex"),
+            (ascii(&format!("{VERTEX}{FACE}"), &format!("{SQUARE}0\n0\n")), "no triangle"),
+        ] {
+            assert_eq!(parse(&bytes, Format::Ply, 1.0).unwrap_err().to_string(), expected);
+        }
+    }
+
+    #[test]
+    fn vertices_that_are_not_numbers_are_dropped_and_counted() {
+        let text = ascii(&format!("{VERTEX}{FACE}"), &format!("{SQUARE}{TWO}").replacen("0 1 0", "0 NaN 0", 1));
+        let (mesh, cleaned) = parse(&text, Format::Ply, 1.0).unwrap();
+        assert_eq!((mesh.triangles.len(), cleaned.non_finite_vertices), (1, 1));
+    }
+}

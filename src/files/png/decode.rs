@@ -1,0 +1,104 @@
+//! Decoding, of files that anybody may have made.
+
+use std::io::Cursor;
+
+use image::codecs::png::PngDecoder;
+use image::{ColorType, DynamicImage, ImageDecoder, RgbImage};
+
+use crate::core::base::grid::Grid;
+use crate::files::unpack;
+
+/// Decodes an image of any depth to 8-bit RGB.
+pub fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, String> {
+    decode(bytes).map(DynamicImage::into_rgb8)
+}
+
+/// The same of a file that anybody may have made: refused if it would unpack to far more than its bytes.
+pub fn decode_background(bytes: &[u8]) -> Result<RgbImage, String> {
+    let (size, pixel) = header(bytes)?;
+    unpack::check(size, pixel.bytes_per_pixel() as usize + 3, bytes.len())?;
+    decode_rgb(bytes)
+}
+
+/// Decodes a grey image of heights: 0 where it is black, 1 where it is white. Refused as [`decode_background`] does.
+pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let ([width, height], pixel) = header(bytes)?;
+    unpack::check([width, height], pixel.bytes_per_pixel() as usize + 4, bytes.len())?;
+    let data = match decode(bytes)? {
+        DynamicImage::ImageLuma8(grey) => grey.as_raw().iter().map(|value| f32::from(*value) / 255.0).collect(),
+        DynamicImage::ImageLuma16(grey) => grey.as_raw().iter().map(|value| f32::from(*value) / 65535.0).collect(),
+        _ => return Err(String::from("not a grey image")),
+    };
+    Ok(Grid { width, height, data })
+}
+
+/// Width, height and kind of pixel that an image says it has.
+pub fn header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
+    let decoder = decoder(bytes)?;
+    let (width, height) = decoder.dimensions();
+    Ok(([width as usize, height as usize], decoder.color_type()))
+}
+
+/// Decodes an image as it is.
+pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+    DynamicImage::from_decoder(decoder(bytes)?).map_err(|error| error.to_string())
+}
+
+/// Larger than 8192 px on a side is refused before it is unpacked.
+fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
+    if !palettes(bytes).all(|length| length % 3 == 0 && length <= 3 * 256) {
+        // The decoder would panic.
+        return Err(String::from("its palette has no whole number of colours, 256 at most"));
+    }
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(crate::core::base::view::MOST_PX as u32);
+    limits.max_image_height = Some(crate::core::base::view::MOST_PX as u32);
+    // For what is beside the pixels, such as a compressed colour profile.
+    limits.max_alloc = Some(1 << 24);
+    PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| error.to_string())
+}
+
+/// Lengths of the palettes in a PNG file, bytes.
+fn palettes(bytes: &[u8]) -> impl Iterator<Item = u64> {
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    let chunks = std::iter::from_fn(move || {
+        let (length, after) = rest.split_first_chunk::<4>()?;
+        let (kind, after) = after.split_first_chunk::<4>()?;
+        let length = u64::from(u32::from_be_bytes(*length));
+        // Content and checksum.
+        rest = after.get(usize::try_from(length + 4).ok()?..).unwrap_or_default();
+        Some((*kind, length))
+    });
+    chunks.filter(|(kind, _)| kind == b"PLTE").map(|(_, length)| length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_are_a_grey_png_of_8_or_16_bits() {
+        let png = |image: DynamicImage| {
+            let mut bytes = std::io::Cursor::new(Vec::new());
+            image.write_to(&mut bytes, image::ImageFormat::Png).expect("encoded");
+            bytes.into_inner()
+        };
+        let grey = image::GrayImage::from_raw(2, 1, vec![0, 255]).expect("two pixels");
+        let deep = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(1, 2, vec![0, 13_107]).expect("two pixels");
+        let read = decode_heights(&png(DynamicImage::ImageLuma8(grey)));
+        assert_eq!(read, Ok(Grid { width: 2, height: 1, data: vec![0.0, 1.0] }));
+        let read = decode_heights(&png(DynamicImage::ImageLuma16(deep)));
+        assert_eq!(read, Ok(Grid { width: 1, height: 2, data: vec![0.0, 0.2] }));
+        assert!(decode_heights(&png(DynamicImage::new_rgb8(2, 2))).is_err());
+        assert!(decode_heights(b"no image").is_err());
+    }
+
+    #[test]
+    fn a_palette_with_a_part_of_a_colour_is_refused_instead_of_bringing_the_decoder_down() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fuzz/regressions/png/part_of_a_colour");
+        let bytes = std::fs::read(path).expect("a file of the repository");
+        assert_eq!(palettes(&bytes).collect::<Vec<_>>(), [23]);
+        assert!(decode_rgb(&bytes).expect_err("refused").contains("palette"));
+        assert_eq!(palettes(b"").count() + palettes(&[255; 40]).count(), 0);
+    }
+}

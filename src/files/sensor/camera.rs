@@ -1,0 +1,80 @@
+//! `[camera]`: the distributions that each sample's camera is drawn from.
+
+use serde::{Deserialize, Serialize};
+
+use super::quantity::Quantity;
+use crate::core::camera::CameraParams;
+
+/// The `[camera]` table. What is left out is an ideal camera's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+#[cfg_attr(feature = "datasets", schemars(rename = "Settings"))]
+pub struct CameraDistribution {
+    /// Radial distortion k1: a pixel at distance r from the middle, in half diagonals, shows what an ideal lens would show
+    /// at r (1 + k1 r^2 + k2 r^4). Above 0 is barrel-shaped.
+    pub distortion_k1: Quantity,
+    /// Radial distortion k2.
+    pub distortion_k2: Quantity,
+    /// Share of the light that is lost in the image's corners, 0 to 1; elsewhere in proportion to r^2.
+    pub vignette: Quantity,
+    /// Standard deviation of the blur, mm on the pad, 0 to 1.
+    pub defocus_mm: Quantity,
+    /// Factor on all brightness, 0.01 to 100.
+    pub exposure: Quantity,
+    /// Factor on red, 0.01 to 100.
+    pub red_gain: Quantity,
+    /// Factor on blue, 0.01 to 100.
+    pub blue_gain: Quantity,
+    /// Standard deviation of the shot noise of a white pixel, grey levels of 255; of others in proportion to the root of
+    /// their brightness.
+    pub shot_noise_levels: Quantity,
+    /// Standard deviation of the read noise, grey levels of 255.
+    pub read_noise_levels: Quantity,
+}
+
+impl Default for CameraDistribution {
+    fn default() -> Self {
+        let (zero, one) = (Quantity::Constant(0.0), Quantity::Constant(1.0));
+        Self {
+            distortion_k1: zero.clone(),
+            distortion_k2: zero.clone(),
+            vignette: zero.clone(),
+            defocus_mm: zero.clone(),
+            exposure: one.clone(),
+            red_gain: one.clone(),
+            blue_gain: one,
+            shot_noise_levels: zero.clone(),
+            read_noise_levels: zero,
+        }
+    }
+}
+
+impl CameraDistribution {
+    /// The parameters of one sample.
+    pub fn sample(&self, noise_key: u64, draw: impl Fn(&str, &Quantity) -> f64) -> CameraParams {
+        let exposure = draw("exposure", &self.exposure);
+        CameraParams {
+            distortion: [draw("distortion k1", &self.distortion_k1), draw("distortion k2", &self.distortion_k2)],
+            vignette: draw("vignette", &self.vignette),
+            defocus_mm: draw("defocus", &self.defocus_mm),
+            gains: [
+                exposure * draw("red gain", &self.red_gain),
+                exposure,
+                exposure * draw("blue gain", &self.blue_gain),
+            ],
+            shot_noise_levels: draw("shot noise", &self.shot_noise_levels),
+            read_noise_levels: draw("read noise", &self.read_noise_levels),
+            noise_key,
+        }
+    }
+
+    /// The camera of the background image: what differs from sample to sample is ideal there.
+    pub fn resting(&self) -> CameraParams {
+        let ideal = |name: &str| if matches!(name, "exposure" | "red gain" | "blue gain") { 1.0 } else { 0.0 };
+        self.sample(0, |name, quantity| match quantity {
+            Quantity::Constant(value) => *value,
+            Quantity::Random(_) => ideal(name),
+        })
+    }
+}

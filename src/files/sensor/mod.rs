@@ -1,0 +1,238 @@
+//! Sensor files and `[sensor]` tables: camera window, gelpad, LEDs and the look of the untouched pad; the presets.
+
+pub mod camera;
+pub mod markers;
+pub mod quantity;
+
+use crate::core::gelpad::material::Material;
+use crate::core::optics::Illumination;
+use crate::core::sensor::{self, Background, Markers};
+use camera::CameraDistribution;
+use markers::MarkerDistribution;
+use serde::{Deserialize, Serialize};
+
+use crate::core::depth::rest::Grain;
+use crate::core::optics::background::RenderedBackground;
+use crate::core::optics::led::Led;
+
+/// The presets that are inside the binary: name and text of the sensor file.
+pub const PRESETS: [(&str, &str); 4] = [
+    ("gelsight-2014", include_str!("../../../configs/sensors/gelsight-2014.toml")),
+    ("gelsight-2017", include_str!("../../../configs/sensors/gelsight-2017.toml")),
+    ("gelsight-mini", include_str!("../../../configs/sensors/gelsight-mini.toml")),
+    ("digit", include_str!("../../../configs/sensors/digit.toml")),
+];
+
+/// A sensor. What a sensor file leaves out is as in the preset it names, or as in `gelsight-2014`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct Sensor {
+    /// Preset to start from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
+    /// Sensor file to start from, relative to the file this stands in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// Name written to the labels.
+    pub name: String,
+    /// Width and height of the image, px, 1 to 8192.
+    pub resolution_px: [u32; 2],
+    /// Width and height of the pad's window that the image shows, mm.
+    pub field_of_view_mm: [f64; 2],
+    /// Thickness of the gelpad over the rigid shell, mm.
+    pub gelpad_thickness_mm: f64,
+    /// Young's modulus of the gelpad, kPa.
+    pub gelpad_youngs_modulus_kpa: f64,
+    /// Poisson ratio of the gelpad, 0 to 0.4999.
+    pub gelpad_poisson_ratio: f64,
+    /// A real image of the untouched pad, relative to the file this stands in; without it the sensor renders its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background: Option<String>,
+    /// SHA-256 of the background file in lower-case hex; if given, another content is refused.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background_sha256: Option<String>,
+    /// The table that `gelsim calibrate` wrote, relative to the file this stands in: what the optics model `calibrated`
+    /// knows of this sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<String>,
+    /// SHA-256 of that file in lower-case hex; if given, another content is refused.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration_sha256: Option<String>,
+    /// Shape of a pad that is not flat.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rest_shape: Option<RestShape>,
+    /// Relief of the pad's coating.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grain: Option<Grain>,
+    /// Dots printed on the pad. A job's `[markers]` table overrides single keys of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub markers: Option<MarkerDistribution>,
+    /// The camera. A job's `[camera]` table overrides single keys of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraDistribution>,
+    /// How the untouched pad looks where there is no `background`.
+    pub rendered_background: RenderedBackground,
+    /// The LEDs.
+    pub led: Vec<Led>,
+}
+
+impl Sensor {
+    /// Its gelpad.
+    pub fn material(&self) -> Material {
+        Material {
+            thickness_mm: self.gelpad_thickness_mm,
+            youngs_modulus_kpa: self.gelpad_youngs_modulus_kpa,
+            poisson_ratio: self.gelpad_poisson_ratio,
+        }
+    }
+
+    /// The same as the simulator knows it, less what is in files, with these markers and this camera.
+    pub fn to_simulated(&self, markers: Option<&MarkerDistribution>, camera: &CameraDistribution) -> sensor::Sensor {
+        sensor::Sensor {
+            name: self.name.clone(),
+            resolution_px: self.resolution_px.map(|px| px as usize),
+            field_of_view_mm: self.field_of_view_mm,
+            gelpad: self.material(),
+            rest_surface: None,
+            coating: self.grain,
+            background: Background::Rendered(self.rendered_background.clone()),
+            leds: self.led.clone(),
+            calibration: None,
+            markers: markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() }),
+            camera: camera.resting(),
+        }
+    }
+
+    /// Its light, beside the background image.
+    pub fn illumination(&self) -> Illumination<'_> {
+        Illumination {
+            leds: &self.led,
+            field_of_view_mm: self.field_of_view_mm,
+            thickness_mm: self.gelpad_thickness_mm,
+            photograph: self.background.is_some(),
+        }
+    }
+}
+
+impl Default for Sensor {
+    fn default() -> Self {
+        let led = |name: &str, azimuth_deg, color, intensity| Led {
+            name: name.to_owned(),
+            azimuth_deg,
+            color,
+            intensity,
+            ..Led::default()
+        };
+        Self {
+            preset: None,
+            file: None,
+            name: String::from("gelsight-2014"),
+            resolution_px: [640, 480],
+            field_of_view_mm: [20.0, 15.0],
+            gelpad_thickness_mm: 3.0,
+            gelpad_youngs_modulus_kpa: 145.0,
+            gelpad_poisson_ratio: 0.48,
+            background: None,
+            background_sha256: None,
+            calibration: None,
+            calibration_sha256: None,
+            rest_shape: None,
+            grain: None,
+            markers: None,
+            camera: None,
+            rendered_background: RenderedBackground::default(),
+            led: vec![
+                led("white", 0.0, [1.0, 1.0, 1.0], 0.5),
+                led("blue", 90.0, [0.15, 0.3, 1.0], 1.0),
+                led("red", 180.0, [1.0, 0.2, 0.2], 1.0),
+                led("green", 270.0, [0.15, 1.0, 0.35], 0.8),
+            ],
+        }
+    }
+}
+
+/// A pad that is not flat.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum RestShape {
+    /// Part of a ball, highest in the middle of the image.
+    Dome(Dome),
+    /// An image of heights, stretched over the view: white is highest.
+    HeightMap(HeightMap),
+}
+
+/// See [`RestShape::Dome`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Dome {
+    /// Radius of the ball, mm, at least half the view's diagonal.
+    pub radius_mm: f64,
+}
+
+/// See [`RestShape::HeightMap`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct HeightMap {
+    /// Grey PNG of 8 or 16 bits, two-dimensional npy array or EXR picture of one channel, relative to the file this stands
+    /// in. Floats are from 0 to 1.
+    pub path: String,
+    /// Height of white over black, or of 1 over 0, mm.
+    pub height_mm: f64,
+    /// SHA-256 of the file in lower-case hex; if given, another content is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+}
+
+/// There is no preset of this name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no sensor preset is called `{name}`; there are {}", PRESETS.map(|(name, _)| name).join(", "))]
+pub struct UnknownPreset {
+    /// The name.
+    pub name: String,
+}
+
+impl sensor::Sensor {
+    /// A sensor that gelsim knows: `gelsight-2014`, `gelsight-2017`, `gelsight-mini` or `digit`.
+    ///
+    /// # Errors
+    ///
+    /// If no preset is called so; the message names them all.
+    pub fn preset(name: &str) -> Result<Self, UnknownPreset> {
+        let known = PRESETS.iter().find(|(known, _)| *known == name);
+        let (_, text) = known.ok_or_else(|| UnknownPreset { name: name.to_owned() })?;
+        let written: Sensor =
+            toml::from_str(text).expect("presets are sensors and name no file: a test reads them all");
+        let camera = written.camera.clone().unwrap_or_default();
+        Ok(written.to_simulated(written.markers.as_ref(), &camera))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_preset_file_says_what_the_defaults_are() {
+        let read: Sensor = toml::from_str(PRESETS[0].1).expect("the preset is a sensor");
+        assert_eq!(read, Sensor::default());
+        let keys: toml::Table = toml::from_str(PRESETS[0].1).expect("the preset is TOML");
+        let all = toml::Table::try_from(Sensor::default()).expect("a sensor is a table");
+        assert!(all.keys().eq(keys.keys()), "every key is written out: {:?} against {:?}", all, keys);
+    }
+
+    #[test]
+    fn every_preset_can_be_simulated_and_names_no_file() {
+        for (name, text) in PRESETS {
+            let written: Sensor = toml::from_str(text).expect("a sensor");
+            assert!(written.background.is_none() && written.calibration.is_none() && written.rest_shape.is_none());
+            let sensor = sensor::Sensor::preset(name).expect("it is there");
+            assert_eq!((sensor.name.as_str(), sensor.check()), (name, Ok(())));
+        }
+        let error = sensor::Sensor::preset("digits").expect_err("no such sensor");
+        assert!(error.to_string().contains("gelsight-mini, digit"), "{error}");
+    }
+}

@@ -1,0 +1,84 @@
+//! `[dataset]`: how many samples, from which seed, in which shards and splits.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The `[dataset]` table.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Dataset {
+    /// Name of the dataset: letters, digits, `-`, `_` and `.`; the default output folder is `out/NAME`.
+    #[schemars(required)]
+    pub name: Option<String>,
+    /// Number of samples, at least 1.
+    #[schemars(required)]
+    pub samples: Option<u64>,
+    /// All randomness comes from this number, 0 to 2^53 - 1.
+    pub seed: u64,
+    /// Samples in a full shard, 1 to 1,000,000.
+    pub samples_per_shard: u64,
+    /// Share of the samples in each split; the shares sum to 1.
+    pub splits: Splits,
+    /// Whether single samples or whole objects are divided between the splits.
+    pub split_by: SplitBy,
+    /// How a sample gets its object.
+    pub object_order: ObjectOrder,
+}
+
+impl Default for Dataset {
+    fn default() -> Self {
+        Self {
+            name: None,
+            samples: None,
+            seed: 0,
+            samples_per_shard: 100,
+            splits: Splits { train: 1.0, val: 0.0, test: 0.0 },
+            split_by: SplitBy::default(),
+            object_order: ObjectOrder::default(),
+        }
+    }
+}
+
+/// Shares of the splits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Splits {
+    /// Share for training.
+    pub train: f64,
+    /// Share for validation.
+    pub val: f64,
+    /// Share for testing.
+    pub test: f64,
+}
+
+/// What is kept whole when the dataset is split.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SplitBy {
+    /// Every split sees every object.
+    #[default]
+    Sample,
+    /// All samples of an object are in one split, so that the objects of the test split are unseen in training.
+    Object,
+}
+
+impl SplitBy {
+    /// Its name in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sample => "sample",
+            Self::Object => "object",
+        }
+    }
+}
+
+/// How a sample gets its object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ObjectOrder {
+    /// Drawn at random by weight.
+    #[default]
+    Weighted,
+    /// One object after the other, in the order of the job, again and again; weights are not used.
+    InTurn,
+}

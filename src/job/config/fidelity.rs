@@ -1,0 +1,55 @@
+//! `fidelity`: a level, or a bound by which one is chosen.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::fidelity::Fidelity;
+
+/// What a job asks for: a fidelity level, or a bound by which one is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(rename = "Fidelity")]
+pub enum FidelityChoice {
+    /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
+    Paper,
+    /// Elastic pad, solved on every fourth pixel; so are shadows.
+    Draft,
+    /// Elastic pad, solved on every second pixel; so are shadows.
+    Standard,
+    /// Elastic pad and shadows, solved on every pixel.
+    High,
+    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
+    Reference,
+    /// The cheapest level whose surface is this close to the reference's, um (root mean square over the view, in the
+    /// worst of some samples of the job).
+    MaxErrorUm(f64),
+    /// The most exact level that simulates a sample in this CPU time, ms (median of some samples of the job, one thread,
+    /// files not counted).
+    MaxMs(f64),
+}
+
+impl FidelityChoice {
+    /// The level, if it is one.
+    pub fn level(self) -> Option<Fidelity> {
+        match self {
+            Self::Paper => Some(Fidelity::Paper),
+            Self::Draft => Some(Fidelity::Draft),
+            Self::Standard => Some(Fidelity::Standard),
+            Self::High => Some(Fidelity::High),
+            Self::Reference => Some(Fidelity::Reference),
+            Self::MaxErrorUm(_) | Self::MaxMs(_) => None,
+        }
+    }
+}
+
+impl From<Fidelity> for FidelityChoice {
+    fn from(level: Fidelity) -> Self {
+        match level {
+            Fidelity::Paper => Self::Paper,
+            Fidelity::Draft => Self::Draft,
+            Fidelity::Standard => Self::Standard,
+            Fidelity::High => Self::High,
+            Fidelity::Reference => Self::Reference,
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! `[output]`: which layers a sample has besides the tactile image, and how they are stored.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::files::exr::Exr;
+use crate::job::layers::{DepthFormat, OutputLayer};
+
+/// The `[output]` table.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Output {
+    /// Layers written beside the tactile image.
+    pub layers: Vec<OutputLayer>,
+    /// Format of float layers: depth, surface, normal, pressure.
+    pub depth_format: DepthFormat,
+    /// How those are stored that are EXR pictures.
+    pub exr: Exr,
+    /// What holds a shard's files.
+    pub container: Container,
+    /// What becomes of a sample that is not finite, not within bounds or not solved.
+    pub on_unhealthy: OnUnhealthy,
+}
+
+impl Output {
+    /// The layers that are written, each once, in the order of [`OutputLayer::ALL`].
+    pub fn layers_in_order(&self) -> Vec<OutputLayer> {
+        OutputLayer::ALL.into_iter().filter(|layer| self.layers.contains(layer)).collect()
+    }
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self {
+            layers: vec![OutputLayer::Depth],
+            depth_format: DepthFormat::default(),
+            exr: Exr::default(),
+            container: Container::default(),
+            on_unhealthy: OnUnhealthy::default(),
+        }
+    }
+}
+
+/// What becomes of an unhealthy sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnUnhealthy {
+    /// It stays; its label says what is wrong.
+    #[default]
+    Keep,
+    /// It is listed in the shard's stats, and the sample is drawn again, at most 100 times.
+    Reject,
+    /// The run stops.
+    Fail,
+}
+
+/// What holds a shard's files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Container {
+    /// A tar, which WebDataset reads.
+    #[default]
+    Tar,
+    /// A folder with a metadata.jsonl, as the imagefolder of Hugging Face.
+    Folder,
+}
+
+impl Container {
+    /// Its name in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tar => "tar",
+            Self::Folder => "folder",
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! `[pose]`, `[indentation]` and `[shear]`: how the object meets the pad.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::rng::Stream;
+use crate::core::gelpad::elastic::shear::Friction;
+use crate::core::pose::{Anchor, Side};
+use crate::files::sensor::quantity::Quantity;
+
+/// The `[pose]` table. The frame is the camera's: x right, y down, z out of the pad towards the object.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Pose {
+    /// Side of the object that faces the pad, in the object's own axes.
+    pub face: Face,
+    /// Turn about z, degrees, from x towards y.
+    pub yaw_deg: Quantity,
+    /// Then a turn about an axis in the pad's plane, degrees, -90 to 90.
+    pub tilt_deg: Quantity,
+    /// Direction of that axis, degrees from x towards y.
+    pub tilt_azimuth_deg: Quantity,
+    /// Position along x, mm from the middle of the image.
+    pub x_mm: Quantity,
+    /// Position along y, mm from the middle of the image.
+    pub y_mm: Quantity,
+    /// The point of the turned object that x_mm and y_mm place.
+    pub anchor: Anchor,
+}
+
+impl Default for Pose {
+    fn default() -> Self {
+        Self {
+            face: Face::default(),
+            yaw_deg: Quantity::default(),
+            tilt_deg: Quantity::default(),
+            tilt_azimuth_deg: Quantity::uniform(0.0, 360.0),
+            x_mm: Quantity::default(),
+            y_mm: Quantity::default(),
+            anchor: Anchor::default(),
+        }
+    }
+}
+
+/// Side of an object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum Face {
+    /// One of the six, each as likely as the others.
+    #[serde(rename = "any")]
+    Any,
+    /// The side towards +x.
+    #[serde(rename = "+x")]
+    PlusX,
+    /// The side towards -x.
+    #[serde(rename = "-x")]
+    MinusX,
+    /// The side towards +y.
+    #[serde(rename = "+y")]
+    PlusY,
+    /// The side towards -y.
+    #[serde(rename = "-y")]
+    MinusY,
+    /// The side towards +z.
+    #[serde(rename = "+z")]
+    PlusZ,
+    /// The side towards -z: the object's axes stay parallel to the sensor's.
+    #[default]
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+impl Face {
+    /// One of the six sides for [`Face::Any`], else the side itself.
+    pub fn sample(self, stream: &mut Stream) -> Side {
+        self.side().unwrap_or_else(|| Side::ALL[stream.below(Side::ALL.len())])
+    }
+
+    /// The side, if it is one.
+    pub fn side(self) -> Option<Side> {
+        match self {
+            Self::Any => None,
+            Self::PlusX => Some(Side::PlusX),
+            Self::MinusX => Some(Side::MinusX),
+            Self::PlusY => Some(Side::PlusY),
+            Self::MinusY => Some(Side::MinusY),
+            Self::PlusZ => Some(Side::PlusZ),
+            Self::MinusZ => Some(Side::MinusZ),
+        }
+    }
+
+    /// As it is written in jobs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Any => "any",
+            Self::PlusX => "+x",
+            Self::MinusX => "-x",
+            Self::PlusY => "+y",
+            Self::MinusY => "-y",
+            Self::PlusZ => "+z",
+            Self::MinusZ => "-z",
+        }
+    }
+}
+
+/// The `[indentation]` table.
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Indentation {
+    /// How deep the object's lowest point reaches below the undeformed pad, mm; 0 to the pad's thickness.
+    #[schemars(required)]
+    pub depth_mm: Option<Quantity>,
+    /// Share of samples in which the object stays just above the pad, 0 to 1.
+    pub no_contact: f64,
+}
+
+/// The `[shear]` table: how the object moves in the pad's plane after it was pressed in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Shear {
+    /// Along x, mm.
+    pub x_mm: Quantity,
+    /// Along y, mm.
+    pub y_mm: Quantity,
+    /// About the point that the pose places, degrees, from x towards y.
+    pub twist_deg: Quantity,
+    /// What the pad does under it.
+    pub friction: Friction,
+}
+
+impl Shear {
+    /// True if any sample may move its object.
+    pub fn any(&self) -> bool {
+        [&self.x_mm, &self.y_mm, &self.twist_deg].iter().any(|quantity| quantity.support() != (0.0, 0.0))
+    }
+}

@@ -1,0 +1,72 @@
+//! Whether a sample is sound.
+//!
+//! The check looks at what every sample promises: finite numbers, a surface between the pad's back and one thickness
+//! above its front, and a solver that reached its tolerance. What a sensor legitimately does (clipped light, an object
+//! deeper than the pad) is counted in the label and is no illness.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::simulator::Impression;
+use crate::job::scene::{Pressed, Scene};
+
+/// What a check of the sample found.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Health {
+    /// True if the sample is sound: finite, within bounds, its contact solved.
+    pub healthy: bool,
+    /// Why not; empty if it is.
+    pub reason: String,
+    /// True if every number computed for the sample is finite.
+    pub finite: bool,
+    /// Pixels with a channel below 0 or above full scale, cut when quantised.
+    pub clipped_px: u64,
+    /// Pixels with a channel at full scale.
+    pub saturated_px: u64,
+    /// Pixels where the object was limited to the pad's thickness.
+    pub over_thickness_px: u64,
+    /// Pixels of a depth frame that its camera could not see; 0 for a mesh.
+    pub unseen_px: u64,
+}
+
+/// How far beyond the pad's back rounding and the solver's tolerance may take the surface, in thicknesses.
+const SLACK: f32 = 1e-3;
+
+/// How far a healthy surface may lie from the undeformed pad, and an object reach below it, mm.
+pub fn bound_mm(thickness_mm: f64) -> f64 {
+    thickness_mm * (1.0 + f64::from(SLACK))
+}
+
+impl Health {
+    /// Checks a sample of a pad `thickness_mm` thick.
+    pub fn check(scene: &Scene, impression: &Impression, thickness_mm: f64) -> Self {
+        let Impression { image, depth, contact, .. } = impression;
+        let finite = image.finite && contact.finite;
+        let [lowest, highest] = contact.range_mm();
+        let thickness = thickness_mm as f32;
+        let bounded = lowest >= -thickness * (1.0 + SLACK) && highest <= thickness * (1.0 + SLACK);
+        let numerics = &contact.numerics;
+        let reason = match (finite, bounded, numerics.converged) {
+            (false, ..) => String::from("not every number is finite"),
+            (_, false, _) => format!("the surface lies between {lowest} and {highest} mm in a pad of {thickness} mm"),
+            (.., false) => format!(
+                "the contact is not solved: {:.3} um are left after {} iterations",
+                numerics.residual_um.unwrap_or_default(),
+                numerics.iterations
+            ),
+            _ => String::new(),
+        };
+        Self {
+            healthy: reason.is_empty(),
+            reason,
+            finite,
+            clipped_px: image.clipped_px,
+            saturated_px: image.saturated_px,
+            over_thickness_px: depth.over_thickness_px,
+            unseen_px: match &scene.pressed {
+                Pressed::Object(_) => 0,
+                Pressed::Frame(frame) => frame.map.unseen_px,
+            },
+        }
+    }
+}

@@ -1,0 +1,368 @@
+//! The label of a sample: one documented struct that is the JSON label and its JSON Schema.
+//!
+//! The set of keys is the same for every sample of every dataset. Floats are always written with a decimal point, and
+//! null stands only for what the chosen model cannot know, then in every sample.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::View;
+use crate::core::camera::CameraParams;
+use crate::core::camera::lens::Lens;
+use crate::core::camera::markers::MarkerPositions;
+use crate::core::effects::{Note, PerEffect};
+use crate::core::gelpad::elastic::LARGEST_STRAIN;
+use crate::core::gelpad::tangential::TangentialMotion;
+use crate::core::simulator::Impression;
+use crate::job::health::Health;
+use crate::job::layout::Split;
+use crate::job::plan::Plan;
+use crate::job::scene::{Pressed, Scene};
+use crate::job::steps::Steps;
+
+/// Program and version.
+pub const GENERATOR: &str = concat!("gelsim ", env!("CARGO_PKG_VERSION"));
+
+/// Version of the label's keys and their meaning.
+pub const SCHEMA_VERSION: u32 = 1;
+
+/// What is known about a sample.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Label {
+    /// Version of this schema.
+    pub schema_version: u32,
+    /// Program and version that made the sample.
+    pub generator: String,
+    /// Nine digits that begin the names of the sample's members.
+    pub key: String,
+    /// Number of the sample in the dataset.
+    pub index: u64,
+    /// Seed of the job.
+    pub seed: u64,
+    /// How many draws of the sample were rejected before this one.
+    pub attempt: u32,
+    /// Split that the sample belongs to.
+    pub split: Split,
+    /// What was pressed.
+    pub object: ObjectLabel,
+    /// Where it was: p = R q + t takes a point q of the mesh (mm) to the sensor's frame (mm).
+    pub pose: PoseLabel,
+    /// How deep the object's lowest point reaches below the undeformed pad, mm.
+    pub indentation_depth_mm: f64,
+    /// Micro relief of the object.
+    pub texture: TextureLabel,
+    /// How the object was moved in the pad's plane.
+    pub shear: ShearLabel,
+    /// The sensor.
+    pub sensor: SensorLabel,
+    /// The contact, as far as it is in view.
+    pub contact: ContactLabel,
+    /// The pad's markers.
+    pub markers: MarkersLabel,
+    /// The camera.
+    pub camera: CameraParams,
+    /// Fidelity level.
+    pub fidelity: String,
+    /// Model of the gelpad.
+    pub gelpad_model: String,
+    /// Model of the light.
+    pub optics_model: String,
+    /// For each effect whether it ran and why or why not.
+    pub effects: PerEffect<Note>,
+    /// How well the gelpad model solved its problem.
+    pub numerics: NumericsLabel,
+    /// What a check of the sample found.
+    pub health: Health,
+    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    pub png16: Steps,
+}
+
+/// What was pressed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ObjectLabel {
+    /// Unique name of the object in the dataset.
+    pub id: String,
+    /// Its class.
+    pub class: String,
+    /// Number of the class among the dataset's classes, sorted by name.
+    pub class_index: u32,
+    /// SHA-256 of the mesh file's bytes; empty where a depth frame stands for the object.
+    pub mesh_sha256: String,
+}
+
+/// Where the object was.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PoseLabel {
+    /// Rotation R as a unit quaternion x, y, z, w with w >= 0.
+    pub quaternion_xyzw: [f64; 4],
+    /// Translation t, mm.
+    pub translation_mm: [f64; 3],
+    /// Turn about z, degrees.
+    pub yaw_deg: f64,
+    /// Tilt, degrees.
+    pub tilt_deg: f64,
+    /// Direction of the tilt's axis, degrees.
+    pub tilt_azimuth_deg: f64,
+}
+
+/// Micro relief of the object. Without texture the pattern is empty and every number 0.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct TextureLabel {
+    /// Name of the pattern.
+    pub pattern: String,
+    /// How far valleys lie below peaks, mm.
+    pub amplitude_mm: f64,
+    /// The pattern's scale, mm.
+    pub scale_mm: f64,
+    /// The pattern's direction on the object, degrees.
+    pub angle_deg: f64,
+}
+
+/// How the object was moved in the pad's plane after it was pressed in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ShearLabel {
+    /// Along x and y, mm.
+    pub shift_mm: [f64; 2],
+    /// From x towards y, degrees.
+    pub twist_deg: f64,
+    /// Point that it was turned about, mm from the middle of the image.
+    pub about_mm: [f64; 2],
+    /// Force on the pad along x and y, N; null if the job moves objects but
+    /// the sensor has no markers to show it, or the gelpad model knows no tractions.
+    pub force_n: Option<[f64; 2]>,
+    /// Torque on the pad about that point, from x towards y, N mm; null likewise.
+    pub torque_nmm: Option<f64>,
+    /// Share of the contact that slips; null likewise.
+    pub slipping: Option<f64>,
+}
+
+/// The pad's markers, as far as they are in view.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MarkersLabel {
+    /// How many there are.
+    pub count: u32,
+    /// Mean distance from where they rest, px.
+    pub mean_motion_px: f64,
+    /// Largest distance from where they rest, px.
+    pub max_motion_px: f64,
+}
+
+/// The sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SensorLabel {
+    /// Its name.
+    pub name: String,
+    /// Columns of every layer, px.
+    pub width_px: u32,
+    /// Rows of every layer, px.
+    pub height_px: u32,
+    /// Distance between pixel centres along x and y, mm.
+    pub mm_per_px: [f64; 2],
+    /// Thickness of the gelpad, mm.
+    pub gelpad_thickness_mm: f64,
+    /// Young's modulus of the gelpad, kPa.
+    pub gelpad_youngs_modulus_kpa: f64,
+    /// Poisson ratio of the gelpad.
+    pub gelpad_poisson_ratio: f64,
+}
+
+/// The contact, as far as it is in view. Without contact every number is 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ContactLabel {
+    /// True if any pixel in view touches.
+    pub in_contact: bool,
+    /// Area that touches, mm^2.
+    pub area_mm2: f64,
+    /// Share of the view that touches.
+    pub fraction: f64,
+    /// Mean position of the pixels that touch, mm from the middle of the image.
+    pub centroid_mm: [f64; 2],
+    /// Smallest box around them, px: x0, y0, x1, y1, half open.
+    pub bbox_px: [u32; 4],
+    /// Largest depth of the object below the undeformed pad, mm.
+    pub max_depth_mm: f64,
+    /// Normal force, N; null if the model knows none.
+    pub force_n: Option<f64>,
+    /// Largest pressure, kPa; null if the model knows none.
+    pub peak_pressure_kpa: Option<f64>,
+}
+
+/// How well the gelpad model solved its problem.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct NumericsLabel {
+    /// True if its tolerance was reached; also for models without iteration.
+    pub converged: bool,
+    /// Iterations.
+    pub iterations: u32,
+    /// Largest violation of the contact conditions in the image, um; null if the model has none.
+    pub residual_um: Option<f64>,
+    /// Indentation depth over pad thickness.
+    pub strain: f64,
+    /// True if the strain is over 0.5, where the linear theory of the elastic pad has ended.
+    pub beyond_theory: bool,
+    /// Predicted error of the model's theory, um; null if it is not known.
+    pub model_error_um: Option<f64>,
+}
+
+/// The nine-digit key of a sample.
+pub fn key(index: u64) -> String {
+    format!("{index:09}")
+}
+
+impl Label {
+    /// Describes what a press of `plan` gave.
+    pub fn describe(plan: &Plan, scene: &Scene, impression: &Impression) -> Self {
+        let Impression { depth, contact, markers, lens, camera, effects, .. } = impression;
+        let (sensor, models) = (plan.simulator.sensor(), plan.simulator.models());
+        let thickness_mm = sensor.gelpad.thickness_mm;
+        let View { resolution_px: [width, height], mm_per_px: [mm_x, mm_y] } = *plan.simulator.view();
+        let extent = extent(&contact.mask, &[mm_x, mm_y]);
+        let bbox = lens.as_ref().map_or(extent.bbox, |lens| lens.box_of(&contact.mask, extent.bbox));
+        let in_contact = extent.pixels > 0;
+        let view = Rect::whole(width, height);
+        Self {
+            schema_version: SCHEMA_VERSION,
+            generator: GENERATOR.to_owned(),
+            key: key(scene.index),
+            index: scene.index,
+            seed: plan.seed(),
+            attempt: scene.attempt,
+            split: scene.split,
+            object: object(plan, scene),
+            pose: PoseLabel {
+                quaternion_xyzw: scene.pose.quaternion_xyzw(),
+                translation_mm: scene.pose.translation_mm.to_array(),
+                yaw_deg: scene.pose.angles.yaw_deg,
+                tilt_deg: scene.pose.angles.tilt_deg,
+                tilt_azimuth_deg: scene.pose.angles.tilt_azimuth_deg,
+            },
+            indentation_depth_mm: scene.indentation_depth_mm,
+            texture: scene.texture.map_or_else(TextureLabel::default, |(pattern, texture)| TextureLabel {
+                pattern: plan.job.texture.patterns[pattern].name().to_owned(),
+                amplitude_mm: texture.amplitude_mm,
+                scale_mm: texture.scale_mm,
+                angle_deg: texture.angle_deg,
+            }),
+            shear: shear(plan, scene, contact.tangential.as_ref()),
+            sensor: SensorLabel {
+                name: sensor.name.clone(),
+                width_px: width as u32,
+                height_px: height as u32,
+                mm_per_px: [mm_x, mm_y],
+                gelpad_thickness_mm: thickness_mm,
+                gelpad_youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa,
+                gelpad_poisson_ratio: sensor.gelpad.poisson_ratio,
+            },
+            contact: ContactLabel {
+                in_contact,
+                area_mm2: extent.pixels as f64 * mm_x * mm_y,
+                fraction: extent.pixels as f64 / view.area() as f64,
+                centroid_mm: extent.centroid_mm,
+                bbox_px: [bbox.x0, bbox.y0, bbox.x1, bbox.y1].map(|px| px as u32),
+                max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
+                force_n: contact.force_n,
+                peak_pressure_kpa: contact.peak_pressure_kpa,
+            },
+            markers: markers.as_ref().map_or_else(MarkersLabel::default, |markers| {
+                describe_markers(markers, lens.as_ref(), [width, height])
+            }),
+            camera: *camera,
+            fidelity: plan.fidelity().name().to_owned(),
+            gelpad_model: models.gelpad.name().to_owned(),
+            optics_model: models.optics.name().to_owned(),
+            effects: effects.notes.clone(),
+            numerics: NumericsLabel {
+                converged: contact.numerics.converged,
+                iterations: contact.numerics.iterations,
+                residual_um: contact.numerics.residual_um,
+                strain: scene.indentation_depth_mm / thickness_mm,
+                beyond_theory: scene.indentation_depth_mm > LARGEST_STRAIN * thickness_mm,
+                model_error_um: contact.numerics.model_error_um,
+            },
+            health: Health::check(scene, impression, thickness_mm),
+            png16: Steps::new(&plan.layers(), plan.job.output.depth_format, thickness_mm),
+        }
+    }
+}
+
+struct Extent {
+    pixels: u64,
+    centroid_mm: [f64; 2],
+    bbox: Rect,
+}
+
+fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
+    let (id, class, mesh_sha256) = match &scene.pressed {
+        Pressed::Object(number) => {
+            let object = &plan.sampling.objects[*number];
+            (&object.id, &object.class, object.sha256.clone())
+        }
+        Pressed::Frame(frame) => (&frame.id, &frame.class, String::new()),
+    };
+    let class_index = match class.as_str() {
+        // Nobody named the classes of the frames: there is one.
+        "" => 0,
+        class => plan.class_index(class).expect("a plan has the classes of all that is pressed"),
+    };
+    ObjectLabel { id: id.clone(), class: class.clone(), class_index: class_index as u32, mesh_sha256 }
+}
+
+fn shear(plan: &Plan, scene: &Scene, tangential: Option<&TangentialMotion>) -> ShearLabel {
+    // Without any push there is no traction; else nothing is known of one sample only if nothing is known of any.
+    let known = plan.simulator.knows_tractions() || !plan.sampling.moves_objects;
+    let outcome = tangential.and_then(|tangential| tangential.shear.as_ref());
+    let youngs_modulus_kpa = plan.simulator.sensor().gelpad.youngs_modulus_kpa;
+    // kPa mm^2 are mN.
+    let newtons = |per_modulus: f64| 1e-3 * youngs_modulus_kpa * per_modulus;
+    ShearLabel {
+        shift_mm: scene.motion.shift_mm,
+        twist_deg: scene.motion.twist_rad.to_degrees(),
+        about_mm: scene.motion.about_mm,
+        force_n: known.then(|| outcome.map_or([0.0; 2], |outcome| outcome.force.map(newtons))),
+        torque_nmm: known.then(|| outcome.map_or(0.0, |outcome| newtons(outcome.moment))),
+        slipping: known.then(|| outcome.map_or(0.0, |outcome| outcome.slipping)),
+    }
+}
+
+fn describe_markers(markers: &MarkerPositions, lens: Option<&Lens>, size: [usize; 2]) -> MarkersLabel {
+    let (mut label, mut sum) = (MarkersLabel::default(), 0.0);
+    for (rest, moved) in markers.in_view(lens, size) {
+        let distance = libm::hypot(moved[0] - rest[0], moved[1] - rest[1]);
+        label.count += 1;
+        sum += distance;
+        label.max_motion_px = label.max_motion_px.max(distance);
+    }
+    label.mean_motion_px = sum / f64::from(label.count.max(1));
+    label
+}
+
+/// Size and place of the contact in view.
+fn extent(mask: &Grid<u8>, mm_per_px: &[f64; 2]) -> Extent {
+    let bbox = bounding_box(mask, |value| value > 0);
+    let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for y in bbox.y0..bbox.y1 {
+                // A row's sums fit 32 bits, of which a vector holds eight.
+                let (mut in_row, mut columns) = (0_u32, 0_u32);
+                for (x, value) in mask.row(y)[bbox.x0..bbox.x1].iter().enumerate() {
+                    let touches = u32::from(*value > 0);
+                    in_row += touches;
+                    columns += touches * x as u32;
+                }
+                pixels += u64::from(in_row);
+                sum_x += u64::from(columns) + u64::from(in_row) * bbox.x0 as u64;
+                sum_y += u64::from(in_row) * y as u64;
+            }
+        },
+    );
+    let centre = |sum: u64, size: usize, pitch: f64| match pixels {
+        0 => 0.0,
+        _ => (sum as f64 / pixels as f64 + 0.5 - size as f64 / 2.0) * pitch,
+    };
+    let centroid_mm = [centre(sum_x, mask.width, mm_per_px[0]), centre(sum_y, mask.height, mm_per_px[1])];
+    Extent { pixels, centroid_mm, bbox }
+}

@@ -1,0 +1,12 @@
+//! A job: as written, resolved, drawn at random, rendered and described.
+
+pub mod config;
+pub mod health;
+pub mod label;
+pub mod layers;
+pub mod layout;
+pub mod plan;
+pub mod sample;
+pub mod scene;
+mod schema;
+pub mod steps;

@@ -1,0 +1,115 @@
+//! The ranges that values of a job must keep, checked with the place of each key.
+
+use std::ops::RangeInclusive;
+
+use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::sensor::quantity::Quantity;
+use crate::files::spelling::nearest;
+use crate::job::config::document::{Document, Value};
+
+/// Collects what is wrong with a job, with the places of its keys.
+pub struct Check<'a> {
+    /// Where the keys stand.
+    pub document: &'a Document,
+    /// What was found.
+    pub problems: &'a mut Diagnostics,
+}
+
+impl Check<'_> {
+    /// Adds a mistake at a dotted path; where nobody wrote anything near it, at the start of the job.
+    pub fn error(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+        let place = self.document.place(path).unwrap_or(self.document.root.place);
+        self.problems.push(Diagnostic::new(message).at(place).help(help));
+    }
+
+    /// Adds that a needed key is missing, unless a mistake found before explains it: the key was written, but wrongly;
+    /// the key or a table on the way to it was misspelt; the table is none.
+    pub fn missing(&mut self, path: &str, help: &str) {
+        if self.document.get(path).is_some() || self.misspelt(path) {
+            return;
+        }
+        let (table, key) = path.rsplit_once('.').unwrap_or(("", path));
+        let message = match (table, table.starts_with("object")) {
+            ("", _) => format!("missing key `{key}`"),
+            (_, true) => format!("missing key `{key}` in [[object]]"),
+            (table, false) => format!("missing key `{key}` in [{table}]"),
+        };
+        self.error(path, message, help);
+    }
+
+    /// True if the way to `path` ends at an unknown key that looks like it, or at something that is no table.
+    pub fn misspelt(&self, path: &str) -> bool {
+        let mut node = &self.document.root;
+        for segment in path.split('.') {
+            match (node.child(segment), &node.value) {
+                (Some(child), _) => node = child,
+                (None, Value::Table(entries)) => {
+                    return entries.iter().any(|entry| {
+                        let unknown = self.problems.places().any(|place| place == entry.key_place);
+                        unknown && nearest(&entry.key, [segment]).is_some()
+                    });
+                }
+                (None, _) => return true,
+            }
+        }
+        false
+    }
+
+    /// True if nothing was found wrong at `path` or below it, and it was not misspelt.
+    pub fn sound(&self, path: &str) -> bool {
+        let Some(node) = self.document.get(path) else { return !self.misspelt(path) };
+        let shown = self.document.place(path);
+        !self.problems.places().any(|place| Some(place) == shown || node.holds(place))
+    }
+
+    /// A number in a range; `unit` follows the numbers in the message.
+    pub fn number(&mut self, path: &str, value: f64, range: RangeInclusive<f64>, unit: &str) {
+        if !range.contains(&value) {
+            let help = allowed(&range, unit);
+            self.error(path, format!("{} = {value} is out of range", key(path)), help);
+        }
+    }
+
+    /// The width of a kernel, px: odd, 1 to 255.
+    pub fn odd(&mut self, path: &str, width: u32) {
+        self.number(path, f64::from(width), 1.0..=255.0, "px, odd");
+        if width.is_multiple_of(2) && (1..=255).contains(&width) {
+            let help = format!("write {} or {}", width - 1, width + 1);
+            self.error(path, format!("{} must be odd: a kernel has a middle pixel", key(path)), help);
+        }
+    }
+
+    /// A random quantity: a sound distribution whose values all lie in a range.
+    pub fn quantity(&mut self, path: &str, quantity: &Quantity, range: RangeInclusive<f64>, unit: &str) {
+        if let Some((message, help)) = quantity.mistake() {
+            self.error(path, format!("{}: {message}", key(path)), help);
+            return;
+        }
+        let (min, max) = quantity.support();
+        if min < *range.start() || max > *range.end() {
+            let reached = match (min.is_finite(), max.is_finite()) {
+                _ if min == max => format!("{min}"),
+                (true, true) => format!("{min} to {max}"),
+                (true, false) => format!("anything from {min} up"),
+                (false, true) => format!("anything up to {max}"),
+                (false, false) => String::from("any number"),
+            };
+            let message = format!("{} may be {reached}, which is out of range", key(path));
+            let help = match (min.is_finite() && max.is_finite(), quantity) {
+                (false, _) => format!("{}; give the normal distribution a `min` and a `max`", allowed(&range, unit)),
+                _ => allowed(&range, unit),
+            };
+            self.error(path, message, help);
+        }
+    }
+}
+
+/// The key that a path ends in; the number of an element of a list is no key.
+fn key(path: &str) -> &str {
+    path.rsplit('.').find(|segment| segment.parse::<usize>().is_err()).unwrap_or(path)
+}
+
+fn allowed(range: &RangeInclusive<f64>, unit: &str) -> String {
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    format!("allowed: {} to {}{unit}", range.start(), range.end())
+}

@@ -1,0 +1,324 @@
+//! From job to plan: defaults, presets, files and tables resolved, every mistake found.
+//!
+//! After this nothing that depends on what the user wrote can fail. A [`Plan`] is the job, the simulator of its sensor,
+//! what its samples are drawn from, and their layout.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::core::base::view::View;
+use crate::core::depth::relief::Relief;
+use crate::core::effects::EffectPolicy;
+use crate::core::fidelity::{Fidelity, Models};
+use crate::core::gelpad;
+use crate::core::gelpad::elastic::LARGEST_STRAIN;
+use crate::core::sensor::Sensor;
+use crate::core::simulator::Simulator;
+use crate::files::diagnostic::{Diagnostics, Report};
+use crate::files::hash::sha256;
+use crate::job::config::fidelity::FidelityChoice;
+use crate::job::config::output::Output;
+use crate::job::config::{self, Job, Overrides, Written};
+use crate::job::layers::OutputLayer;
+use crate::job::layout::Layout;
+
+pub mod check;
+mod files;
+pub mod frames;
+mod objects;
+pub mod ranges;
+pub mod standalone;
+
+use check::Check;
+pub use objects::{Draw, Object, ids, stem};
+
+/// Everything a sample depends on, resolved and checked. A clone shares all that is large.
+#[derive(Clone)]
+pub struct Plan {
+    /// The job with every default written out; paths are absolute here. Its tables are the distributions of the samples.
+    pub(in crate::job) job: Job,
+    /// The sensor, made ready. While the fidelity is still to be chosen, at the most exact level.
+    pub simulator: Arc<Simulator>,
+    /// What samples are drawn from beside the job's tables.
+    pub sampling: Arc<Sampling>,
+    /// Samples, splits and shards.
+    pub layout: Layout,
+    /// SHA-256 over all that decides the bytes of a sample; paths are not part of it, contents are.
+    pub fingerprint: String,
+    /// Things the user should know that are no mistakes.
+    pub notes: Vec<String>,
+    /// The sensor file that the job names, for messages: what is in it is in the job.
+    pub sensor_file: Option<PathBuf>,
+    /// The job itself names its model of the light, which then stays whatever level is tried.
+    optics_named: bool,
+}
+
+/// What samples are drawn from: contents of the files that a job names.
+#[derive(Debug)]
+pub struct Sampling {
+    /// The objects, in the order of the job.
+    pub objects: Vec<Object>,
+    /// Class names, sorted; an object's `class_index` counts here.
+    pub classes: Vec<String>,
+    /// For each of [`crate::job::layout::Split::ALL`]: how its objects are drawn.
+    pub draw: [Draw; 3],
+    /// The texture's patterns; none if no sample has a texture.
+    pub textures: Vec<Arc<Relief>>,
+    /// Some sample's object is moved in the pad's plane.
+    pub moves_objects: bool,
+}
+
+/// What of a job its user wrote, which decides what can be wrong with it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Scope {
+    /// All: a dataset.
+    Dataset,
+    /// The sensor and the objects: where they are pressed comes from elsewhere.
+    Objects,
+    /// The sensor alone: what is pressed comes from elsewhere.
+    Sensor,
+}
+
+impl Plan {
+    /// Reads and resolves the job file at `path`. On failure, every mistake found in it.
+    pub fn load(path: &Path, overrides: &Overrides) -> Result<Self, Report> {
+        let mut problems = Diagnostics::default();
+        let written = config::read(path, overrides, &mut problems)?;
+        Self::resolve(written, problems)
+    }
+
+    /// Reads and resolves a job from text; relative paths in it start from `folder`, and messages call it `name`.
+    pub fn read(name: &str, text: String, folder: &Path, overrides: &Overrides) -> Result<Self, Report> {
+        let mut problems = Diagnostics::default();
+        let written = config::read_text(name, text, folder, overrides, &mut problems);
+        Self::resolve(written, problems)
+    }
+
+    /// Resolves a job that was read; `problems` holds the mistakes of form found while reading.
+    pub fn resolve(written: Written, problems: Diagnostics) -> Result<Self, Report> {
+        Self::resolve_in(Scope::Dataset, written, problems)
+    }
+
+    /// Resolves the sensor and the objects of a job that says no more: how they are pressed is known otherwise.
+    pub fn resolve_objects(written: Written, problems: Diagnostics) -> Result<Self, Report> {
+        Self::resolve_in(Scope::Objects, written, problems)
+    }
+
+    fn resolve_in(scope: Scope, written: Written, mut problems: Diagnostics) -> Result<Self, Report> {
+        let Written { mut job, document, broken, sensor_known } = written;
+        if broken {
+            return Err(Report::new(&problems, &document.sources));
+        }
+        let mut check = Check { document: &document, problems: &mut problems };
+        let optics_named = job.optics.is_some();
+        let sensor_file = job.sensor.file.as_ref().map(|file| document.folder("sensor.file").join(file));
+        fill(&mut job);
+        if scope == Scope::Dataset {
+            ranges::dataset(&mut check, &job);
+        }
+        if scope == Scope::Sensor {
+            ranges::seed(&mut check, &job);
+        }
+        ranges::sensor(&mut check, &job);
+        ranges::pad_surface(&mut check, &job);
+        if scope == Scope::Dataset {
+            ranges::scene(&mut check, &job, sensor_known);
+        }
+        ranges::object_effects(&mut check, &job);
+        ranges::camera(&mut check, &job);
+        ranges::models(&mut check, &job);
+        let sensor = complete_sensor(&mut check, &mut job);
+        let textures = files::textures(&mut check, &mut job);
+        let mut notes = Vec::new();
+        let found = match scope {
+            Scope::Sensor => Some((Vec::new(), Draw::NOTHING)),
+            Scope::Objects => Some((objects::load(&mut check, &mut job, &mut notes).objects, Draw::NOTHING)),
+            Scope::Dataset => {
+                let found = objects::load(&mut check, &mut job, &mut notes);
+                objects::divide(&mut check, &job, &found).map(|draw| (found.objects, draw))
+            }
+        };
+        let (Some((objects, draw)), Some((sensor, background_note)), true) = (found, sensor, problems.is_empty())
+        else {
+            return Err(Report::new(&problems, &document.sources));
+        };
+        notes.extend(background_note);
+        notes.extend(strain_note(&job));
+        let simulator = Simulator::with_models(sensor, chosen_models(&job), job.effects);
+        let classes = classes(objects.iter().map(|object| object.class.as_str()));
+        let sampling = Sampling { objects, classes, draw, textures, moves_objects: job.shear.any() };
+        Ok(Self {
+            simulator: Arc::new(simulator),
+            sampling: Arc::new(sampling),
+            layout: Layout::of(&job.dataset),
+            fingerprint: fingerprint(&job),
+            notes,
+            sensor_file,
+            optics_named,
+            job,
+        })
+    }
+
+    /// Its job.
+    pub fn job(&self) -> &Job {
+        &self.job
+    }
+
+    /// Its job as text, with every default written out and absolute paths: a plan of that text renders the same, in any
+    /// folder.
+    pub fn to_toml(&self) -> io::Result<String> {
+        let mut job = self.job.clone();
+        for path in job.paths_mut() {
+            let absolute = std::path::absolute(&path)?.into_os_string().into_string();
+            *path = absolute.map_err(|path| io::Error::other(format!("{}: not UTF-8", path.display())))?;
+        }
+        toml::to_string(&job).map_err(io::Error::other)
+    }
+
+    /// Name of the dataset; empty where there is none.
+    pub fn name(&self) -> &str {
+        self.job.dataset.name.as_deref().unwrap_or("")
+    }
+
+    /// Seed of all randomness.
+    pub fn seed(&self) -> u64 {
+        self.job.dataset.seed
+    }
+
+    /// What is written of a sample.
+    pub fn output(&self) -> &Output {
+        &self.job.output
+    }
+
+    /// Layers to be written, in the order of [`OutputLayer::ALL`].
+    pub fn layers(&self) -> Vec<OutputLayer> {
+        self.job.output.layers_in_order()
+    }
+
+    /// Fidelity level. While it is still to be chosen, the most exact one.
+    pub fn fidelity(&self) -> Fidelity {
+        level(&self.job)
+    }
+
+    /// Thickness of the pad, mm.
+    pub fn thickness_mm(&self) -> f64 {
+        self.simulator.sensor().gelpad.thickness_mm
+    }
+
+    /// The bound by which the job's fidelity level is still to be chosen.
+    pub fn open_choice(&self) -> Option<FidelityChoice> {
+        self.job.fidelity.filter(|fidelity| fidelity.level().is_none())
+    }
+
+    /// The same with other models under the same level's name, for comparisons.
+    pub fn with_models(&self, models: Models) -> Self {
+        self.with_simulator(models, self.simulator.policy())
+    }
+
+    /// The same with other effects, for comparisons.
+    pub fn with_policy(&self, policy: EffectPolicy) -> Self {
+        self.with_simulator(self.simulator.models().clone(), policy)
+    }
+
+    /// The same with the models of a fidelity level, whatever gelpad the job chose; a light that the job names stays.
+    pub fn at(&self, fidelity: Fidelity) -> Self {
+        let mut models = fidelity.models(self.simulator.sensor().calibration.is_some());
+        if self.optics_named {
+            models.optics = self.simulator.models().optics.clone();
+        }
+        let mut job = self.job.clone();
+        job.fidelity = Some(fidelity.into());
+        job.gelpad = Some(models.gelpad.clone());
+        job.optics = Some(models.optics.clone());
+        Self { fingerprint: fingerprint(&job), job, ..self.with_models(models) }
+    }
+
+    fn with_simulator(&self, models: Models, policy: EffectPolicy) -> Self {
+        let simulator = Simulator::with_models(self.simulator.sensor().clone(), models, policy);
+        Self { simulator: Arc::new(simulator), ..self.clone() }
+    }
+
+    /// Number of a class among the plan's. Every object has one; a depth frame whose class nobody named has none.
+    pub fn class_index(&self, class: &str) -> Option<usize> {
+        self.sampling.classes.binary_search_by(|known| known.as_str().cmp(class)).ok()
+    }
+
+    /// Where the dataset goes unless the command line says otherwise.
+    pub fn default_output(&self) -> PathBuf {
+        Path::new("out").join(self.name())
+    }
+}
+
+/// The sensor of a job with what its files hold, and a note where a photograph was resampled. `None` after a mistake.
+fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Option<String>)> {
+    let background = files::background(check, job);
+    let calibration = files::calibration(check, job);
+    let rest_surface = files::rest_surface(check, job);
+    let (background, note) = background?;
+    let sensor = Sensor { background, calibration: calibration.map(Arc::new), rest_surface, ..job.bare_sensor() };
+    Some((sensor, note))
+}
+
+/// Writes out the defaults that depend on other keys.
+fn fill(job: &mut Job) {
+    job.fidelity.get_or_insert(Fidelity::default().into());
+    let models = level(job).models(job.sensor.calibration.is_some());
+    job.gelpad.get_or_insert(models.gelpad);
+    job.optics.get_or_insert(models.optics);
+    job.sensor.preset = None;
+    job.sensor.file = None;
+    // Laid under the job's own tables when they were read.
+    job.sensor.markers = None;
+    job.sensor.camera = None;
+}
+
+/// Class names in the order of their `class_index`.
+pub fn classes<'a>(of_objects: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let names: BTreeSet<&str> = of_objects.collect();
+    names.into_iter().map(str::to_owned).collect()
+}
+
+/// The fidelity level of a job; the most exact one while it is still to be chosen.
+pub fn level(job: &Job) -> Fidelity {
+    job.fidelity.map_or(Fidelity::default(), |fidelity| fidelity.level().unwrap_or(Fidelity::Reference))
+}
+
+fn chosen_models(job: &Job) -> Models {
+    let models = level(job).models(job.sensor.calibration.is_some());
+    Models { gelpad: job.gelpad.clone().unwrap_or(models.gelpad), optics: job.optics.clone().unwrap_or(models.optics) }
+}
+
+/// View of a job's sensor.
+pub fn view(job: &Job) -> View {
+    job.bare_sensor().view()
+}
+
+/// A word of warning where the elastic pad is pressed beyond what its theory holds for.
+fn strain_note(job: &Job) -> Option<String> {
+    let deepest = job.indentation.depth_mm.as_ref()?.support().1;
+    let thickness = job.sensor.gelpad_thickness_mm;
+    let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
+    (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
+        format!(
+            "indentation.depth_mm may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
+             there; such samples have numerics.beyond_theory in their labels"
+        )
+    })
+}
+
+/// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
+/// object's in the labels; contents are known by their hashes. The number of samples decides no sample's bytes, so that
+/// it may be raised later.
+pub fn fingerprint(job: &Job) -> String {
+    let mut job = job.clone();
+    job.dataset.samples = None;
+    let meshes = job.object.iter().map(|object| object.path.as_deref().map(stem)).collect::<Vec<_>>();
+    job.paths_mut().for_each(String::clear);
+    for (object, stem) in job.object.iter_mut().zip(meshes) {
+        object.path = stem;
+    }
+    let text = serde_json::to_string(&job).expect("a job has string keys, and a job leaves no single effect out");
+    sha256(format!("gelsim {}\n{text}", env!("CARGO_PKG_VERSION")).as_bytes())
+}

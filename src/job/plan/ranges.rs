@@ -1,0 +1,307 @@
+//! The range of every key of a job.
+
+use super::check::Check;
+use super::chosen_models;
+use crate::core::camera::lens;
+use crate::core::fidelity::Models;
+use crate::core::gelpad::elastic::shear::Friction;
+use crate::core::optics::calibrated::Calibrated;
+use crate::core::{gelpad, optics};
+use crate::files::sensor::RestShape;
+use crate::files::sensor::markers::MarkerDistribution;
+use crate::job::config::Job;
+use crate::job::config::fidelity::FidelityChoice;
+use crate::job::layers::OutputLayer;
+
+/// Longer side of a pixel over its shorter one: the pad's response to one that is much longer takes minutes.
+const LONGEST_PIXEL: f64 = 1000.0;
+
+/// `[dataset]`.
+pub fn dataset(check: &mut Check<'_>, job: &Job) {
+    let dataset = &job.dataset;
+    match &dataset.name {
+        None => check.missing("dataset.name", "for example name = \"quickstart\""),
+        Some(name) => {
+            let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+            if name.is_empty() || name.len() > 100 || name.starts_with('.') || !name.chars().all(plain) {
+                check.error(
+                    "dataset.name",
+                    format!("{name:?} cannot be the name of a dataset"),
+                    "use 1 to 100 letters, digits, `-`, `_` and `.`, not starting with `.`",
+                );
+            }
+        }
+    }
+    match dataset.samples {
+        None => check.missing("dataset.samples", "for example samples = 200"),
+        Some(samples) => check.number("dataset.samples", samples as f64, 1.0..=1e9, "samples"),
+    }
+    seed(check, job);
+    check.number("dataset.samples_per_shard", dataset.samples_per_shard as f64, 1.0..=1e6, "samples");
+    let shards = dataset.samples.unwrap_or(0).div_ceil(dataset.samples_per_shard.max(1));
+    if (1_000_000..=1_000_000_000).contains(&shards) {
+        let message = format!("{shards} shards are too many: their names count to 999999");
+        check.error("dataset.samples_per_shard", message, "raise samples_per_shard");
+    }
+    let splits = dataset.splits;
+    for (name, share) in [("train", splits.train), ("val", splits.val), ("test", splits.test)] {
+        check.number(&format!("dataset.splits.{name}"), share, 0.0..=1.0, "");
+    }
+    let sum = splits.train + splits.val + splits.test;
+    if (sum - 1.0).abs() > 1e-9 && check.sound("dataset.splits") {
+        check.error("dataset.splits", format!("the splits sum to {sum}"), "train, val and test must sum to 1");
+    }
+}
+
+/// `[dataset] seed`, which JSON's readers take for a float.
+pub fn seed(check: &mut Check<'_>, job: &Job) {
+    check.number("dataset.seed", job.dataset.seed as f64, 0.0..=9_007_199_254_740_991.0, "");
+}
+
+/// `[sensor]`.
+pub fn sensor(check: &mut Check<'_>, job: &Job) {
+    let sensor = &job.sensor;
+    for k in 0..2 {
+        check.number(&format!("sensor.resolution_px.{k}"), f64::from(sensor.resolution_px[k]), 1.0..=8192.0, "px");
+        check.number(&format!("sensor.field_of_view_mm.{k}"), sensor.field_of_view_mm[k], 1e-3..=1e4, "mm");
+    }
+    let [width, height] = [0, 1].map(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k]));
+    let longer = (width / height).max(height / width);
+    if longer > LONGEST_PIXEL && check.sound("sensor.resolution_px") && check.sound("sensor.field_of_view_mm") {
+        let message = format!("pixels of {width:.3e} x {height:.3e} mm are {longer:.0} times as long as wide");
+        check.error("sensor.field_of_view_mm", message, format!("allowed: up to {LONGEST_PIXEL} times"));
+    }
+    check.number("sensor.gelpad_thickness_mm", sensor.gelpad_thickness_mm, 1e-2..=1e3, "mm");
+    check.number("sensor.gelpad_youngs_modulus_kpa", sensor.gelpad_youngs_modulus_kpa, 1e-3..=1e9, "kPa");
+    check.number("sensor.gelpad_poisson_ratio", sensor.gelpad_poisson_ratio, 0.0..=0.4999, "");
+    if sensor.name.is_empty() {
+        check.error("sensor.name", "the sensor's name is empty", "for example name = \"my-sensor\"");
+    }
+    let look = &sensor.rendered_background;
+    for k in 0..3 {
+        check.number(&format!("sensor.rendered_background.color.{k}"), look.color[k], 0.0..=1.0, "");
+    }
+    check.number("sensor.rendered_background.glow", look.glow, 0.0..=10.0, "");
+    check.number("sensor.rendered_background.glow_reach_mm", look.glow_reach_mm, 1e-3..=1e6, "mm");
+    check.number("sensor.rendered_background.vignette", look.vignette, 0.0..=1.0, "");
+    check.number("sensor.rendered_background.grain", look.grain, 0.0..=1.0, "");
+    check.number("sensor.rendered_background.grain_size_mm", look.grain_size_mm, 1e-3..=1e3, "mm");
+    if sensor.led.is_empty() {
+        check.error("sensor.led", "the sensor has no LED", "add at least one [[sensor.led]] table");
+    }
+    for (i, led) in sensor.led.iter().enumerate() {
+        let path = |key: &str| format!("sensor.led.{i}.{key}");
+        check.number(&path("azimuth_deg"), led.azimuth_deg, -3600.0..=3600.0, "degrees");
+        check.number(&path("elevation_deg"), led.elevation_deg, 0.0..=90.0, "degrees");
+        for k in 0..2 {
+            check.number(&path(&format!("angular_size_deg.{k}")), led.angular_size_deg[k], 0.0..=90.0, "degrees");
+        }
+        check.number(&path("distance_mm"), led.distance_mm, 1e-2..=1e6, "mm");
+        check.number(&path("intensity"), led.intensity, 0.0..=100.0, "");
+        for k in 0..3 {
+            check.number(&path(&format!("color.{k}")), led.color[k], 0.0..=1.0, "");
+        }
+    }
+}
+
+/// `[pose]` and `[indentation]`; the pad's thickness is only sure if `sensor_known`.
+pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
+    let pose = &job.pose;
+    check.quantity("pose.yaw_deg", &pose.yaw_deg, -3600.0..=3600.0, "degrees");
+    check.quantity("pose.tilt_deg", &pose.tilt_deg, -90.0..=90.0, "degrees");
+    check.quantity("pose.tilt_azimuth_deg", &pose.tilt_azimuth_deg, -3600.0..=3600.0, "degrees");
+    check.quantity("pose.x_mm", &pose.x_mm, -1e4..=1e4, "mm");
+    check.quantity("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");
+    match &job.indentation.depth_mm {
+        None => check.missing("indentation.depth_mm", "for example depth_mm = [0.2, 1.5] under [indentation]"),
+        Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") => {
+            let thickness = job.sensor.gelpad_thickness_mm;
+            check.quantity("indentation.depth_mm", depth, 0.0..=thickness, "mm, the thickness of the gelpad");
+            if depth.support().1 == thickness {
+                let message = format!("depth_mm may be {thickness}, which presses the pad flat to the shell");
+                check.error("indentation.depth_mm", message, format!("stay below the pad's thickness, {thickness} mm"));
+            }
+        }
+        // The thickness is not known.
+        Some(depth) => check.quantity("indentation.depth_mm", depth, 0.0..=1e3, "mm"),
+    }
+    check.number("indentation.no_contact", job.indentation.no_contact, 0.0..=1.0, "");
+}
+
+/// `fidelity`, `gelpad`, `optics` and what they allow in `[output]`.
+pub fn models(check: &mut Check<'_>, job: &Job) {
+    match job.fidelity {
+        Some(FidelityChoice::MaxErrorUm(um)) => check.number("fidelity.max_error_um", um, 1e-3..=1e5, "um"),
+        Some(FidelityChoice::MaxMs(ms)) => check.number("fidelity.max_ms", ms, 1e-3..=1e6, "ms"),
+        _ => {}
+    }
+    if job.fidelity.is_some_and(|fidelity| fidelity.level().is_none()) && check.document.get("gelpad").is_some() {
+        let message = "`gelpad` leaves nothing to choose for `fidelity`";
+        check.error("gelpad", message, "leave `gelpad` out, or name a level in `fidelity`");
+    }
+    let Models { gelpad, optics } = chosen_models(job);
+    match &gelpad {
+        gelpad::Model::None(_) => {}
+        gelpad::Model::MeanBlur(blur) => {
+            check.odd("gelpad.mean_blur.kernel_px", blur.kernel_px);
+            check.number("gelpad.mean_blur.passes", f64::from(blur.passes), 0.0..=64.0, "");
+        }
+        gelpad::Model::Gaussian(gaussian) => {
+            for (i, width) in gaussian.kernels_px.iter().enumerate() {
+                check.odd(&format!("gelpad.gaussian.kernels_px.{i}"), *width);
+            }
+            if gaussian.kernels_px.len() > 8 {
+                let message = format!("{} blurs are too many", gaussian.kernels_px.len());
+                check.error("gelpad.gaussian.kernels_px", message, "allowed: up to 8");
+            }
+            check.odd("gelpad.gaussian.smoothing_px", gaussian.smoothing_px);
+        }
+        gelpad::Model::Elastic(elastic) => {
+            check.number("gelpad.elastic.tolerance_um", elastic.tolerance_um, 0.01..=1e3, "um");
+            let most = f64::from(elastic.max_iterations);
+            check.number("gelpad.elastic.max_iterations", most, 1.0..=1e4, "iterations");
+        }
+    }
+    match optics.phong() {
+        Some(phong) => {
+            let path = |key: &str| format!("optics.{}.{key}", optics.name());
+            check.number(&path("ambient"), phong.ambient, 0.0..=1.0, "");
+            check.number(&path("diffuse"), phong.diffuse, 0.0..=10.0, "");
+            check.number(&path("specular"), phong.specular, 0.0..=10.0, "");
+            check.number(&path("shininess"), phong.shininess, 0.0..=1000.0, "");
+            check.number(&path("darkening"), phong.darkening, 0.0..=1.0, "");
+        }
+        None if job.sensor.calibration.is_none() && check.sound("sensor") => {
+            let help = "name the file that `gelsim calibrate` wrote: [sensor] file = \"...\"; or choose phong or led";
+            check.error("optics", "nothing was measured on this sensor", help);
+        }
+        None => {}
+    }
+    if let optics::Model::Calibrated(Calibrated { spacing_mm }) = &optics {
+        check.number("optics.calibrated.spacing_mm", *spacing_mm, 0.0..=10.0, "mm");
+    }
+    layers(check, job, &gelpad);
+}
+
+/// `[output] layers`, under a model of the gelpad.
+pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
+    for (i, layer) in job.output.layers.iter().enumerate() {
+        let path = format!("output.layers.{i}");
+        match layer {
+            OutputLayer::Markers if job.markers.is_none() => check.error(
+                &path,
+                "this sensor has no printed markers",
+                "leave `markers` out, or add a [markers] table",
+            ),
+            OutputLayer::Pressure if !gelpad.knows_pressure() => {
+                let message = format!("the gelpad model `{}` knows no pressure", gelpad.name());
+                check.error(&path, message, "leave `pressure` out, or choose a model that solves the contact");
+            }
+            _ => {}
+        }
+    }
+}
+
+/// `[sensor.rest_shape]` and `[sensor.grain]`.
+pub fn pad_surface(check: &mut Check<'_>, job: &Job) {
+    let sensor = &job.sensor;
+    match &sensor.rest_shape {
+        None => {}
+        Some(RestShape::Dome(dome)) => {
+            let [width, height] = sensor.field_of_view_mm;
+            let half_diagonal = 0.5 * libm::hypot(width, height);
+            check.number("sensor.rest_shape.dome.radius_mm", dome.radius_mm, half_diagonal..=1e6, "mm");
+        }
+        Some(RestShape::HeightMap(map)) => {
+            check.number("sensor.rest_shape.height_map.height_mm", map.height_mm, 0.0..=1e3, "mm");
+        }
+    }
+    if let Some(grain) = &sensor.grain {
+        check.number("sensor.grain.height_um", grain.height_um, 0.0..=100.0, "um");
+        check.number("sensor.grain.size_mm", grain.size_mm, 1e-3..=1e3, "mm");
+    }
+}
+
+/// `[texture]` and `[shear]`.
+pub fn object_effects(check: &mut Check<'_>, job: &Job) {
+    let texture = &job.texture;
+    if texture.patterns.is_empty() {
+        check.error("texture.patterns", "no pattern to choose from", "for example patterns = [\"noise\"]");
+    }
+    check.quantity("texture.amplitude_mm", &texture.amplitude_mm, 0.0..=10.0, "mm");
+    check.quantity("texture.scale_mm", &texture.scale_mm, 1e-3..=1e3, "mm");
+    check.quantity("texture.angle_deg", &texture.angle_deg, -3600.0..=3600.0, "degrees");
+    let shear = &job.shear;
+    check.quantity("shear.x_mm", &shear.x_mm, -10.0..=10.0, "mm");
+    check.quantity("shear.y_mm", &shear.y_mm, -10.0..=10.0, "mm");
+    check.quantity("shear.twist_deg", &shear.twist_deg, -45.0..=45.0, "degrees");
+    if let Friction::Coulomb { coefficient } = shear.friction {
+        check.number("shear.friction.coulomb.coefficient", coefficient, 0.0..=10.0, "");
+    }
+}
+
+/// Dots on and around the view, and how many of them may lie over each other: more of either take seconds a sample.
+fn dots(check: &mut Check<'_>, at: &str, markers: &MarkerDistribution, field_of_view_mm: [f64; 2]) {
+    const MOST: f64 = 200_000.0;
+    const WIDEST: f64 = 20.0;
+    let (pitch, diameter) = (markers.pitch_mm.support().0, markers.diameter_mm.support().1);
+    let around = diameter + markers.jitter_mm.support().1;
+    let dots: f64 = field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product();
+    if diameter > 0.0 && dots > MOST {
+        let message = format!("a pitch of {pitch} mm may need {dots:.0} dots on the view and around it");
+        let help = format!("allowed: up to {MOST} dots; raise pitch_mm, or lower jitter_mm");
+        check.error(&format!("{at}.pitch_mm"), message, help);
+    } else if diameter + markers.edge_mm > WIDEST * pitch {
+        let message = format!("dots of {diameter} mm with edges of {} mm lie over each other", markers.edge_mm);
+        let help = format!("allowed: up to {WIDEST} times as wide as pitch_mm, {pitch} mm");
+        check.error(&format!("{at}.pitch_mm"), message, help);
+    }
+}
+
+/// The `[markers]` table at `at`; of a sensor whose view is unsound, without a view.
+pub fn markers(check: &mut Check<'_>, at: &str, markers: &MarkerDistribution, field_of_view_mm: Option<[f64; 2]>) {
+    check.quantity(&format!("{at}.pitch_mm"), &markers.pitch_mm, 0.05..=1e3, "mm");
+    check.quantity(&format!("{at}.diameter_mm"), &markers.diameter_mm, 0.0..=100.0, "mm");
+    check.quantity(&format!("{at}.jitter_mm"), &markers.jitter_mm, 0.0..=100.0, "mm");
+    check.number(&format!("{at}.edge_mm"), markers.edge_mm, 0.0..=10.0, "mm");
+    for k in 0..3 {
+        check.number(&format!("{at}.color.{k}"), markers.color[k], 0.0..=1.0, "");
+    }
+    if let Some(field_of_view_mm) = field_of_view_mm.filter(|_| check.sound(at)) {
+        dots(check, at, markers, field_of_view_mm);
+    }
+}
+
+/// `[markers]` and `[camera]`.
+pub fn camera(check: &mut Check<'_>, job: &Job) {
+    if let Some(print) = &job.markers {
+        let view = check.sound("sensor").then_some(job.sensor.field_of_view_mm);
+        markers(check, "markers", print, view);
+    }
+    let camera = &job.camera;
+    check.quantity("camera.distortion_k1", &camera.distortion_k1, -1.0..=1.0, "");
+    check.quantity("camera.distortion_k2", &camera.distortion_k2, -1.0..=1.0, "");
+    // The worst of all lenses that may be drawn is at a corner of the two ranges.
+    let ([a, b], [c, d]) = (camera.distortion_k1.support().into(), camera.distortion_k2.support().into());
+    let folded = [(a, c), (a, d), (b, c), (b, d)].into_iter().find(|(k1, k2)| !lens::valid(*k1, *k2));
+    if let Some((k1, k2)) = folded
+        && check.sound("camera.distortion_k1")
+        && check.sound("camera.distortion_k2")
+    {
+        let message = format!("a lens of k1 = {k1}, k2 = {k2} folds the image over itself");
+        check.error("camera.distortion_k1", message, "1 + 3 k1 r^2 + 5 k2 r^4 must stay above 0 up to r = 1.1");
+    }
+    check.quantity("camera.vignette", &camera.vignette, 0.0..=1.0, "");
+    check.quantity("camera.defocus_mm", &camera.defocus_mm, 0.0..=1.0, "mm");
+    let pitch = (0..2).map(|k| job.sensor.field_of_view_mm[k] / f64::from(job.sensor.resolution_px[k].max(1)));
+    let widest_px = camera.defocus_mm.support().1 / pitch.fold(f64::INFINITY, f64::min);
+    if widest_px > 20.0 && check.sound("camera.defocus_mm") && check.sound("sensor") {
+        let message = format!("defocus_mm may be {widest_px:.0} px wide");
+        check.error("camera.defocus_mm", message, "allowed: a standard deviation of up to 20 px");
+    }
+    check.quantity("camera.exposure", &camera.exposure, 0.01..=100.0, "");
+    check.quantity("camera.red_gain", &camera.red_gain, 0.01..=100.0, "");
+    check.quantity("camera.blue_gain", &camera.blue_gain, 0.01..=100.0, "");
+    check.quantity("camera.shot_noise_levels", &camera.shot_noise_levels, 0.0..=255.0, "grey levels");
+    check.quantity("camera.read_noise_levels", &camera.read_noise_levels, 0.0..=255.0, "grey levels");
+}

@@ -1,0 +1,83 @@
+//! A sensor by itself, without a job: a preset or a sensor file, with the files that it names.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::check::Check;
+use super::{files, ranges};
+use crate::core::sensor::Sensor;
+use crate::files::diagnostic::{Diagnostics, Report, user_error};
+use crate::files::sensor;
+use crate::job::config::{self, Job, Overrides, Written};
+
+/// A sensor and what its files hold.
+#[derive(Clone, Debug)]
+pub struct Standalone {
+    /// As it was written; paths are as they are found from the current folder.
+    pub written: sensor::Sensor,
+    /// As the simulator knows it.
+    pub sensor: Sensor,
+}
+
+/// Reads the preset or the sensor file of this name. On failure, every mistake in it.
+pub fn sensor(name: &str) -> Result<Standalone, Report> {
+    let mut problems = Diagnostics::default();
+    let Written { mut job, document, .. } = written(name, &mut problems);
+    match of(&mut Check { document: &document, problems: &mut problems }, &mut job) {
+        Some(standalone) => Ok(standalone),
+        None => Err(Report::new(&problems, &document.sources)),
+    }
+}
+
+/// Width and height of its view, px, without a look at its files and ranges.
+pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
+    let mut problems = Diagnostics::default();
+    let Written { job, document, .. } = written(name, &mut problems);
+    match problems.is_empty() {
+        true => Ok(super::view(&job).resolution_px),
+        false => Err(Report::new(&problems, &document.sources)),
+    }
+}
+
+/// The sensor of a job that was read, its files found. `None` after a mistake.
+pub fn of(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
+    ranges::sensor(check, job);
+    let background = files::background(check, job);
+    let calibration = files::calibration(check, job);
+    let (background, _) = background.filter(|_| check.problems.is_empty())?;
+    let sensor = Sensor { background, calibration: calibration.map(Arc::new), ..job.bare_sensor() };
+    Some(Standalone { written: job.sensor.clone(), sensor })
+}
+
+fn written(name: &str, problems: &mut Diagnostics) -> Written {
+    config::read_sensor(name, Vec::new(), &Overrides::default(), problems)
+}
+
+impl Sensor {
+    /// The sensor that a sensor file describes, such as one that `gelsim calibrate` wrote, with the files that it names.
+    ///
+    /// # Errors
+    ///
+    /// Every mistake in the file, with its place.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, Report> {
+        let Some(path) = path.as_ref().to_str() else {
+            return Err(user_error("the path of the sensor file is not UTF-8", "rename the file or its folder"));
+        };
+        let mut problems = Diagnostics::default();
+        let written = config::read_sensor_file(path, &mut problems);
+        resolved(written, problems)
+    }
+}
+
+fn resolved(written: Written, mut problems: Diagnostics) -> Result<Sensor, Report> {
+    let Written { mut job, document, .. } = written;
+    let mut check = Check { document: &document, problems: &mut problems };
+    ranges::sensor(&mut check, &job);
+    ranges::pad_surface(&mut check, &job);
+    ranges::camera(&mut check, &job);
+    let found = super::complete_sensor(&mut check, &mut job);
+    match found.filter(|_| problems.is_empty()) {
+        Some((sensor, _)) => Ok(sensor),
+        None => Err(Report::new(&problems, &document.sources)),
+    }
+}

@@ -1,0 +1,177 @@
+//! One press, drawn at random from the plan: object, pose, indentation, texture, shear, markers, camera. All randomness
+//! of a sample is here. What is known of a press instead, such as a simulator's depth frame, takes the place of what
+//! would be drawn.
+
+use std::sync::Arc;
+
+use crate::core::base::rng;
+use crate::core::camera::CameraParams;
+use crate::core::camera::markers::MarkerPattern;
+use crate::core::depth::height_map::HeightMap;
+use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::texture::{Texture, TextureSample};
+use crate::core::gelpad::elastic::shear::Motion;
+use crate::core::gelpad::tangential::Shear;
+use crate::core::pose::{Angles, Pose};
+use crate::core::simulator::Press;
+use crate::files::sensor::quantity::Quantity;
+use crate::job::layout::Split;
+use crate::job::plan::Plan;
+
+/// Distance between the pad and an object that does not touch it, mm.
+pub const NO_CONTACT_GAP_MM: f64 = 0.1;
+
+/// What is pressed into the pad.
+#[derive(Clone, Debug)]
+pub enum Pressed {
+    /// The object of this number in the plan's sampling.
+    Object(usize),
+    /// Something of which a depth frame is known.
+    Frame(Frame),
+}
+
+/// A depth frame, and what is known of what it shows.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Name of what is seen, as labels give it.
+    pub id: String,
+    /// Its class; empty if nobody named one.
+    pub class: String,
+    /// What the camera saw.
+    pub map: Arc<HeightMap>,
+}
+
+/// A press of which the object and its place are known.
+#[derive(Clone, Debug)]
+pub struct KnownPress {
+    /// The sample's split.
+    pub split: Split,
+    /// What is pressed.
+    pub pressed: Pressed,
+    /// Where it is.
+    pub pose: Pose,
+    /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
+    pub indentation_depth_mm: f64,
+}
+
+/// What happens in one sample.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The sample's number.
+    pub index: u64,
+    /// How many draws of it were rejected before this one.
+    pub attempt: u32,
+    /// Its split.
+    pub split: Split,
+    /// What is pressed into the pad.
+    pub pressed: Pressed,
+    /// Where it is.
+    pub pose: Pose,
+    /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
+    pub indentation_depth_mm: f64,
+    /// The texture of the object, if the job has any: number of the pattern, and how it lies.
+    pub texture: Option<(usize, TextureSample)>,
+    /// How the object moves in the pad's plane after that.
+    pub motion: Motion,
+    /// The pattern of the pad's markers, if it has any.
+    pub markers: Option<MarkerPattern>,
+    /// The camera.
+    pub camera: CameraParams,
+}
+
+impl Scene {
+    /// Draws sample `index` for the first time, or after `attempt` draws of it were rejected. Depends on these two and on
+    /// the plan's seed and distributions only.
+    pub fn draw(plan: &Plan, index: u64, attempt: u32) -> Self {
+        let stream = |name: &str| rng::stream(plan.seed(), name, rng::redrawn(index, attempt));
+        let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
+        let (split, position) = plan.layout.split_of(index);
+        let object = plan.sampling.draw[split.number()].pick(position, || stream("object").unit());
+
+        let pose = &plan.job.pose;
+        let side = pose.face.sample(&mut stream("face"));
+        let angles = Angles {
+            yaw_deg: draw("yaw", &pose.yaw_deg),
+            tilt_deg: draw("tilt", &pose.tilt_deg),
+            tilt_azimuth_deg: draw("tilt azimuth", &pose.tilt_azimuth_deg),
+        };
+        let position_mm = [draw("x", &pose.x_mm), draw("y", &pose.y_mm)];
+
+        let indentation = &plan.job.indentation;
+        let touches = stream("contact").unit() >= indentation.no_contact;
+        let depth_mm = indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
+        let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
+        let clusters = &plan.sampling.objects[object].clusters;
+        let pose = Pose::new(side, angles, position_mm, pose.anchor, lowest_mm, clusters);
+        let indentation_depth_mm = if touches { depth_mm } else { 0.0 };
+        let press = KnownPress { split, pressed: Pressed::Object(object), pose, indentation_depth_mm };
+        let mut scene = Self::given(plan, index, attempt, press);
+        scene.motion.about_mm = position_mm;
+        scene
+    }
+
+    /// A press that is known; all else is drawn as for sample `index` after `attempt` rejected draws. Shear turns about
+    /// the pose's origin.
+    pub fn given(plan: &Plan, index: u64, attempt: u32, press: KnownPress) -> Self {
+        let stream = |name: &str| rng::stream(plan.seed(), name, rng::redrawn(index, attempt));
+        let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
+        let KnownPress { split, pressed, pose, indentation_depth_mm } = press;
+        let job = &plan.job;
+        let texture = (!plan.sampling.textures.is_empty()).then(|| {
+            let texture = &job.texture;
+            let mut offset = stream("texture offset");
+            let pattern = stream("texture pattern").below(plan.sampling.textures.len());
+            let sample = TextureSample {
+                amplitude_mm: draw("texture amplitude", &texture.amplitude_mm),
+                scale_mm: draw("texture scale", &texture.scale_mm),
+                angle_deg: draw("texture angle", &texture.angle_deg),
+                offset: [offset.unit(), offset.unit()],
+            };
+            (pattern, sample)
+        });
+        let shear = &job.shear;
+        let motion = Motion {
+            shift_mm: [draw("shear x", &shear.x_mm), draw("shear y", &shear.y_mm)],
+            twist_rad: draw("twist", &shear.twist_deg).to_radians(),
+            about_mm: [pose.translation_mm.x, pose.translation_mm.y],
+        };
+        let noise_key = stream("noise").bits();
+        Self {
+            index,
+            attempt,
+            split,
+            pressed,
+            pose,
+            indentation_depth_mm,
+            texture,
+            motion,
+            markers: job.markers.as_ref().and_then(|markers| markers.sample(draw)),
+            camera: job.camera.sample(noise_key, draw),
+        }
+    }
+
+    /// What is pressed, and where.
+    pub fn indenter(&self, plan: &Plan) -> Indenter {
+        let shape = match &self.pressed {
+            Pressed::Object(number) => Shape::Mesh(Arc::clone(&plan.sampling.objects[*number].clusters)),
+            Pressed::Frame(frame) => Shape::HeightMap(Arc::clone(&frame.map)),
+        };
+        Indenter { shape, pose: self.pose, depth_mm: self.indentation_depth_mm }
+    }
+
+    /// What the simulator is to do.
+    pub fn press(&self, plan: &Plan) -> Press {
+        let texture = |(pattern, sample): (usize, TextureSample)| Texture {
+            relief: Arc::clone(&plan.sampling.textures[pattern]),
+            sample,
+        };
+        let friction = plan.job.shear.friction;
+        Press {
+            indenter: self.indenter(plan),
+            texture: self.texture.map(texture),
+            shear: plan.sampling.moves_objects.then_some(Shear { motion: self.motion, friction }),
+            markers: self.markers,
+            camera: self.camera,
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! New samples of a job among the real ones.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{Maker, image_stats, text};
+use crate::dataset::archive::Member;
+use crate::dataset::encode::{json, members};
+use crate::job::sample::Accepted;
+use crate::job::sample::Unfit;
+use crate::job::sample::accept;
+use crate::job::scene::Scene;
+use crate::lab::augment::AugmentError;
+use crate::lab::augment::input::{Form, Real};
+use crate::lab::augment::output::Piece;
+use crate::lab::augment::output::labels::Synthetic;
+use crate::lab::augment::report::SampleEntry;
+use crate::lab::augment::trace::{Source, Trace};
+
+/// What was done for a synthetic sample.
+#[derive(Serialize)]
+struct Drawn<'a> {
+    job: &'a str,
+    fingerprint: &'a str,
+    seed: u64,
+    index: u64,
+    attempt: u32,
+}
+
+impl Maker<'_> {
+    /// Sample `index` of the job, in the split of the real sample number `number`, and beside it.
+    pub(super) fn synthetic(
+        &self,
+        beside: &Real,
+        number: usize,
+        index: u64,
+    ) -> Result<(Piece, SampleEntry), AugmentError> {
+        let (set, division) = (&self.recipe.set, &self.recipe.division);
+        let Some(mix) = &self.recipe.mix else {
+            return Err(AugmentError::Sample(String::from("no job is there for a synthetic sample")));
+        };
+        let Accepted { sample, .. } = accept(&mix.plan, index).map_err(|Unfit(label)| {
+            AugmentError::Sample(format!("sample {} of the job is not healthy: {}", label.key, label.health.reason))
+        })?;
+        let split = division.of_reals[number];
+        let form = &set.units[beside.unit].form;
+        let drawn = Drawn {
+            job: mix.plan.name(),
+            fingerprint: &mix.plan.fingerprint,
+            seed: mix.plan.seed(),
+            index,
+            attempt: sample.label.attempt,
+        };
+        let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
+        let key = format!("synthetic-{index:09}");
+        let name = match form {
+            Form::Tar => key.clone(),
+            _ => Path::new(&beside.image).with_file_name(format!("{key}.png")).to_string_lossy().into_owned(),
+        };
+        let mut files = members(&mix.plan, &sample);
+        files.retain(|member| member.suffix != "json");
+        let mut piece =
+            Piece { unit: beside.unit, split, key, tar_files: Vec::new(), files: Vec::new(), row: Vec::new() };
+        let folder = self.units.folder(beside.unit, split);
+        let mut columns = Vec::new();
+        for Member { suffix, bytes } in files {
+            let tactile = suffix == "tactile.png";
+            if *form == Form::Tar {
+                let suffix = if tactile { set.image.clone() } else { suffix };
+                if tactile || self.columns.contains(&suffix) {
+                    piece.tar_files.push(Member { suffix, bytes });
+                }
+                continue;
+            }
+            let file = Path::new(&name).with_extension(&suffix);
+            let layer = suffix.split('.').next().unwrap_or_default();
+            match tactile {
+                true => piece.files.push((folder.join(&name), bytes)),
+                false => {
+                    let (as_image, as_path) = (format!("{layer}_image_file_name"), format!("{layer}_path"));
+                    let file = match (self.columns.contains(&as_image), self.columns.contains(&as_path)) {
+                        (true, _) => {
+                            columns.push((as_image, file.to_string_lossy().into_owned()));
+                            folder.join(file)
+                        }
+                        (_, true) => {
+                            let file = folder.join(file);
+                            columns.push((as_path, file.to_string_lossy().into_owned()));
+                            file
+                        }
+                        _ => continue,
+                    };
+                    piece.files.push((file, bytes));
+                }
+            }
+        }
+        let scene = Scene::draw(&mix.plan, index, sample.label.attempt);
+        let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
+        let label = self.labels.synthetic(form, &made, &division.names[split], &name, &trace);
+        match form {
+            Form::Tar => piece.tar_files.push(Member { suffix: set.label.clone(), bytes: label }),
+            _ => piece.row = label,
+        }
+        let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
+        let object = &sample.label.object;
+        let entry = SampleEntry {
+            source: Source::Synthetic,
+            split,
+            kind: Some(if by_class { object.class.clone() } else { object.id.clone() }),
+            depth_mm: Some(sample.label.indentation_depth_mm),
+            image_stats: image_stats(&sample.impression.image),
+            number,
+            tile: self.tile(number, &sample.impression.image),
+            pair: None,
+        };
+        Ok((piece, entry))
+    }
+}

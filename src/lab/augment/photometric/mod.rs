@@ -1,0 +1,131 @@
+//! `[[photometric]]`: a real image as other LEDs, another pad's coating or another camera would have shown it.
+//!
+//! All of it acts on display values, as the simulator's own camera does, and by that camera's code: the picture of
+//! another pad takes the place of its own ([`background`]), then come lens, print, gains and noise ([`recipe`]).
+//! Nothing moves a pixel: a mirrored, turned or cropped image would have its light on the wrong side.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::view::View;
+use crate::core::optics::background::BackgroundImage;
+use crate::files::sensor::Sensor;
+use crate::files::sensor::markers::MarkerDistribution;
+use crate::files::sensor::quantity::Quantity;
+use crate::job::plan::check::Check;
+use crate::job::plan::ranges;
+
+pub mod background;
+pub mod noise;
+pub mod recipe;
+#[cfg(test)]
+mod tests;
+
+use noise::NoiseLevel;
+pub use recipe::{Applied, PhotometricRecipe};
+
+/// One `[[photometric]]` table. What is left out changes nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Photometric {
+    /// Images made of each real one, 1 to 1000.
+    pub copies: u32,
+    /// Background images, relative to the file this stands in, or `"rendered"` for the one that the sensor
+    /// renders: the image gets one of them instead of its own background.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub background: Vec<String>,
+    /// Factor on the LEDs of each channel, drawn for red, green and blue by itself, 0.01 to 100.
+    pub led_gain: Quantity,
+    /// Factor on red and, drawn by itself, on blue, 0.01 to 100.
+    pub white_balance: Quantity,
+    /// Exposure: display values times 2 to this power, -4 to 4.
+    pub exposure_ev: Quantity,
+    /// Standard deviation that the image's noise is to have, as a multiple of the sensor's, 0 to 20; noise is only ever
+    /// added.
+    pub noise_level: Quantity,
+    /// Defocus: standard deviation of the blur, px along x, and as many mm along y, 0 to 20.
+    #[serde(rename = "blur_px")]
+    pub defocus_px: Quantity,
+    /// Fraction of the light that is lost in the image's corners, 0 to 1; elsewhere in proportion to the square of the
+    /// distance from the middle.
+    pub vignette: Quantity,
+    /// Markers printed on the pad, at rest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub markers: Option<MarkerDistribution>,
+}
+
+impl Default for Photometric {
+    fn default() -> Self {
+        let (zero, one) = (Quantity::Constant(0.0), Quantity::Constant(1.0));
+        Self {
+            copies: 1,
+            background: Vec::new(),
+            led_gain: one.clone(),
+            white_balance: one,
+            exposure_ev: zero.clone(),
+            noise_level: zero.clone(),
+            defocus_px: zero.clone(),
+            vignette: zero,
+            markers: None,
+        }
+    }
+}
+
+/// The sensor that took the images of a set.
+#[derive(Clone, Debug)]
+pub struct SensorProfile {
+    /// Its values.
+    pub sensor: Sensor,
+    /// What the images show: their size, and the size of their pixels on the pad.
+    pub view: View,
+    /// The background image of the set, of the images' size.
+    pub background: Option<BackgroundImage>,
+    /// Its noise, if it is known.
+    pub noise: Option<NoiseLevel>,
+}
+
+impl SensorProfile {
+    /// The background image that the sensor would render.
+    pub fn rendered(&self) -> BackgroundImage {
+        BackgroundImage::rendered(
+            &self.sensor.rendered_background,
+            &self.sensor.led,
+            self.sensor.field_of_view_mm,
+            &self.view,
+        )
+    }
+}
+
+impl Photometric {
+    /// Finds every mistake in the table at the dotted path `at` (`photometric.0`). `profile` is the sensor, as far as it
+    /// is known.
+    pub fn check(&self, check: &mut Check<'_>, at: &str, profile: Option<&SensorProfile>) {
+        let key = |name: &str| format!("{at}.{name}");
+        check.number(&key("copies"), f64::from(self.copies), 1.0..=1000.0, "images");
+        check.quantity(&key("led_gain"), &self.led_gain, 0.01..=100.0, "");
+        check.quantity(&key("white_balance"), &self.white_balance, 0.01..=100.0, "");
+        check.quantity(&key("exposure_ev"), &self.exposure_ev, -4.0..=4.0, "");
+        check.quantity(&key("noise_level"), &self.noise_level, 0.0..=20.0, "times the sensor's");
+        check.quantity(&key("blur_px"), &self.defocus_px, 0.0..=20.0, "px");
+        check.quantity(&key("vignette"), &self.vignette, 0.0..=1.0, "");
+        if let Some(markers) = &self.markers {
+            let view = profile.map(|profile| profile.sensor.field_of_view_mm);
+            ranges::markers(check, &key("markers"), markers, view);
+        }
+        let Some(profile) = profile else { return };
+        if self.noise_level.support() != (0.0, 0.0) && profile.noise.is_none() {
+            let help = "give [sensor.camera] read_noise_levels, or at least two images of one size to measure it from";
+            check.error(&key("noise_level"), "nothing is known of this sensor's noise", help);
+        }
+        if !self.background.is_empty() && profile.background.is_none() {
+            let help = "name the set's background image: [input] background = \"...\"";
+            check.error(&key("background"), "the image's own background is not known", help);
+        }
+    }
+
+    /// Makes the table at the dotted path `at` ready, with the pictures that it names. `None` after a mistake.
+    pub fn ready(&self, check: &mut Check<'_>, at: &str, profile: &SensorProfile) -> Option<PhotometricRecipe> {
+        let swaps = background::read(check, &format!("{at}.background"), &self.background, profile);
+        check.sound(at).then(|| PhotometricRecipe::new(self.clone(), profile, swaps))
+    }
+}

@@ -1,0 +1,148 @@
+//! The pad under a ball whose contact has a given radius: what an annotated circle says of the surface.
+//!
+//! The contact radius of a ball on a bonded layer grows with depth; it is tabulated by pressing the ball into the
+//! project's own elastic pad at rising depths, and inverted. It is far smaller than the overlap of ball and pad, so that
+//! R - sqrt(R^2 - a^2) would be no depth.
+
+use rayon::prelude::*;
+
+use crate::core::base::grid::Resolution;
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::view::View;
+use crate::core::depth::Depth;
+use crate::core::gelpad::elastic::Elastic;
+use crate::core::gelpad::material::Material;
+use crate::core::gelpad::{self, Contact, Pad};
+
+/// Depths at which the contact of a ball is measured: each so many times the one before.
+const STEP: f64 = 1.2;
+/// The shallowest, in ball radii.
+const SHALLOWEST: f64 = 0.004;
+/// Pixels of a ball's radius where its contact is measured.
+const RADIUS_PX: f64 = 60.0;
+/// Fraction of its radius beyond which a ball touches along its equator, more or less.
+const WIDEST: f64 = 0.97;
+
+/// Presses balls of one size into one pad.
+pub struct Ball {
+    radius_mm: f64,
+    thickness_mm: f64,
+    /// Contact radius and depth, mm, both rising from 0.
+    table: Vec<[f64; 2]>,
+}
+
+impl Ball {
+    /// Measures how the contact of a ball grows in a pad of this material.
+    pub fn new(radius_mm: f64, material: &Material) -> Self {
+        let pitch = radius_mm / RADIUS_PX;
+        let size = (2.0 * RADIUS_PX) as usize + 8;
+        let camera = View { resolution_px: [size; 2], mm_per_px: [pitch; 2] };
+        let full = Elastic { resolution: Resolution::Full, ..Elastic::default() };
+        let pad = Pad::new(&gelpad::Model::Elastic(full), material, &camera);
+        let mut ball = Self { radius_mm, thickness_mm: material.thickness_mm, table: vec![[0.0; 2]] };
+        let centre = [0.5 * (size as f64 - 1.0); 2];
+        let mut depth_mm = SHALLOWEST * radius_mm;
+        while depth_mm < 0.98 * ball.thickness_mm {
+            let contact = ball.press(&pad, &camera, centre, depth_mm);
+            let touching = contact.mask.data.iter().filter(|mask| **mask > 0).count();
+            let contact_mm = pitch * libm::sqrt(touching as f64 / std::f64::consts::PI);
+            if ball.table.last().is_none_or(|[last, _]| *last < contact_mm) {
+                ball.table.push([contact_mm, depth_mm]);
+            }
+            if contact_mm > WIDEST * radius_mm {
+                break;
+            }
+            depth_mm *= STEP;
+        }
+        ball
+    }
+
+    /// Depth of the press whose contact has this radius, mm; `None` if no press in this pad has one as large.
+    pub fn depth_mm(&self, contact_mm: f64) -> Option<f64> {
+        let above = self.table.iter().position(|[radius, _]| *radius >= contact_mm)?;
+        let [[a0, d0], [a1, d1]] = [self.table[above.saturating_sub(1)], self.table[above]];
+        // Depth grows with the square of the radius, or nearly so.
+        let fraction = if a1 > a0 { (contact_mm * contact_mm - a0 * a0) / (a1 * a1 - a0 * a0) } else { 1.0 };
+        Some(d0 + fraction * (d1 - d0))
+    }
+
+    /// Depth of the deepest press that was measured, mm.
+    pub fn deepest_mm(&self) -> f64 {
+        self.table.last().map_or(0.0, |[_, depth]| *depth)
+    }
+
+    /// The pad under the ball. `centre_px` counts from the centre of the top left pixel.
+    pub fn press(&self, pad: &Pad, camera: &View, centre_px: [f64; 2], depth_mm: f64) -> Contact {
+        let window = pad.window(depth_mm);
+        let margin = window.margin_px;
+        let [width, height] = camera.resolution_px.map(|size| size + 2 * margin);
+        let mut overlap = Grid::new(width, height);
+        let away = |at: usize, k: usize| (at as f64 - margin as f64 - centre_px[k]) * camera.mm_per_px[k];
+        for y in 0..height {
+            let down = away(y, 1);
+            for (x, value) in overlap.row_mut(y).iter_mut().enumerate() {
+                let across = away(x, 0);
+                let below = self.radius_mm * self.radius_mm - across * across - down * down;
+                let reach = if below > 0.0 { depth_mm - self.radius_mm + libm::sqrt(below) } else { f64::NEG_INFINITY };
+                *value = reach.clamp(-window.above_mm, self.thickness_mm) as f32;
+            }
+        }
+        let mut depth =
+            Depth { overlap, margin_px: margin, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
+        depth.measure();
+        pad.press(&depth)
+    }
+}
+
+/// Balls of several sizes and one pad.
+pub struct Balls(Vec<Ball>);
+
+impl Balls {
+    /// For every size that occurs.
+    pub fn new(radii_mm: impl Iterator<Item = f64>, material: &Material) -> Self {
+        let mut radii: Vec<f64> = radii_mm.collect();
+        radii.sort_by(f64::total_cmp);
+        radii.dedup();
+        Self(radii.par_iter().map(|radius| Ball::new(*radius, material)).collect())
+    }
+
+    /// The one of this size, which occurs.
+    pub fn of_radius(&self, radius_mm: f64) -> &Ball {
+        &self.0[self.0.partition_point(|ball| ball.radius_mm < radius_mm)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MATERIAL: Material = Material { thickness_mm: 3.0, youngs_modulus_kpa: 145.0, poisson_ratio: 0.48 };
+
+    #[test]
+    fn depth_and_contact_radius_are_hertz_s_for_a_small_contact_on_a_thick_pad() {
+        let sensor = Material { thickness_mm: 40.0, ..MATERIAL };
+        let ball = Ball::new(4.0, &sensor);
+        for contact_mm in [0.8, 1.0, 1.2] {
+            let depth_mm = ball.depth_mm(contact_mm).expect("a small contact");
+            let hertz_mm = contact_mm * contact_mm / 4.0;
+            assert!((depth_mm / hertz_mm - 1.0).abs() < 0.06, "{contact_mm}: {depth_mm} against {hertz_mm}");
+        }
+        assert!(ball.depth_mm(4.0).is_none() && ball.depth_mm(0.0) == Some(0.0));
+    }
+
+    #[test]
+    fn a_press_of_a_wanted_contact_radius_has_it() {
+        let sensor = Material { thickness_mm: 3.5, ..MATERIAL };
+        let (size, pitch) = ([160, 120], 0.05);
+        let camera = View { resolution_px: size, mm_per_px: [pitch; 2] };
+        let pad = Pad::new(&gelpad::Model::Elastic(Elastic::default()), &sensor, &camera);
+        let ball = Ball::new(3.0, &sensor);
+        for contact_mm in [0.4, 0.9, 1.6] {
+            let depth_mm = ball.depth_mm(contact_mm).expect("not too large");
+            let contact = ball.press(&pad, &camera, [70.3, 61.8], depth_mm);
+            let touching = contact.mask.data.iter().filter(|mask| **mask > 0).count();
+            let found_mm = pitch * libm::sqrt(touching as f64 / std::f64::consts::PI);
+            assert!((found_mm - contact_mm).abs() < 0.4 * pitch, "{contact_mm}: {found_mm}");
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Whether the circle that a table gives for a press can be right: a wrong one spoils a fit.
+//!
+//! It is held against the change between the image and the background image, and against the disc that
+//! [`detect`] finds, if that is sure. Thresholds are such that good annotations of real sensors pass, one of which is
+//! saturated in a third of its discs.
+
+use std::fmt;
+
+use image::RgbImage;
+
+use super::detect::change::{Change, energy};
+use super::detect::{contents, detect};
+use crate::lab::presses::Circle;
+
+/// A detection must be this sure to count against a circle.
+const SURE: f64 = 0.5;
+/// What a good circle keeps, see [`Suspicion`].
+const FURTHEST: f64 = 0.13;
+const RADII: std::ops::Range<f64> = 0.83..1.22;
+const LEAST_CONTRAST: f64 = 3.0;
+const MOST_ELSEWHERE: f64 = 0.3;
+const MOST_SATURATED: f64 = 0.5;
+const MOST_OUT_OF_VIEW: f64 = 0.2;
+
+/// Why a press may be unusable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OutlierReason {
+    /// The disc that is seen is elsewhere, further than 13 % of the circle's radius.
+    FarFromChange {
+        /// Between the centres.
+        distance_px: f64,
+    },
+    /// The disc that is seen is a fifth larger or smaller.
+    OtherSize {
+        /// Radius of the disc that is seen.
+        detected_px: f64,
+    },
+    /// Less than three times the usual change of the picture is in the circle.
+    NothingThere,
+    /// More than 30 % of the change is outside of 1.6 radii.
+    Elsewhere {
+        /// Of the change's energy, 0 to 1.
+        fraction: f64,
+    },
+    /// More than half of the circle's pixels are black or white in a channel, where those of the background image are
+    /// not.
+    Saturated {
+        /// Of the pixels in view, 0 to 1.
+        fraction: f64,
+    },
+    /// More than a fifth of the circle is beyond the picture's border.
+    OutOfView {
+        /// Of the circle's area, 0 to 1.
+        fraction: f64,
+    },
+}
+
+impl fmt::Display for OutlierReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |fraction: f64| (100.0 * fraction).round();
+        match *self {
+            Self::FarFromChange { distance_px } => {
+                write!(f, "the circle is {distance_px:.0} px from the disc that is seen")
+            }
+            Self::OtherSize { detected_px } => write!(f, "the disc that is seen has a radius of {detected_px:.0} px"),
+            Self::NothingThere => write!(f, "the image is no different from the background in the circle"),
+            Self::Elsewhere { fraction } => {
+                write!(f, "{} % of the change is far outside of the circle", percent(fraction))
+            }
+            Self::Saturated { fraction } => write!(f, "{} % of the circle is saturated", percent(fraction)),
+            Self::OutOfView { fraction } => write!(f, "{} % of the circle is out of view", percent(fraction)),
+        }
+    }
+}
+
+/// What speaks against a circle, in figures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CircleEvidence {
+    /// The disc that is seen, if that is sure.
+    pub detected: Option<Circle>,
+    /// Change in the circle over the usual change of the picture.
+    pub contrast: f64,
+    /// Fraction of the change's energy, above the usual, beyond 1.6 radii.
+    pub elsewhere: f64,
+    /// Fraction of newly saturated pixels among those of the circle in view.
+    pub saturated: f64,
+    /// Fraction of the circle's area out of view.
+    pub out_of_view: f64,
+}
+
+/// Everything that speaks against a circle; empty if it is good. `background` is the background image of the
+/// same size.
+///
+/// # Panics
+/// If the sizes differ.
+pub fn outlier_reasons(image: &RgbImage, background: &RgbImage, circle: &Circle) -> Vec<OutlierReason> {
+    examine(image, background, circle).outlier_reasons(circle)
+}
+
+/// Holds a circle against its image. Panics if the sizes differ, as [`outlier_reasons`] does.
+pub fn examine(image: &RgbImage, background: &RgbImage, circle: &Circle) -> CircleEvidence {
+    let found = detect(image, background).filter(|found| found.confidence >= SURE);
+    against(image, background, circle, found.map(|found| found.circle))
+}
+
+/// The same where the disc that is seen is known already, or known not to be sure.
+pub fn against(image: &RgbImage, background: &RgbImage, circle: &Circle, detected: Option<Circle>) -> CircleEvidence {
+    let change = Change::coarse(image, background);
+    let usual = change.usual();
+    let near = change.to_blocks(*circle);
+    let inside = contents(&change, near);
+    CircleEvidence {
+        detected,
+        contrast: inside.mean_energy.sqrt() / usual,
+        elsewhere: elsewhere(&change, near, usual),
+        saturated: saturated(image, background, circle),
+        out_of_view: 1.0 - inside.in_view,
+    }
+}
+
+impl CircleEvidence {
+    /// What of it is too much for `circle`.
+    pub fn outlier_reasons(&self, circle: &Circle) -> Vec<OutlierReason> {
+        let mut all = Vec::new();
+        if let Some(detected) = self.detected {
+            let distance_px =
+                (detected.centre_px[0] - circle.centre_px[0]).hypot(detected.centre_px[1] - circle.centre_px[1]);
+            if distance_px > FURTHEST * circle.radius_px {
+                all.push(OutlierReason::FarFromChange { distance_px });
+            } else if !RADII.contains(&(detected.radius_px / circle.radius_px)) {
+                all.push(OutlierReason::OtherSize { detected_px: detected.radius_px });
+            }
+        }
+        if self.contrast < LEAST_CONTRAST {
+            all.push(OutlierReason::NothingThere);
+        } else if self.elsewhere > MOST_ELSEWHERE {
+            all.push(OutlierReason::Elsewhere { fraction: self.elsewhere });
+        }
+        if self.saturated > MOST_SATURATED {
+            all.push(OutlierReason::Saturated { fraction: self.saturated });
+        }
+        if self.out_of_view > MOST_OUT_OF_VIEW {
+            all.push(OutlierReason::OutOfView { fraction: self.out_of_view });
+        }
+        all
+    }
+}
+
+/// Fraction of the change's energy beyond 1.6 radii; changes up to twice the usual do not count.
+fn elsewhere(change: &Change, circle: Circle, usual: f64) -> f64 {
+    let [cx, cy] = circle.centre_px;
+    let (mut all, mut outside) = (0.0, 0.0);
+    for y in 0..change.levels.height {
+        for (x, level) in change.levels.row(y).iter().enumerate() {
+            let above = (energy(*level) - 4.0 * usual * usual).max(0.0);
+            all += above;
+            if (x as f64 - cx).hypot(y as f64 - cy) > 1.6 * circle.radius_px {
+                outside += above;
+            }
+        }
+    }
+    if all > 0.0 { outside / all } else { 0.0 }
+}
+
+fn saturated(image: &RgbImage, background: &RgbImage, circle: &Circle) -> f64 {
+    let [cx, cy] = circle.centre_px;
+    let (mut in_view, mut count) = (0.0, 0.0);
+    for ((x, y, pixel), rest) in image.enumerate_pixels().zip(background.pixels()) {
+        if (f64::from(x) - cx).hypot(f64::from(y) - cy) <= circle.radius_px {
+            let full = |level: u8| level == 0 || level == 255;
+            in_view += 1.0;
+            count += f64::from(u8::from((0..3).any(|k| full(pixel.0[k]) && !full(rest.0[k]))));
+        }
+    }
+    if in_view > 0.0 { count / in_view } else { 0.0 }
+}

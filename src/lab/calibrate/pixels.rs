@@ -1,0 +1,117 @@
+//! Pixels of presses to learn from: what the surface is like at each, and by how much it changed the picture.
+
+use image::RgbImage;
+
+use super::Observation;
+use crate::core::base::grid::Rect;
+use crate::core::base::grid::Resolution;
+use crate::core::base::rng::Stream;
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::gelpad::Contact;
+use crate::core::optics::calibrated::response::{INPUTS, Response, SECTORS};
+use crate::core::optics::coarse::Coarse;
+use crate::core::optics::normals::normals;
+use crate::core::optics::shadow::casting::Casting;
+
+/// How far from its centre a press is looked at, in radii of its circle: its halo ends there.
+pub const REACH: f64 = 3.5;
+/// As far as errors are counted.
+pub const DILATE: f64 = 1.3;
+/// Level from which a pixel of the background counts as white.
+const SATURATED: u8 = 254;
+/// Fraction of the pixels that come from the contact and its rim.
+const NEAR: f64 = 0.65;
+
+/// Pixels of one press, or of several.
+#[derive(Clone, Debug, Default)]
+pub struct Pixels {
+    /// n_x and n_y.
+    pub normals: Vec<[f32; 2]>,
+    /// Displacement and place, mm, and the hidden fraction of the sky in each direction.
+    pub inputs: Vec<[f32; INPUTS]>,
+    /// Picture less background, as fractions of full scale.
+    pub change: Vec<[f32; 3]>,
+    /// 1 where the picture is white, -1 where it is black, 0 elsewhere: the change may be larger than it shows.
+    pub clipped: Vec<[f32; 3]>,
+}
+
+impl Pixels {
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.change.len()
+    }
+
+    /// True if there are none.
+    pub fn is_empty(&self) -> bool {
+        self.change.is_empty()
+    }
+
+    /// Adds another press's.
+    pub fn append(&mut self, other: &Self) {
+        self.normals.extend_from_slice(&other.normals);
+        self.inputs.extend_from_slice(&other.inputs);
+        self.change.extend_from_slice(&other.change);
+        self.clipped.extend_from_slice(&other.clipped);
+    }
+
+    /// The pixels of a press at `places`; how much of the sky is hidden there is left open, and 0.
+    pub fn from_press(
+        places: &[usize],
+        observation: &Observation,
+        contact: &Contact,
+        background: &RgbImage,
+        camera: &View,
+    ) -> Self {
+        let width = camera.resolution_px[0];
+        let normals = normals(contact, camera);
+        let mut pixels = Self::default();
+        for &at in places {
+            let (x, y) = (at % width, at / width);
+            let [x_mm, y_mm] = camera.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+            let mut inputs = [0.0; INPUTS];
+            inputs[0] = contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
+            (inputs[1], inputs[2]) = (x_mm as f32, y_mm as f32);
+            pixels.inputs.push(inputs);
+            let [nx, ny, _] = normals[at];
+            pixels.normals.push([nx, ny]);
+            let color = |image: &RgbImage| image.get_pixel(x as u32, y as u32).0;
+            let (real, rest) = (color(&observation.image), color(background));
+            pixels.change.push(std::array::from_fn(|k| (f32::from(real[k]) - f32::from(rest[k])) / 255.0));
+            pixels.clipped.push(real.map(|level| f32::from(i8::from(level == 255) - i8::from(level == 0))));
+        }
+        pixels
+    }
+
+    /// Finds out how much of the sky is hidden at each of the `places` of a press.
+    pub fn look_up(&mut self, places: &[usize], contact: &Contact, camera: &View) {
+        let [width, height] = camera.resolution_px;
+        let every_pixel = Coarse::new(Resolution::Full);
+        let casting = Casting::new(every_pixel, &contact.surface, camera, true, Response::sky);
+        let visible_sky = casting.map(|casting| casting.shares(camera, Rect::whole(width, height))).unwrap_or_default();
+        for (inputs, &at) in self.inputs.iter_mut().zip(places) {
+            for (input, visible) in inputs[INPUTS - SECTORS..].iter_mut().zip(&visible_sky) {
+                *input = visible.as_ref().map_or(0.0, |visible| 1.0 - visible.values.at(at % width, at / width));
+            }
+        }
+    }
+}
+
+/// Up to `most` pixels of a press, drawn at random: those near its contact and those of its halo. Those that are
+/// saturated in the background say nothing.
+pub fn places(observation: &Observation, background: &RgbImage, most: usize, random: &mut Stream) -> Vec<usize> {
+    let width = background.width() as usize;
+    let [x, y] = observation.circle.centre_px;
+    let (mut near, mut far) = (Vec::new(), Vec::new());
+    for (at, color) in background.pixels().enumerate() {
+        let (across, down) = ((at % width) as f64 - x, (at / width) as f64 - y);
+        let distance = libm::hypot(across, down) / observation.circle.radius_px;
+        if distance < REACH && color.0.iter().all(|level| *level < SATURATED) {
+            if distance < DILATE { near.push(at) } else { far.push(at) }
+        }
+    }
+    let wanted = |fraction: f64| (fraction * most as f64) as usize;
+    let mut drawn = random.some_of(near, wanted(NEAR));
+    drawn.extend(random.some_of(far, wanted(1.0 - NEAR)));
+    drawn
+}

@@ -1,0 +1,117 @@
+//! Which way a simulated set is off, as a sentence.
+
+use super::distribution::{Distances, Octave};
+
+/// Smaller shifts of a channel's mean are not worth a word, grey levels.
+const SHIFT: f64 = 0.5;
+/// Nor are contrast and edges that differ by less than this fraction.
+const TOLERANCE: f64 = 0.05;
+/// Nor is structure of some size whose amplitude differs by less than this fraction.
+const AMPLITUDE: f64 = 0.15;
+/// Amplitude below which grain counts as absent.
+const ABSENT: f64 = 0.25;
+
+/// What a person would see first: colours, contrast, edges, grain, coarser structure.
+pub fn verdict(distances: &Distances) -> String {
+    let mut parts = Vec::new();
+    for (name, channel) in ["red", "green", "blue"].iter().zip(&distances.channels) {
+        let shift = channel.mean_shift;
+        if shift.abs() >= SHIFT {
+            parts.push(format!("{name} {:.1} levels too {}", shift.abs(), if shift > 0.0 { "bright" } else { "dark" }));
+        }
+    }
+    let known: Vec<f64> = distances.channels.iter().filter_map(|channel| channel.deviation_ratio).collect();
+    let contrast = (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64);
+    parts.extend(contrast.and_then(|ratio| deviation("contrast", ratio, TOLERANCE, ["low", "high"])));
+    parts.extend(distances.slopes.edge_ratio.and_then(|ratio| deviation("edges", ratio, TOLERANCE, ["soft", "hard"])));
+    // Grain is the finest octave; what is coarser is told together where it is off the same way.
+    let (grain, coarser) = distances.octaves.split_at(distances.octaves.len().min(1));
+    parts.extend(grain.iter().filter_map(|octave| match amplitude(octave) {
+        ratio if ratio < ABSENT => Some(format!("almost no grain above {} cycles/px", octave.cycles_per_px[0])),
+        ratio => deviation(
+            &format!("grain above {} cycles/px", octave.cycles_per_px[0]),
+            ratio,
+            AMPLITUDE,
+            ["weak", "strong"],
+        ),
+    }));
+    parts.extend(coarser.chunk_by(|a, b| way(a) == way(b)).filter_map(structure));
+    match parts.is_empty() {
+        true => String::from("no difference in colour, contrast, edges or grain that is worth a word"),
+        false => parts.join(", "),
+    }
+}
+
+/// Ratio of amplitudes; power is their square.
+fn amplitude(octave: &Octave) -> f64 {
+    libm::pow(10.0, 0.5 * octave.log10_ratio)
+}
+
+/// -1 where structure is too weak, 1 where it is too strong, 0 where it is near enough.
+fn way(octave: &Octave) -> i32 {
+    match amplitude(octave) - 1.0 {
+        off if off.abs() < AMPLITUDE => 0,
+        off => off.signum() as i32,
+    }
+}
+
+/// Octaves that are off the same way.
+fn structure(octaves: &[Octave]) -> Option<String> {
+    let ([finest, ..], [.., coarsest]) = (octaves, octaves) else { return None };
+    let way = way(finest);
+    let percents = octaves.iter().map(|octave| 100.0 * (amplitude(octave) - 1.0).abs());
+    let (least, most) = percents.fold((f64::INFINITY, 0.0_f64), |(low, high), p| (low.min(p), high.max(p)));
+    let range = match (format!("{least:.0}"), format!("{most:.0}")) {
+        (least, most) if least == most => least,
+        (least, most) => format!("{least} to {most}"),
+    };
+    let (from, to) = (1.0 / finest.cycles_per_px[1], 1.0 / coarsest.cycles_per_px[0]);
+    let direction = if way < 0 { "weak" } else { "strong" };
+    (way != 0).then(|| format!("structure of {from:.0} to {to:.0} px {range} % too {direction}"))
+}
+
+fn deviation(what: &str, ratio: f64, bearable: f64, [low, high]: [&str; 2]) -> Option<String> {
+    let off = ratio - 1.0;
+    (off.abs() >= bearable)
+        .then(|| format!("{what} {:.0} % too {}", 100.0 * off.abs(), if off < 0.0 { low } else { high }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lab::compare::distribution::{Channel, Slopes};
+
+    fn distances(shifts: [f64; 3], contrast: f64, edges: f64, logs: &[f64]) -> Distances {
+        let channels = shifts.map(|mean_shift| Channel { emd: 9.0, mean_shift, deviation_ratio: Some(contrast) });
+        let octave = |(number, log10_ratio): (usize, &f64)| Octave {
+            cycles_per_px: crate::lab::compare::spectrum::octave(number),
+            log10_ratio: *log10_ratio,
+        };
+        Distances {
+            real_images: 1,
+            sim_images: 1,
+            channels,
+            slopes: Slopes { emd: 9.0, mean_ratio: Some(2.0), edge_ratio: Some(edges) },
+            octaves: logs.iter().enumerate().map(octave).collect(),
+            spectrum_rms: None,
+        }
+    }
+
+    #[test]
+    fn the_sentence_names_what_is_off_and_which_way() {
+        let found = verdict(&distances([0.4, 2.04, -3.1], 0.9, 0.8, &[-2.0, 0.0, 0.2, -0.5, -0.4, -0.01]));
+        let expected = "green 2.0 levels too bright, blue 3.1 levels too dark, contrast 10 % too low, \
+                        edges 20 % too soft, almost no grain above 0.25 cycles/px, \
+                        structure of 8 to 16 px 26 % too strong, structure of 16 to 64 px 37 to 44 % too weak";
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn what_is_alike_is_said_to_be() {
+        assert!(verdict(&distances([0.4, -0.4, 0.0], 1.04, 0.96, &[0.1, -0.1])).starts_with("no difference"));
+        let mut unknown = distances([0.0; 3], 1.0, 1.0, &[]);
+        unknown.slopes.edge_ratio = None;
+        unknown.channels.iter_mut().for_each(|channel| channel.deviation_ratio = None);
+        assert!(verdict(&unknown).starts_with("no difference"));
+    }
+}

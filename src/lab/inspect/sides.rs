@@ -1,0 +1,282 @@
+//! The six sides of an object as a sensor captures them, level and in the middle of the view.
+//!
+//! Each side is captured on a grid three times as fine as the sensor's, of which every third point is a pixel's centre.
+//! What stands out by less than two pixels across is found by a morphological opening (Serra 1982) of the depth map
+//! with a disc two pixels wide: it takes off just what the disc does not fit into.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::SensorPad;
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::depth::{Depth, Window, capture};
+use crate::core::mesh::cleaning::Mesh;
+use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::Anchor;
+use crate::core::pose::{Angles, Pose};
+use crate::job::config::scene::Face;
+
+/// One side of an object, pressed into the pad.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Side {
+    /// The side that faces the pad.
+    pub face: Face,
+    /// Extents of its outline along the image's x and y, mm.
+    pub outline_mm: [f64; 2],
+    /// The same in pixels.
+    pub outline_px: [f64; 2],
+    /// The outline fits into the view.
+    pub fits: bool,
+    /// Fraction of the view's pixels with the object over them.
+    #[serde(rename = "view_share")]
+    pub view_fraction: f64,
+    /// The first of `bounds` and `contact` with which something touches in the middle of the view; null if nothing does
+    /// with either. All that follows is measured there.
+    pub anchor: Option<Anchor>,
+    /// The lowest point is in view, and yet no pixel's centre meets what would touch.
+    pub slips: bool,
+    /// Pixels that the object reaches when it is pressed by [`SensorPad::press_mm`].
+    pub touching_px: usize,
+    /// The same as a fraction of the view.
+    #[serde(rename = "touching_share")]
+    pub touching_fraction: f64,
+    /// Heights over the lowest point of what is in view within the pad's thickness: least and largest, mm; null if there
+    /// is nothing.
+    pub relief_mm: Option<[f64; 2]>,
+    /// Fraction of what touches that stands out by less than two pixels across; 0 to 1.
+    #[serde(rename = "thin_share")]
+    pub thin_fraction: f64,
+}
+
+/// The sides, in the order of docs and tables.
+pub const FACES: [Face; 6] = [Face::MinusX, Face::PlusX, Face::MinusY, Face::PlusY, Face::MinusZ, Face::PlusZ];
+
+/// Points of the fine grid per pixel, along x and along y.
+const FINER: usize = 3;
+
+/// What the opening takes off, as a fraction of the press, for a point to count as thin: edges are blunted a little.
+const BLUNTING: f64 = 0.05;
+
+/// The most rows per capture with which sides are captured: about half a second at the sensor's resolution.
+pub const MOST_ROWS: f64 = 1.5e7;
+
+/// Rows of the sensor's pixels that the triangles fill in the mean capture of a side in the middle of the view.
+pub fn rows(mesh: &Mesh, pad: &SensorPad) -> f64 {
+    // The object's axes along the image's x and y; opposite sides have them in common but for their signs.
+    const AXES: [[usize; 2]; 3] = [[2, 1], [0, 2], [0, 1]];
+    let half = pad.field_of_view_mm.map(|mm| (mm / 2.0) as f32);
+    let mut mm = 0.0;
+    for triangle in &mesh.triangles {
+        let corners = triangle.map(|vertex| mesh.vertices[vertex as usize]);
+        let span = |axis: usize, half: f32| {
+            let [a, b, c] = corners.map(|corner| corner[axis]);
+            a.max(b).max(c).min(half) - a.min(b).min(c).max(-half)
+        };
+        for [x, y] in AXES {
+            if span(x, half[0]) >= 0.0 {
+                mm += f64::from(span(y, half[1]).max(0.0));
+            }
+        }
+    }
+    mm / pad.mm_per_px[1] / AXES.len() as f64
+}
+
+/// Captures all sides of an object of this size.
+pub fn sides(object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Vec<Side> {
+    FACES.into_par_iter().map(|face| side(face, object, size_mm, pad)).collect()
+}
+
+fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Side {
+    let pose = |anchor| {
+        let level = Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
+        Pose::new(face.side().expect("one of the six sides"), level, [0.0; 2], anchor, -pad.press_mm, object)
+    };
+    let rows = pose(Anchor::Bounds).placement().rotation;
+    let outline_mm = [0, 1].map(|k| (0..3).map(|j| rows[k][j].abs() * size_mm[j]).sum::<f64>());
+    let above_mm = size_mm.into_iter().fold(1.0, f64::max) + pad.thickness_mm;
+
+    let mut anchor = None;
+    let mut slips = false;
+    let mut stats = SideStats::default();
+    for tried in [Anchor::Bounds, Anchor::Contact] {
+        let pose = pose(tried);
+        let found = SideStats::new(object, &pose, above_mm, pad);
+        // With the contact in the middle nothing of use is seen unless it touches there.
+        if tried == Anchor::Bounds || found.touching_px > 0 {
+            stats = found;
+        }
+        if stats.touching_px > 0 {
+            anchor = Some(tried);
+            break;
+        }
+        slips |= lowest_is_in_view(object, &pose, pad);
+    }
+    let pixels = pad.resolution_px[0] * pad.resolution_px[1];
+    Side {
+        face,
+        outline_mm,
+        outline_px: [0, 1].map(|k| outline_mm[k] / pad.mm_per_px[k]),
+        fits: (0..2).all(|k| outline_mm[k] <= pad.field_of_view_mm[k]),
+        view_fraction: stats.covered_px as f64 / pixels as f64,
+        anchor,
+        slips: slips && anchor.is_none(),
+        touching_px: stats.touching_px,
+        touching_fraction: stats.touching_px as f64 / pixels as f64,
+        relief_mm: stats.relief_mm,
+        thin_fraction: stats.thin_fraction,
+    }
+}
+
+/// Whether one of the points that touch first, to a micrometre, is over the view.
+fn lowest_is_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> bool {
+    let placement = pose.placement();
+    let centre_mm = object.centre_mm();
+    let mut found = false;
+    object.query(
+        |_, _| true,
+        |part| {
+            for at in 0..part.x.len() {
+                let vertex = [part.x[at], part.y[at], part.z[at]];
+                let [x, y, z] = [0, 1, 2].map(|k| {
+                    let turned: f64 =
+                        (0..3).map(|j| placement.rotation[k][j] * (centre_mm[j] + f64::from(vertex[j]))).sum();
+                    turned + placement.translation_mm[k]
+                });
+                found |= z < 1e-3 - pad.press_mm
+                    && x.abs() <= pad.field_of_view_mm[0] / 2.0
+                    && y.abs() <= pad.field_of_view_mm[1] / 2.0;
+            }
+        },
+    );
+    found
+}
+
+/// What is seen of an object in one pose.
+#[derive(Default)]
+struct SideStats {
+    covered_px: usize,
+    touching_px: usize,
+    relief_mm: Option<[f64; 2]>,
+    thin_fraction: f64,
+}
+
+impl SideStats {
+    fn new(object: &Clusters, pose: &Pose, above_mm: f64, pad: &SensorPad) -> Self {
+        // The opening looks so far beyond the view.
+        let margin_px = 2 * REACH;
+        let window = Window { margin_px, above_mm };
+        let depth = capture(object, &pose.placement(), &pad.camera(FINER), window, pad.thickness_mm);
+        let mut stats = Self { thin_fraction: thin_fraction(&depth, pad), ..Self::default() };
+        let [width, height] = pad.resolution_px;
+        let nothing = -above_mm as f32;
+        let (mut least, mut largest) = (f32::INFINITY, f32::NEG_INFINITY);
+        for y in 0..height {
+            let row = &depth.overlap.row(margin_px + FINER * y + FINER / 2)[margin_px..];
+            for below in row.iter().skip(FINER / 2).step_by(FINER).take(width) {
+                stats.covered_px += usize::from(*below > nothing);
+                stats.touching_px += usize::from(*below > 0.0);
+                let over_lowest = (pad.press_mm as f32 - below).max(0.0);
+                if *below > nothing && over_lowest <= pad.thickness_mm as f32 {
+                    least = least.min(over_lowest);
+                    largest = largest.max(over_lowest);
+                }
+            }
+        }
+        stats.relief_mm = (least <= largest).then_some([least, largest].map(f64::from));
+        stats
+    }
+}
+
+/// Fraction of what touches in view, on the fine grid, that the opening takes off; 0 if nothing touches.
+fn thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
+    let (width, height, margin) = (depth.overlap.width, depth.overlap.height, depth.margin_px);
+    let part = depth.touching.grown(2 * REACH, width, height);
+    let mut pressed = depth.overlap.crop(part);
+    pressed.data.iter_mut().for_each(|below| *below = below.max(0.0));
+    let least = |a: f32, b: f32| if b < a { b } else { a };
+    let largest = |a: f32, b: f32| if b > a { b } else { a };
+    let opened = over_disc(&over_disc(&pressed, least), largest);
+
+    let view = Rect { x0: margin, y0: margin, x1: width - margin, y1: height - margin };
+    let view = view.seen_from(part.x0, part.y0, part.width(), part.height());
+    let blunting = (BLUNTING * pad.press_mm) as f32;
+    let (mut touching, mut thin) = (0_usize, 0_usize);
+    for y in view.y0..view.y1 {
+        let rows = pressed.row(y)[view.x0..view.x1].iter().zip(&opened.row(y)[view.x0..view.x1]);
+        for (before, after) in rows {
+            touching += usize::from(*before > 0.0);
+            thin += usize::from(before - after > blunting);
+        }
+    }
+    thin as f64 / touching.max(1) as f64
+}
+
+/// Radius of the disc, points of the fine grid: from centre to centre it is two pixels wide.
+const REACH: usize = FINER;
+
+/// Combines every value with those of the disc around it, as far as it lies in the image.
+fn over_disc(image: &Grid<f32>, take: impl Fn(f32, f32) -> f32) -> Grid<f32> {
+    let mut result = image.clone();
+    let (width, height) = (image.width, image.height);
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for y in 0..height {
+                for from in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
+                    let dy = from.abs_diff(y);
+                    let reach = (REACH * REACH - dy * dy).isqrt();
+                    for shift in 0..=reach.min(width.saturating_sub(1)) {
+                        let source = image.row(from);
+                        let target = result.row_mut(y);
+                        for (value, other) in target.iter_mut().zip(&source[shift..]) {
+                            *value = take(*value, *other);
+                        }
+                        for (value, other) in target[shift..].iter_mut().zip(source) {
+                            *value = take(*value, *other);
+                        }
+                    }
+                }
+            }
+        },
+    );
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_opening_keeps_what_the_disc_fits_into_and_takes_off_the_rest() {
+        let mut image = Grid::<f32>::new(60, 40);
+        for y in 0..40 {
+            // Strips as wide as the disc and a point narrower.
+            image.row_mut(y)[10..10 + 2 * REACH + 1].fill(1.0);
+            image.row_mut(y)[30..30 + 2 * REACH].fill(1.0);
+        }
+        let opened = over_disc(&over_disc(&image, f32::min), f32::max);
+        let row = opened.row(20);
+        assert!(row[10..10 + 2 * REACH + 1].iter().all(|value| *value == 1.0), "{row:?}");
+        assert!(row[30..30 + 2 * REACH].iter().all(|value| *value == 0.0), "{row:?}");
+    }
+
+    #[test]
+    fn a_filter_over_the_disc_agrees_with_a_plain_search() {
+        for (width, height) in [(1, 1), (2, 7), (9, 3), (17, 23)] {
+            let mut image = Grid::<f32>::new(width, height);
+            for (at, value) in image.data.iter_mut().enumerate() {
+                *value = ((at * 7919 + 13) % 101) as f32;
+            }
+            let filtered = over_disc(&image, f32::max);
+            for y in 0..height {
+                for x in 0..width {
+                    let inside = |u: usize, v: usize| u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) <= REACH * REACH;
+                    let points = (0..width).flat_map(|u| (0..height).map(move |v| (u, v)));
+                    let around = points.filter(|&(u, v)| inside(u, v)).map(|(u, v)| image.at(u, v));
+                    assert_eq!(filtered.at(x, y), around.fold(0.0, f32::max), "{x}, {y} of {width} x {height}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! What people do with datasets and sensors.
+
+pub mod augment;
+pub mod calibrate;
+pub mod compare;
+pub mod inspect;
+pub mod metrics;
+pub mod numbers;
+pub mod page;
+pub mod presses;
+pub mod preview;
+pub mod report;
+pub mod tradeoff;

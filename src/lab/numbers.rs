@@ -1,0 +1,53 @@
+//! Counts and sizes as people read them.
+
+use std::fmt;
+
+/// A count with commas between groups of three digits.
+#[derive(Clone, Copy, Debug)]
+pub struct HumanCount(pub u64);
+
+/// A size in bytes: `15 B`, `1.46 KiB`, `1.43 MiB`.
+#[derive(Clone, Copy, Debug)]
+pub struct HumanBytes(pub u64);
+
+impl fmt::Display for HumanCount {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let digits = self.0.to_string();
+        for (place, digit) in digits.chars().enumerate() {
+            if place > 0 && (digits.len() - place).is_multiple_of(3) {
+                f.write_str(",")?;
+            }
+            write!(f, "{digit}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for HumanBytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const UNITS: [&str; 6] = ["KiB", "MiB", "GiB", "TiB", "PiB", "EiB"];
+        if self.0 < 1024 {
+            return write!(f, "{} B", self.0);
+        }
+        let mut size = self.0 as f64 / 1024.0;
+        let mut unit = 0;
+        while size >= 1024.0 {
+            size /= 1024.0;
+            unit += 1;
+        }
+        write!(f, "{size:.2} {}", UNITS[unit])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_have_commas_and_sizes_binary_units() {
+        let counts = [0, 12, 999, 1000, 1_234_567].map(|count| HumanCount(count).to_string());
+        assert_eq!(counts, ["0", "12", "999", "1,000", "1,234,567"]);
+        let sizes = [15, 1023, 1024, 1_500, 1_500_000, u64::MAX].map(|size| HumanBytes(size).to_string());
+        assert_eq!(sizes, ["15 B", "1023 B", "1.00 KiB", "1.46 KiB", "1.43 MiB", "16.00 EiB"]);
+    }
+}

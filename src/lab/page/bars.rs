@@ -1,0 +1,107 @@
+//! Histograms as stacked bars, as SVG: counts over the bins of an axis, one colour for each kind of what is counted.
+
+use super::ink::{Align, Colour};
+use super::plot::{FAINT, Plot, TEXT};
+use crate::lab::inspect::figures::figure;
+
+/// Width and height of a histogram, px: three stand beside each other on a page, and one fits a phone.
+pub const SIZE: [f64; 2] = [330.0, 220.0];
+
+/// A bar: a bin and what is in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bar<const KINDS: usize> {
+    /// Lower end of the bin.
+    pub from: f64,
+    /// Its upper end.
+    pub to: f64,
+    /// How many of each kind are in it.
+    pub counts: [u64; KINDS],
+}
+
+/// Draws bars that lie beside each other; `axes` names what is below them and what they count, `kinds` are names and
+/// colours.
+pub fn histogram<const KINDS: usize>(
+    title: &str,
+    axes: [&str; 2],
+    bars: &[Bar<KINDS>],
+    kinds: &[(&str, Colour); KINDS],
+) -> String {
+    let (Some(first), Some(last)) = (bars.first(), bars.last()) else { return nothing(title, "no values") };
+    let highest = bars.iter().map(|bar| bar.counts.iter().sum::<u64>()).max().unwrap_or(0);
+    // Ticks of counts are whole numbers.
+    let top = (1.08 * highest as f64).max(4.0);
+    let mut plot = Plot::new(SIZE, title, axes, [[first.from, last.to], [0.0, top]]);
+    for bar in bars {
+        let of_kinds = || bar.counts.iter().zip(kinds).filter(|(count, _)| **count > 0);
+        let counts: Vec<String> = of_kinds().map(|(count, (name, _))| format!("{count} {name}")).collect();
+        if counts.is_empty() {
+            continue;
+        }
+        let mut below = 0;
+        let stacked = of_kinds().map(|(count, (_, colour))| {
+            let from = plot.place([bar.from, below as f64]);
+            below += count;
+            (from, plot.place([bar.to, below as f64]), *colour)
+        });
+        let stacked: Vec<_> = stacked.collect();
+        let hint = format!("{} to {}: {}", figure(bar.from), figure(bar.to), counts.join(", "));
+        plot.page.hinted(&hint, |page| {
+            for ([left, low], [right, high], colour) in stacked {
+                // A line of paper between bars, unless they are too narrow for one.
+                let gap = f64::min(1.0, 0.2 * (right - left));
+                page.rectangle([left, high], [right - gap, low], colour, 1.0);
+            }
+        });
+    }
+    plot.svg()
+}
+
+/// A plot's place with words instead.
+pub fn nothing(title: &str, words: &str) -> String {
+    let mut plot = Plot::bare(SIZE, title);
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]].map(|corner| plot.place(corner));
+    plot.page.line(&corners, FAINT, 1.0, None);
+    let middle = plot.place([0.5, 0.5]);
+    plot.page.text(middle, words, TEXT, Align::Middle);
+    plot.svg()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KINDS: [(&str, Colour); 2] = [("near", [1, 2, 3]), ("far", [4, 5, 6])];
+
+    /// The rectangles of a drawing: fill, top, height.
+    fn rectangles(svg: &str) -> Vec<(String, f64, f64)> {
+        let parsed = roxmltree::Document::parse(svg).expect("well-formed");
+        let number = |node: &roxmltree::Node, name: &str| node.attribute(name).and_then(|text| text.parse().ok());
+        let rectangles = parsed.descendants().filter(|node| {
+            node.has_tag_name("rect") && node.ancestors().any(|above| above.children().any(|c| c.has_tag_name("title")))
+        });
+        let found = rectangles.map(|node| {
+            let [top, height] = ["y", "height"].map(|name| number(&node, name).expect("a number"));
+            (node.attribute("fill").expect("a fill").to_owned(), top, height)
+        });
+        found.collect()
+    }
+
+    #[test]
+    fn bars_are_as_high_as_their_counts_and_stand_on_each_other() {
+        let bar = |from: f64, counts| Bar { from, to: from + 1.0, counts };
+        let svg = histogram("t", ["mm", "samples"], &[bar(0.0, [3, 1]), bar(1.0, [0, 0]), bar(2.0, [0, 8])], &KINDS);
+        let drawn = rectangles(&svg);
+        assert_eq!(drawn.len(), 3, "{svg}");
+        let unit = drawn[2].2 / 8.0;
+        assert!((drawn[0].2 - 3.0 * unit).abs() < 0.05 && (drawn[1].2 - unit).abs() < 0.05, "{drawn:?}");
+        assert!((drawn[1].1 + drawn[1].2 - drawn[0].1).abs() < 0.05, "on each other: {drawn:?}");
+        assert!(svg.contains("0 to 1: 3 near, 1 far") && svg.contains("2 to 3: 8 far"), "{svg}");
+    }
+
+    #[test]
+    fn nothing_to_draw_is_said_in_words() {
+        let svg = histogram::<2>("t", ["mm", "samples"], &[], &KINDS);
+        assert!(svg.contains("no values") && rectangles(&svg).is_empty());
+        assert!(!svg.contains("NaN"));
+    }
+}

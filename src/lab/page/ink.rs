@@ -1,0 +1,347 @@
+//! Lines, marks and text on a page, as SVG and as PNG from the same list of shapes.
+//!
+//! SVG text is in the viewer's font. In the PNG letters are those of a bitmap font whose neighbouring dots are joined by
+//! round strokes, and the edge of every shape is smoothed by the distance of the pixels' centres from it.
+
+use std::collections::BTreeSet;
+use std::convert::Infallible;
+use std::fmt::Write;
+
+use embedded_graphics::Pixel;
+use embedded_graphics::geometry::{OriginDimensions, Size};
+use embedded_graphics::mono_font::iso_8859_1::{FONT_9X15, FONT_9X15_BOLD};
+use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
+use embedded_graphics::pixelcolor::BinaryColor;
+use embedded_graphics::prelude::{DrawTarget, Drawable};
+use embedded_graphics::text::{Baseline, Text};
+
+use super::escaped;
+use crate::files::png::encode_rgb;
+
+/// Red, green, blue.
+pub type Colour = [u8; 3];
+
+/// A point of the page, pixels from its top left corner.
+pub type Point = [f64; 2];
+
+/// Marks of a size: all of about the same area.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    Circle,
+    Square,
+    Triangle,
+    Diamond,
+    /// A triangle that points down.
+    Down,
+}
+
+impl Shape {
+    /// Corners clockwise; a circle has none.
+    fn corners(self, [x, y]: Point, radius: f64) -> Vec<Point> {
+        let corners: &[Point] = match self {
+            Self::Circle => &[],
+            Self::Square => &[[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]],
+            Self::Triangle => &[[0.0, -1.3], [1.2, 0.9], [-1.2, 0.9]],
+            Self::Diamond => &[[0.0, -1.3], [1.3, 0.0], [0.0, 1.3], [-1.3, 0.0]],
+            Self::Down => &[[0.0, 1.3], [-1.2, -0.9], [1.2, -0.9]],
+        };
+        corners.iter().map(|[dx, dy]| [x + dx * radius, y + dy * radius]).collect()
+    }
+}
+
+/// How text looks.
+#[derive(Clone, Copy, Debug)]
+pub struct Type {
+    /// Height of the font, pixels.
+    pub size: u32,
+    pub bold: bool,
+    pub colour: Colour,
+}
+
+/// Which part of the text stands at its place.
+#[derive(Clone, Copy, Debug)]
+pub enum Align {
+    Left,
+    Middle,
+    Right,
+}
+
+/// What a page is made of.
+enum Element {
+    Line { points: Vec<Point>, colour: Colour, width: f64, dash: Option<u32> },
+    Rectangle { min: Point, max: Point, fill: Colour, opacity: f64 },
+    Mark { shape: Shape, at: Point, radius: f64, fill: Colour, outline: Colour },
+    Text { at: Point, text: String, how: Type, align: Align },
+    HintStart(String),
+    HintEnd,
+}
+
+/// Width of a mark's outline, pixels.
+const OUTLINE_PX: f64 = 1.5;
+
+/// A page that shapes are added to; later ones cover earlier ones.
+pub struct Page {
+    size: [f64; 2],
+    elements: Vec<Element>,
+}
+
+impl Page {
+    /// A white page.
+    pub fn new(width: f64, height: f64) -> Self {
+        Self { size: [width, height], elements: Vec::new() }
+    }
+
+    /// A line through `points`; `dash` is the length of dashes and gaps.
+    pub fn line(&mut self, points: &[Point], colour: Colour, width: f64, dash: Option<u32>) {
+        self.elements.push(Element::Line { points: points.to_vec(), colour, width, dash });
+    }
+
+    /// A filled rectangle, opaque by `opacity` (0 to 1).
+    pub fn rectangle(&mut self, min: Point, max: Point, fill: Colour, opacity: f64) {
+        self.elements.push(Element::Rectangle { min, max, fill, opacity });
+    }
+
+    /// A mark of about `radius`, filled, with an outline.
+    pub fn mark(&mut self, shape: Shape, at: Point, radius: f64, fill: Colour, outline: Colour) {
+        self.elements.push(Element::Mark { shape, at, radius, fill, outline });
+    }
+
+    /// A line of text on the baseline at `at`. Characters that XML cannot hold become spaces.
+    pub fn text(&mut self, at: Point, text: &str, how: Type, align: Align) {
+        self.elements.push(Element::Text { at, text: text.replace(char::is_control, " "), how, align });
+    }
+
+    /// What `draw` adds shows `hint` under the pointer, in SVG.
+    pub fn hinted(&mut self, hint: &str, draw: impl FnOnce(&mut Self)) {
+        self.elements.push(Element::HintStart(hint.to_owned()));
+        draw(self);
+        self.elements.push(Element::HintEnd);
+    }
+
+    /// The page as SVG. Text is text, in the viewer's font.
+    pub fn svg(&self) -> String {
+        let [width, height] = self.size;
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
+             height=\"{height}\" font-family=\"sans-serif\" stroke-linecap=\"round\" stroke-linejoin=\"round\">\n\
+             <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n"
+        );
+        for element in &self.elements {
+            let _ = writeln!(svg, "{}", element.svg());
+        }
+        svg + "</svg>\n"
+    }
+
+    /// The page as PNG file, two pixels for one.
+    pub fn png(&self) -> Vec<u8> {
+        let [width, height] = self.size.map(|length| (SCALE * length).ceil() as usize);
+        let mut canvas = Canvas { width, rgb: vec![255; 3 * width * height] };
+        self.elements.iter().for_each(|element| element.paint(&mut canvas));
+        encode_rgb(width, height, &canvas.rgb)
+    }
+}
+
+impl Element {
+    fn svg(&self) -> String {
+        let name = |[r, g, b]: Colour| format!("#{r:02x}{g:02x}{b:02x}");
+        let list = |points: &[Point]| {
+            let pairs: Vec<String> = points.iter().map(|[x, y]| format!("{x:.2},{y:.2}")).collect();
+            pairs.join(" ")
+        };
+        match self {
+            Self::Line { points, colour, width, dash } => {
+                let dash = dash.map_or(String::new(), |length| format!(" stroke-dasharray=\"{length}\""));
+                let (points, colour) = (list(points), name(*colour));
+                format!(
+                    "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{dash}/>"
+                )
+            }
+            Self::Rectangle { min: [x, y], max, fill, opacity } => {
+                let (width, height, fill) = (max[0] - x, max[1] - y, name(*fill));
+                let opacity = if *opacity < 1.0 { format!(" opacity=\"{opacity}\"") } else { String::new() };
+                format!(
+                    "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" fill=\"{fill}\"{opacity}/>"
+                )
+            }
+            Self::Mark { shape, at: [x, y], radius, fill, outline } => {
+                let ink =
+                    format!("fill=\"{}\" stroke=\"{}\" stroke-width=\"{OUTLINE_PX}\"", name(*fill), name(*outline));
+                match shape {
+                    Shape::Circle => format!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" {ink}/>"),
+                    _ => format!("<polygon points=\"{}\" {ink}/>", list(&shape.corners([*x, *y], *radius))),
+                }
+            }
+            Self::Text { at: [x, y], text, how, align } => {
+                let weight = if how.bold { " font-weight=\"bold\"" } else { "" };
+                let anchor = match align {
+                    Align::Left => "start",
+                    Align::Middle => "middle",
+                    Align::Right => "end",
+                };
+                let (size, fill, text) = (how.size, name(how.colour), escaped(text));
+                format!(
+                    "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" fill=\"{fill}\" text-anchor=\"{anchor}\"{weight}>\
+                     {text}</text>"
+                )
+            }
+            Self::HintStart(hint) => format!("<g><title>{}</title>", escaped(hint)),
+            Self::HintEnd => String::from("</g>"),
+        }
+    }
+
+    fn paint(&self, canvas: &mut Canvas) {
+        match self {
+            Self::Line { points, colour, width, dash } => {
+                for ends in points.windows(2) {
+                    let way = [0, 1].map(|i| ends[1][i] - ends[0][i]);
+                    let length = way[0].hypot(way[1]);
+                    let at = |along: f64| [0, 1].map(|i| ends[0][i] + way[i] * (along / length).min(1.0));
+                    let dash = dash.map_or(length, f64::from);
+                    for start in (0..).map(|k| 2.0 * dash * f64::from(k)).take_while(|start| *start < length) {
+                        canvas.stroke([at(start), at(start + dash)], *colour, *width);
+                    }
+                }
+            }
+            Self::Rectangle { min: [x0, y0], max: [x1, y1], fill, opacity } => {
+                canvas.polygon(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], *fill, *opacity, 0.0);
+            }
+            Self::Mark { shape, at, radius, fill, outline } => {
+                let corners = shape.corners(*at, *radius);
+                for (colour, grown) in [(outline, 0.5 * OUTLINE_PX), (fill, -0.5 * OUTLINE_PX)] {
+                    match shape {
+                        Shape::Circle => canvas.stroke([*at; 2], *colour, 2.0 * (radius + grown)),
+                        _ => canvas.polygon(&corners, *colour, 1.0, grown),
+                    }
+                }
+            }
+            Self::Text { at, text, how, align } => {
+                let start = match align {
+                    Align::Left => at[0],
+                    Align::Middle => at[0] - 0.5 * width(text, *how),
+                    Align::Right => at[0] - width(text, *how),
+                };
+                let font = if how.bold { &FONT_9X15_BOLD } else { &FONT_9X15 };
+                let pitch = width(" ", *how) / f64::from(font.character_size.width);
+                let place =
+                    |[x, y]: [i32; 2]| [start + (f64::from(x) + 0.5) * pitch, at[1] + (f64::from(y) - 0.5) * pitch];
+                for [from, to] in strokes(&dots(text, font, Baseline::Alphabetic)) {
+                    canvas.stroke([place(from), place(to)], how.colour, 1.2 * pitch);
+                }
+            }
+            Self::HintStart(_) | Self::HintEnd => (),
+        }
+    }
+}
+
+/// Pixels of the PNG for one of the page.
+const SCALE: f64 = 2.0;
+
+/// The PNG's pixels.
+struct Canvas {
+    width: usize,
+    rgb: Vec<u8>,
+}
+
+impl Canvas {
+    /// Paints where `distance` from the edge, in pixels of the page, is below 0; that is nowhere outside `bounds`.
+    fn cover(&mut self, [min, max]: [Point; 2], colour: Colour, opacity: f64, distance: impl Fn(Point) -> f64) {
+        let (width, height) = (self.width, self.rgb.len() / 3 / self.width);
+        let first = min.map(|at| (SCALE * at - 1.0).max(0.0) as usize);
+        let end = max.map(|at| (SCALE * at + 2.0).max(0.0) as usize);
+        for y in first[1]..end[1].min(height) {
+            for x in first[0]..end[0].min(width) {
+                let at = [x, y].map(|pixel| (pixel as f64 + 0.5) / SCALE);
+                let share = opacity * (0.5 - SCALE * distance(at)).clamp(0.0, 1.0);
+                if share > 0.0 {
+                    let pixel = &mut self.rgb[3 * (y * width + x)..][..3];
+                    for (old, new) in pixel.iter_mut().zip(colour) {
+                        *old = (f64::from(*old) + share * (f64::from(new) - f64::from(*old))).round() as u8;
+                    }
+                }
+            }
+        }
+    }
+
+    /// A line with round ends; without length it is a circle.
+    fn stroke(&mut self, [from, to]: [Point; 2], colour: Colour, width: f64) {
+        let way = [to[0] - from[0], to[1] - from[1]];
+        let square = (way[0] * way[0] + way[1] * way[1]).max(f64::MIN_POSITIVE);
+        let [min, max] = [f64::min, f64::max].map(|of| [of(from[0], to[0]), of(from[1], to[1])]);
+        let bounds = [min.map(|at| at - 0.5 * width), max.map(|at| at + 0.5 * width)];
+        self.cover(bounds, colour, 1.0, |at| {
+            let at = [at[0] - from[0], at[1] - from[1]];
+            let share = ((at[0] * way[0] + at[1] * way[1]) / square).clamp(0.0, 1.0);
+            (at[0] - share * way[0]).hypot(at[1] - share * way[1]) - 0.5 * width
+        });
+    }
+
+    /// A convex polygon with its corners clockwise, its sides moved outwards by `grown`.
+    fn polygon(&mut self, corners: &[Point], colour: Colour, opacity: f64, grown: f64) {
+        let bound = |of: fn(f64, f64) -> f64| corners.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]);
+        let (Some(min), Some(max)) = (bound(f64::min), bound(f64::max)) else { return };
+        // A pointed corner moves by more than the sides do.
+        let bounds = [min.map(|at| at - 3.0 * grown.max(0.0)), max.map(|at| at + 3.0 * grown.max(0.0))];
+        let sides = || corners.iter().zip(corners.iter().cycle().skip(1));
+        self.cover(bounds, colour, opacity, |at| {
+            let beyond = sides().map(|([ax, ay], [bx, by])| {
+                let [dx, dy] = [bx - ax, by - ay];
+                (dy * (at[0] - ax) - dx * (at[1] - ay)) / dx.hypot(dy)
+            });
+            beyond.fold(f64::NEG_INFINITY, f64::max) - grown
+        });
+    }
+}
+
+/// The dots that a bitmap font sets for a line of text: columns from its start, rows from `baseline` down.
+pub fn dots(text: &str, font: &MonoFont, baseline: Baseline) -> BTreeSet<[i32; 2]> {
+    struct Dots(BTreeSet<[i32; 2]>);
+
+    impl OriginDimensions for Dots {
+        fn size(&self) -> Size {
+            Size::new(u32::MAX, u32::MAX)
+        }
+    }
+
+    impl DrawTarget for Dots {
+        type Color = BinaryColor;
+        type Error = Infallible;
+
+        fn draw_iter<I: IntoIterator<Item = Pixel<BinaryColor>>>(&mut self, pixels: I) -> Result<(), Infallible> {
+            self.0.extend(pixels.into_iter().map(|Pixel(at, _)| [at.x, at.y]));
+            Ok(())
+        }
+    }
+
+    let mut dots = Dots(BTreeSet::new());
+    let style = MonoTextStyle::new(font, BinaryColor::On);
+    let Ok(_) = Text::with_baseline(text, Default::default(), style, baseline).draw(&mut dots);
+    dots.0
+}
+
+/// Lines between neighbouring dots, diagonal ones where no dot is beside both, and every dot by itself.
+fn strokes(dots: &BTreeSet<[i32; 2]>) -> Vec<[[i32; 2]; 2]> {
+    let set = |x: i32, y: i32| dots.contains(&[x, y]);
+    let mut strokes = Vec::new();
+    for &[x, y] in dots {
+        for [dx, dy] in [[0, 0], [1, 0], [0, 1], [1, 1], [-1, 1]] {
+            if set(x + dx, y + dy) && (dx == 0 || dy == 0 || !set(x + dx, y) && !set(x, y + dy)) {
+                strokes.push([[x, y], [x + dx, y + dy]]);
+            }
+        }
+    }
+    strokes
+}
+
+/// Width of `text`, pixels: that of the PNG. Most viewers' letters are narrower.
+pub fn width(text: &str, how: Type) -> f64 {
+    0.56 * f64::from(how.size) * text.chars().count() as f64
+}
+
+/// `text`, its end replaced by dots if it is wider than `limit` pixels.
+pub fn fitted(text: &str, how: Type, limit: f64) -> String {
+    let room = (limit / width(" ", how)) as usize;
+    match text.chars().count() > room {
+        true => text.chars().take(room.saturating_sub(3)).chain("...".chars()).collect(),
+        false => text.to_owned(),
+    }
+}

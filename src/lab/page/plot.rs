@@ -1,0 +1,140 @@
+//! Plots with two linear axes, as SVG; lines and marks are those of `tradeoff`'s drawing.
+
+use super::ink::{Align, Colour, Page, Point, Type};
+
+/// Text and outlines.
+pub const BLACK: Colour = [30, 30, 30];
+/// Lines of the grid.
+pub const FAINT: Colour = [225, 225, 225];
+/// Axes and frames.
+pub const GREY: Colour = [140, 140, 140];
+/// A plot's title.
+pub const TITLE: Type = Type { size: 14, bold: true, colour: BLACK };
+/// Everything else that is written.
+pub const TEXT: Type = Type { size: 12, bold: false, colour: BLACK };
+
+/// A plot with two axes.
+pub struct Plot {
+    /// What is drawn, in pixels; [`Plot::place`] says where a point of the data is.
+    pub page: Page,
+    size: [f64; 2],
+    ranges: [[f64; 2]; 2],
+}
+
+/// Room around the data: left, top, right, bottom, px.
+pub const ROOM: [f64; 4] = [52.0, 34.0, 14.0, 42.0];
+
+impl Plot {
+    /// With axes called `names` (x and y) that reach over `ranges`, first the value at the left or bottom. A range that is
+    /// empty or not finite becomes 0 to 1.
+    pub fn new(size: [f64; 2], title: &str, names: [&str; 2], ranges: [[f64; 2]; 2]) -> Self {
+        let ranges = ranges.map(|[from, to]| match (to - from).is_finite() && to != from {
+            true => [from, to],
+            false => [0.0, 1.0],
+        });
+        let mut plot = Self { ranges, ..Self::bare(size, title) };
+        for (axis, name) in names.iter().enumerate() {
+            for (value, label) in ticks(plot.ranges[axis]) {
+                plot.tick(axis, value, &label);
+            }
+            let baseline = if axis == 0 { size[1] - 8.0 } else { 18.0 };
+            plot.page.text([size[0] - ROOM[2], baseline], name, TEXT, Align::Right);
+        }
+        plot
+    }
+
+    /// Without axes: a title and room for words.
+    pub fn bare(size: [f64; 2], title: &str) -> Self {
+        let mut page = Page::new(size[0], size[1]);
+        page.text([8.0, 18.0], title, TITLE, Align::Left);
+        Self { page, size, ranges: [[0.0, 1.0]; 2] }
+    }
+
+    fn tick(&mut self, axis: usize, value: f64, label: &str) {
+        let [mut from, mut to] = [0, 1].map(|end| [self.ranges[0][end], self.ranges[1][end]]);
+        (from[axis], to[axis]) = (value, value);
+        let (from, to) = (self.place(from), self.place(to));
+        self.page.line(&[from, to], if value == 0.0 { GREY } else { FAINT }, 1.0, None);
+        match axis {
+            0 => self.page.text([from[0], self.size[1] - ROOM[3] + 16.0], label, TEXT, Align::Middle),
+            _ => self.page.text([from[0] - 6.0, from[1] + 4.0], label, TEXT, Align::Right),
+        }
+    }
+
+    /// Where a point of the data is on the page. Points beyond the axes lie on their ends.
+    pub fn place(&self, [x, y]: Point) -> Point {
+        let share = |value: f64, [from, to]: [f64; 2]| match value.is_nan() {
+            true => 0.0,
+            false => ((value - from) / (to - from)).clamp(0.0, 1.0),
+        };
+        let [left, top, right, bottom] = ROOM;
+        [
+            left + share(x, self.ranges[0]) * (self.size[0] - left - right),
+            self.size[1] - bottom - share(y, self.ranges[1]) * (self.size[1] - top - bottom),
+        ]
+    }
+
+    /// The plot as SVG.
+    pub fn svg(&self) -> String {
+        self.page.svg()
+    }
+}
+
+/// Distance of ticks, 1, 2 or 5 times a power of ten, so that there are 4 to 10 of them in `length`.
+fn step(length: f64) -> f64 {
+    let rough = length / 4.0;
+    let decade = libm::pow(10.0, libm::floor(libm::log10(rough)));
+    let factor = [5.0, 2.0].into_iter().find(|factor| factor * decade <= rough).unwrap_or(1.0);
+    factor * decade
+}
+
+/// The round values in a range, with what is written beside them.
+fn ticks([from, to]: [f64; 2]) -> Vec<(f64, String)> {
+    let (low, high) = (from.min(to), from.max(to));
+    let step = step(high - low);
+    let first = (low / step - 1e-9).ceil();
+    // Counted, because adding a step to a large number may not change it.
+    let values = (0..12).map(|k| (first + f64::from(k)) * step).take_while(|value| *value <= high + 1e-9 * step);
+    values.map(|value| (value, label(value, step))).collect()
+}
+
+fn label(value: f64, step: f64) -> String {
+    match value.abs() {
+        0.0 => String::from("0"),
+        size if size >= 1e6 && step >= 1e4 && size < 1e10 => format!("{}M", (value / 1e4).round() / 1e2),
+        size if size >= 1e6 || step < 1e-5 => format!("{value:.1e}"),
+        _ => format!("{}", (value * 1e6).round() / 1e6),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_few() {
+        for (end, expected) in [(255.0, 50.0), (1.0, 0.2), (0.9, 0.2), (8.4, 2.0), (33.0, 5.0), (10.0, 2.0), (4.0, 1.0)]
+        {
+            assert!((step(end) - expected).abs() < 1e-12 * end, "{end}: {}", step(end));
+        }
+        for end in [1e-300, 1e-3, 7.77, 1e300] {
+            assert!((3.9..=10.1).contains(&(end / step(end))), "{end}");
+        }
+    }
+
+    #[test]
+    fn axes_begin_anywhere_and_run_either_way() {
+        let labels = |range| ticks(range).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
+        assert_eq!(labels([-7.5, 7.5]), ["-6", "-4", "-2", "0", "2", "4", "6"]);
+        assert_eq!(labels([7.5, -7.5]), labels([-7.5, 7.5]));
+        assert_eq!(labels([0.31, 0.52]), ["0.35", "0.4", "0.45", "0.5"]);
+        assert_eq!(labels([0.0, 2e6]), ["0", "500000", "1M", "1.5M", "2M"]);
+        assert_eq!(labels([0.0, 4e-9]), ["0", "1.0e-9", "2.0e-9", "3.0e-9", "4.0e-9"]);
+        for range in [[1e17, 1e17 + 64.0], [-1e300, 1e300], [1e-310, 3e-310], [5.0, 5.0], [0.0, f64::NAN]] {
+            let plot = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, range]);
+            assert!(plot.svg().len() < 20_000, "{range:?}");
+            let at = plot.place([range[0], range[1]]);
+            assert!(at.iter().all(|at| (0.0..=330.0).contains(at)), "{range:?}: {at:?}");
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Contact sheets: tactile image, depth and contact of some samples, with class and depth written under each.
+
+use embedded_graphics::mono_font::ascii;
+use embedded_graphics::text::Baseline;
+use image::imageops::{self, FilterType};
+use image::{Rgb, RgbImage};
+
+use crate::core::base::grid::Grid;
+use crate::core::simulator::Impression;
+use crate::dataset::archive::Files;
+use crate::dataset::decode;
+use crate::files::png;
+use crate::job::label::Label;
+use crate::job::plan::Plan;
+use crate::job::sample::{Sample, shown};
+use crate::lab::page::ink::dots;
+
+pub mod effects;
+pub mod rows;
+
+/// One sample as a sheet shows it.
+pub struct Tile {
+    tactile: RgbImage,
+    /// mm; a dataset may have been written without it.
+    depth: Option<Grid<f32>>,
+    /// 255 where the pad touches; likewise.
+    contact: Option<Grid<u8>>,
+    caption: String,
+}
+
+impl Tile {
+    /// Renders sample `index` of a plan.
+    pub fn rendered(plan: &Plan, index: u64) -> Self {
+        let Sample { impression: Impression { image, depth, contact, .. }, label, .. } = shown(plan, index);
+        let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
+        tactile.copy_from_slice(&image.rgb);
+        Self { tactile, depth: Some(depth.below_pad()), contact: Some(contact.mask), caption: caption(&label) }
+    }
+
+    /// Shows a sample of a dataset from its files.
+    pub fn read(files: &Files) -> Result<Self, String> {
+        let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
+        let needed =
+            |suffix: &str| files.member(suffix).ok_or_else(|| named(suffix, String::from("is not in the shard")));
+        let tactile = png::decode_rgb(needed("tactile.png")?).map_err(|reason| named("tactile.png", reason))?;
+        let label: Label = serde_json::from_slice(needed("json")?).map_err(|error| named("json", error.to_string()))?;
+        let depth = decode::depth_mm(files, &label.png16)?;
+        let contact = files.member("contact.png").map(png::decode_rgb).transpose();
+        let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
+            width: grey.width() as usize,
+            height: grey.height() as usize,
+            data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
+        });
+        Ok(Self { tactile, depth, contact, caption: caption(&label) })
+    }
+
+    /// Class, depth and number.
+    pub fn caption(&self) -> &str {
+        &self.caption
+    }
+
+    /// The panels beside each other, each made `panel_width` px wide at the most.
+    pub fn strip(&self, panel_width: u32) -> RgbImage {
+        let panels = scaled(self.panels(), panel_width);
+        let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
+        let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
+        let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
+        let mut left = 0;
+        for panel in &panels {
+            imageops::replace(&mut strip, panel, left, 0);
+            left += i64::from(panel.width()) + 2;
+        }
+        strip
+    }
+
+    /// The panels that there are: tactile, depth, contact.
+    fn panels(&self) -> Vec<RgbImage> {
+        let mut panels = vec![self.tactile.clone()];
+        if let Some(depth) = &self.depth {
+            let deepest = depth.data.iter().fold(f32::MIN_POSITIVE, |max, mm| max.max(*mm));
+            panels.push(grey(depth, |mm| (mm / deepest * 255.0) as u8));
+        }
+        if let Some(contact) = &self.contact {
+            panels.push(grey(contact, |value| value));
+        }
+        panels
+    }
+}
+
+fn caption(label: &Label) -> String {
+    let depth = match label.contact.in_contact {
+        true => format!("{:.2} mm", label.contact.max_depth_mm),
+        false => String::from("no contact"),
+    };
+    // The font has ASCII only.
+    let class: String = label.object.class.chars().map(|c| if c.is_ascii_graphic() { c } else { '?' }).collect();
+    format!("{class}  {depth}  #{}", label.index)
+}
+
+fn grey<T: Copy + Default>(grid: &Grid<T>, value: impl Fn(T) -> u8) -> RgbImage {
+    RgbImage::from_fn(grid.width as u32, grid.height as u32, |x, y| Rgb([value(grid.at(x as usize, y as usize)); 3]))
+}
+
+const GAP: u32 = 6;
+const CAPTION: u32 = 18;
+/// Width of a character.
+const CHARACTER: u32 = 7;
+const PAPER: Rgb<u8> = Rgb([24, 24, 26]);
+const INK: Rgb<u8> = Rgb([225, 225, 225]);
+
+/// Lays tiles out in rows of `columns`; panels are made `panel_width` px wide at the most.
+pub fn sheet(tiles: &[Tile], columns: usize, panel_width: u32) -> RgbImage {
+    let panels: Vec<Vec<RgbImage>> = tiles.iter().map(|tile| scaled(tile.panels(), panel_width)).collect();
+    let tile_width = panels.iter().map(|row| row.iter().map(|p| p.width() + 2).sum::<u32>()).max().unwrap_or(1);
+    let tile_height = panels.iter().flatten().map(RgbImage::height).max().unwrap_or(1) + CAPTION;
+    let columns = columns.clamp(1, tiles.len().max(1)) as u32;
+    let rows = (tiles.len() as u32).div_ceil(columns);
+    let (width, height) = (GAP + columns * (tile_width + GAP), GAP + rows * (tile_height + GAP));
+    let mut canvas = Canvas::new(width, height);
+    for (i, (tile, panels)) in tiles.iter().zip(panels).enumerate() {
+        let left = GAP + (i as u32 % columns) * (tile_width + GAP);
+        let top = GAP + (i as u32 / columns) * (tile_height + GAP);
+        let (mut x, mut below) = (left, top);
+        for panel in panels {
+            canvas.place(&panel, [x, top]);
+            x += panel.width() + 2;
+            below = below.max(top + panel.height());
+        }
+        canvas.write(&tile.caption, [left, below + 3], tile_width);
+    }
+    canvas.0
+}
+
+fn scaled(panels: Vec<RgbImage>, width: u32) -> Vec<RgbImage> {
+    let scale = |panel: RgbImage| match panel.width() > width {
+        true => {
+            let height = (u64::from(panel.height()) * u64::from(width)).div_ceil(u64::from(panel.width()));
+            imageops::resize(&panel, width, height as u32, FilterType::Triangle)
+        }
+        false => panel,
+    };
+    panels.into_iter().map(scale).collect()
+}
+
+/// `to` less `from`, times `gain`, around grey. Both are of one size.
+pub fn difference(from: &RgbImage, to: &RgbImage, gain: i32) -> RgbImage {
+    let mut difference = RgbImage::new(from.width(), from.height());
+    for ((value, from), to) in difference.iter_mut().zip(from.iter()).zip(to.iter()) {
+        *value = (128 + gain * (i32::from(*to) - i32::from(*from))).clamp(0, 255) as u8;
+    }
+    difference
+}
+
+struct Canvas(RgbImage);
+
+impl Canvas {
+    fn new(width: u32, height: u32) -> Self {
+        Self(RgbImage::from_pixel(width, height, PAPER))
+    }
+
+    fn place(&mut self, panel: &RgbImage, [left, top]: [u32; 2]) {
+        imageops::replace(&mut self.0, panel, i64::from(left), i64::from(top));
+    }
+
+    /// Writes what of a text fits into `room` px.
+    fn write(&mut self, text: &str, [left, top]: [u32; 2], room: u32) {
+        let text: String = text.chars().take((room / CHARACTER) as usize).collect();
+        for [x, y] in dots(&text, &ascii::FONT_7X13, Baseline::Top) {
+            if let (Ok(x), Ok(y)) = ((left as i32 + x).try_into(), (top as i32 + y).try_into())
+                && let Some(pixel) = self.0.get_pixel_mut_checked(x, y)
+            {
+                *pixel = INK;
+            }
+        }
+    }
+}

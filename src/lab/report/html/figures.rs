@@ -1,0 +1,122 @@
+//! The distributions of the report: a histogram of each quantity, and their figures by split.
+
+use std::fmt::Write;
+
+use crate::lab::numbers::HumanCount;
+
+use super::{SPLITS, keyed, total};
+use crate::job::layout::Split;
+use crate::lab::inspect::figures::figure;
+use crate::lab::page::{self, bars, escaped};
+use crate::lab::report::MOST_IMAGES;
+use crate::lab::report::gather::Gathered;
+use crate::lab::report::histogram::{Histogram, HistogramSummary};
+use crate::lab::report::quantities::{About, Absent, LabelQuantity, NO_CONTACT, QUANTITIES};
+
+/// Bars of a histogram, at most.
+const MOST_BARS: usize = 30;
+
+/// All distributions but the solver's.
+pub(super) fn distributions(gathered: &Gathered) -> String {
+    let mut html = String::from("<h2>Distributions</h2>\n<p class=\"note\">Bars of the splits stand on each other: ");
+    html += &Split::ALL.map(keyed).join(" ");
+    html += "</p>\n";
+    let sections = [("Contact", About::Contact), ("Pose", About::Pose), ("Beyond the press", About::Extra)];
+    for (heading, about) in sections {
+        let mut figures = section(gathered, about);
+        match about {
+            About::Contact => figures += &brightness(gathered),
+            About::Pose => figures += &places(gathered),
+            About::Extra | About::Solver => {}
+        }
+        if !figures.is_empty() {
+            let _ = write!(html, "<h3>{heading}</h3>\n{}", page::figures(&figures));
+        }
+    }
+    html + &by_split(gathered)
+}
+
+/// The histograms of the quantities that are about one thing.
+pub(super) fn section(gathered: &Gathered, about: About) -> String {
+    let all = QUANTITIES.iter().zip(&gathered.histograms).filter(|(quantity, _)| quantity.about == about);
+    all.map(|(quantity, histogram)| figure_of(gathered, quantity, histogram)).collect()
+}
+
+fn figure_of(gathered: &Gathered, quantity: &LabelQuantity, histogram: &Histogram) -> String {
+    let LabelQuantity { title, axis, among, absent, .. } = quantity;
+    if histogram.all().count > 0 {
+        return drawn(title, [axis, "samples"], among, histogram);
+    }
+    match absent {
+        Absent::LeftOut => String::new(),
+        Absent::Message(words) => page::figure(&bars::nothing(title, words), ""),
+        Absent::Unknown if total(&gathered.in_contact) == 0 => page::figure(&bars::nothing(title, NO_CONTACT), ""),
+        Absent::Unknown => {
+            let models: Vec<&str> = gathered.models.iter().map(|names| names[1].as_str()).collect();
+            let why = format!("null in every label: the pad model is {}", escaped(&models.join(", ")));
+            page::figure(&bars::nothing(title, "the pad model knows none"), &why)
+        }
+    }
+}
+
+/// A histogram with its figures below; equal values are said in words.
+pub(super) fn drawn(title: &str, axes: [&str; 2], among: &str, histogram: &Histogram) -> String {
+    let axis = axes[0];
+    let HistogramSummary { count, least, largest, .. } = histogram.all();
+    let mean = histogram.all().mean().map(figure).unwrap_or_default();
+    let (number, least_text, largest_text) = (HumanCount(count), figure(least), figure(largest));
+    if least == largest {
+        let words = format!("{least_text} {axis} in all {number}");
+        return page::figure(&bars::nothing(title, &words), &format!("n {number} {among}"));
+    }
+    // As many bars as so many values fill.
+    let most = (2.0 * (count as f64).sqrt()).clamp(6.0, MOST_BARS as f64) as usize;
+    let svg = bars::histogram(title, axes, &histogram.bars(most), &SPLITS);
+    page::figure(&svg, &format!("n {number} {among}; mean {mean}, {least_text} to {largest_text}\u{a0}{axis}"))
+}
+
+fn brightness(gathered: &Gathered) -> String {
+    let (images, samples) = (gathered.brightness.all().count, total(&gathered.samples));
+    let among = match samples > MOST_IMAGES {
+        true => format!("images of {}, evenly spread", HumanCount(samples)),
+        false => String::from("images"),
+    };
+    match images {
+        0 => String::new(),
+        _ => drawn("Brightness of the image", ["grey levels", "images"], &among, &gathered.brightness),
+    }
+}
+
+fn places(gathered: &Gathered) -> String {
+    const TITLE: &str = "Middle of the contact";
+    let contacts = total(&gathered.in_contact);
+    if contacts == 0 {
+        return page::figure(&bars::nothing(TITLE, NO_CONTACT), "");
+    }
+    let [x, y] = gathered.places.cell_mm().map(figure);
+    let (contacts, most) = (HumanCount(contacts), HumanCount(gathered.places.most()));
+    let caption = format!("n {contacts} samples in contact, in cells of {x} x {y} mm; the darkest cell has {most}");
+    page::figure(&gathered.places.svg(TITLE, bars::SIZE[0]), &caption)
+}
+
+/// Mean of every quantity in each split.
+fn by_split(gathered: &Gathered) -> String {
+    let row = |name: String, histogram: &Histogram| -> Option<Vec<String>> {
+        let all = histogram.all();
+        let mean = |summary: &HistogramSummary| summary.mean().map_or(String::from("-"), figure);
+        let means = Split::ALL.map(|split| mean(histogram.summary(split)));
+        let figures = [HumanCount(all.count).to_string(), figure(all.least), figure(all.largest), mean(&all)];
+        (all.count > 0).then(|| [name].into_iter().chain(figures).chain(means).collect())
+    };
+    let quantities = QUANTITIES.iter().zip(&gathered.histograms);
+    let rows = quantities.map(|(quantity, histogram)| row(quantity.name(), histogram));
+    let last = row(String::from("Brightness of the image, grey levels"), &gathered.brightness);
+    let rows: Vec<Vec<String>> = rows.chain([last]).flatten().collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut head = ["", "n", "least", "largest", "mean"].map(String::from).to_vec();
+    head.extend(Split::ALL.map(keyed));
+    let head: Vec<&str> = head.iter().map(String::as_str).collect();
+    format!("<h3>Means by split</h3>\n{}", page::table(&head, rows))
+}

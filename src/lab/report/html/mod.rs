@@ -1,0 +1,229 @@
+//! The report as an HTML page, section by section.
+
+mod figures;
+mod tables;
+
+use std::collections::BTreeSet;
+use std::fmt::Write;
+
+use crate::lab::numbers::{HumanBytes, HumanCount};
+
+use super::gather::Gathered;
+use super::histogram::PerSplit;
+use super::{Dataset, Missing};
+use crate::files::png::encode_small;
+use crate::job::layout::Split;
+use crate::lab::inspect::figures::{counted, figure, percent};
+use crate::lab::page::ink::Colour;
+use crate::lab::page::{self, escaped, escaped_lines};
+
+/// Findings and ranges of missing shards that are listed; the rest are counted.
+const MOST_LISTED: usize = 40;
+/// Rows of a table of classes or objects; the rest are counted.
+const MOST_ROWS: usize = 200;
+
+/// Names and colours of the splits.
+const SPLITS: [(&str, Colour); Split::ALL.len()] =
+    [("train", [0, 114, 178]), ("val", [230, 159, 0]), ("test", [0, 158, 115])];
+
+/// The complete page.
+pub(super) fn page(dataset: &Dataset) -> String {
+    let gathered = &dataset.gathered;
+    let job = format!(
+        "<h2>Configuration</h2>\n<details><summary>job.toml, every default written out</summary>\n<pre>{}</pre></details>\n",
+        escaped_lines(&dataset.job_text)
+    );
+    let sections = [
+        page::warnings(&warnings(dataset)),
+        cards(gathered),
+        about(dataset),
+        counts(gathered),
+        sheet(gathered),
+        figures::distributions(gathered),
+        tables::effects(gathered),
+        tables::health(gathered),
+        tables::time(gathered),
+        tables::size(dataset),
+        job,
+        format!("<p class=\"note\">Made by gelsim {}.</p>\n", env!("CARGO_PKG_VERSION")),
+    ];
+    page::document(&format!("Dataset {}", name(dataset)), &sections.concat())
+}
+
+fn name(dataset: &Dataset) -> &str {
+    dataset.recorded.name()
+}
+
+/// What is wrong or not there yet.
+pub(super) fn warnings(dataset: &Dataset) -> Vec<String> {
+    let Dataset { gathered, missing, manifest, recorded, .. } = dataset;
+    let mut texts = Vec::new();
+    if !missing.is_empty() {
+        let range = |Missing { first, last }: &Missing| match first == last {
+            true => first.name(),
+            false => format!("{} to {}", first.name(), last.name()),
+        };
+        let count: u64 = missing.iter().map(|Missing { first, last }| last.number - first.number + 1).sum();
+        let mut ranges: Vec<String> = missing.iter().take(MOST_LISTED).map(range).collect();
+        if missing.len() > MOST_LISTED {
+            ranges.push(String::from("and others"));
+        }
+        let (count, all) = (HumanCount(count), HumanCount(recorded.layout.shard_count()));
+        texts
+            .push(format!("the dataset is not complete: {count} of {all} shards are not there: {}", ranges.join(", ")));
+    } else if manifest.is_none() {
+        texts.push(String::from("dataset.json is missing or not whole; all shards are there"));
+    }
+    let jobs = fingerprints(dataset).len();
+    if jobs > 1 {
+        texts.push(format!("shards and dataset.json are of {jobs} different jobs, by their fingerprints"));
+    }
+    texts.extend(gathered.findings.iter().take(MOST_LISTED).map(|finding| finding.to_string()));
+    if gathered.findings.len() > MOST_LISTED {
+        texts.push(format!("and {} more; gelsim verify names them all", gathered.findings.len() - MOST_LISTED));
+    }
+    texts
+}
+
+/// Fingerprints of the jobs that shards and manifest are of; one if all is well.
+fn fingerprints(dataset: &Dataset) -> BTreeSet<String> {
+    let of_manifest = dataset.manifest.iter().map(|manifest| manifest.fingerprint.clone());
+    dataset.gathered.totals.fingerprints.iter().cloned().chain(of_manifest).collect()
+}
+
+/// The figures that people ask for first.
+fn cards(gathered: &Gathered) -> String {
+    let samples = total(&gathered.samples);
+    let totals = &gathered.totals;
+    let seconds = totals.seconds.simulation() + totals.seconds.encode;
+    let unhealthy = gathered.unhealthy.total();
+    let rate = if seconds > 0.0 { figure(totals.samples as f64 / seconds) } else { String::from("-") };
+    let all = [
+        (HumanCount(samples).to_string(), "samples"),
+        (fraction(total(&gathered.in_contact), samples), "in contact"),
+        (HumanCount(gathered.classes.len() as u64).to_string(), "classes"),
+        (HumanCount(gathered.objects.len() as u64).to_string(), "objects"),
+        (HumanBytes(totals.bytes).to_string(), "in shards"),
+        (rate, "samples per CPU second"),
+        (HumanCount(unhealthy).to_string(), "not healthy"),
+    ];
+    let card = |(number, what): &(String, &str)| format!("<div><b>{number}</b>{what}</div>\n");
+    format!("<div class=\"cards\">\n{}</div>\n", all.iter().map(card).collect::<String>())
+}
+
+/// What the dataset is.
+fn about(dataset: &Dataset) -> String {
+    let Dataset { gathered, manifest, recorded, .. } = dataset;
+    let (sensor, job) = (&recorded.job.sensor, &recorded.job.dataset);
+    let ([width, height], view) = (sensor.resolution_px, sensor.field_of_view_mm.map(figure).join(" x "));
+    let models = |k: usize| gathered.models.iter().map(|names| names[k].as_str()).collect::<Vec<_>>().join(", ");
+    let joined = |texts: &BTreeSet<String>| texts.iter().cloned().collect::<Vec<_>>().join(", ");
+    let splits = Split::ALL.map(|split| (split.name(), recorded.layout.samples_in(split)));
+    let splits = splits.iter().filter(|(_, samples)| *samples > 0);
+    let splits: Vec<String> = splits.map(|(name, samples)| format!("{name} {}", HumanCount(*samples))).collect();
+    let mut generators = gathered.totals.generators.clone();
+    generators.extend(manifest.iter().map(|manifest| manifest.generator.version.clone()));
+    let output = &recorded.job.output;
+    let layers: Vec<String> = output.layers_in_order().iter().map(|layer| layer.suffix(output.depth_format)).collect();
+    let by = job.split_by.name();
+    let (youngs, poisson) = (figure(sensor.gelpad_youngs_modulus_kpa), figure(sensor.gelpad_poisson_ratio));
+    let rows = [
+        ("samples", format!("{}, split by {by}: {}", HumanCount(recorded.layout.samples()), splits.join(", "))),
+        (
+            "shards",
+            format!("{} of up to {}", HumanCount(recorded.layout.shard_count()), HumanCount(job.samples_per_shard)),
+        ),
+        ("sensor", format!("{}, {width} x {height} px, {view} mm", sensor.name)),
+        (
+            "pad",
+            format!("{} mm, Young's modulus {youngs} kPa, Poisson ratio {poisson}", figure(sensor.gelpad_thickness_mm)),
+        ),
+        ("fidelity", models(0)),
+        ("model of the pad", models(1)),
+        ("model of the light", models(2)),
+        ("layers", layers.join(", ")),
+        ("seed", job.seed.to_string()),
+        ("generator", format!("gelsim {}", joined(&generators))),
+        ("fingerprint", joined(&fingerprints(dataset))),
+    ];
+    let rows = rows.map(|(what, figure)| (what.to_owned(), if figure.is_empty() { String::from("-") } else { figure }));
+    page::facts(&rows)
+}
+
+/// Samples by class and object.
+fn counts(gathered: &Gathered) -> String {
+    let all = total(&gathered.samples);
+    let head = |what: &'static str| -> Vec<String> {
+        [what.to_owned()].into_iter().chain(Split::ALL.map(keyed)).chain(["all", "share"].map(String::from)).collect()
+    };
+    let cells = |name: String, counts: &PerSplit| -> Vec<String> {
+        let sum = total(counts);
+        let numbers = counts.iter().map(|count| HumanCount(*count).to_string());
+        [name].into_iter().chain(numbers).chain([HumanCount(sum).to_string(), fraction(sum, all)]).collect()
+    };
+    let mut rows: Vec<Vec<String>> =
+        gathered.classes.iter().take(MOST_ROWS).map(|(name, counts)| cells(escaped(name), counts)).collect();
+    rows.push(cells(String::from("<b>all classes</b>"), &gathered.samples));
+    rows.push(cells(String::from("in contact"), &gathered.in_contact));
+    let mut html = String::from("<h2>Counts</h2>\n");
+    html += &listed(&head("class"), rows, gathered.classes.len());
+    let same = gathered.objects.iter().all(|(id, (class, _))| id == class);
+    if !same {
+        let named = gathered.objects.iter().take(MOST_ROWS);
+        let rows = named.map(|(id, (class, counts))| cells(format!("{} ({})", escaped(id), escaped(class)), counts));
+        let _ = write!(
+            html,
+            "<details><summary>{}</summary>\n{}</details>\n",
+            counted(gathered.objects.len(), "object", "objects"),
+            listed(&head("object (class)"), rows.collect(), gathered.objects.len())
+        );
+    }
+    html
+}
+
+/// A table, and how many rows it has not.
+fn listed(head: &[String], rows: Vec<Vec<String>>, all: usize) -> String {
+    let head: Vec<&str> = head.iter().map(String::as_str).collect();
+    let mut html = page::table(&head, rows);
+    if all > MOST_ROWS {
+        let _ = writeln!(html, "<p class=\"note\">The first {MOST_ROWS} of {all}, by name.</p>");
+    }
+    html
+}
+
+/// Some samples of each split.
+fn sheet(gathered: &Gathered) -> String {
+    if gathered.tiles.is_empty() {
+        return String::new();
+    }
+    let html = String::from(
+        "<h2>Samples</h2>\n<p class=\"note\">Tactile image, then depth and contact where the dataset has them. Depth is \
+         brightest at the deepest point of each sample.</p>\n",
+    );
+    let mut figures = String::new();
+    for tile in &gathered.tiles {
+        let (width, height) = tile.strip.dimensions();
+        let caption = escaped(&tile.caption);
+        let image = format!(
+            "<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{caption}\"/>",
+            page::uri(&encode_small(&tile.strip))
+        );
+        figures += &page::figure(&image, &format!("{} {caption}", keyed(tile.split)));
+    }
+    html + &page::figures(&figures)
+}
+
+/// The name of a split beside a square of its colour.
+fn keyed(split: Split) -> String {
+    let (name, [r, g, b]) = SPLITS[split.number()];
+    format!("<span class=\"keyed\"><i style=\"background: rgb({r}, {g}, {b})\"></i>{name}</span>")
+}
+
+fn total(counts: &PerSplit) -> u64 {
+    counts.iter().sum()
+}
+
+/// A part of a total in percent; of nothing there is none.
+fn fraction(part: u64, total: u64) -> String {
+    if total > 0 { percent(part as f64 / total as f64) } else { String::from("-") }
+}

@@ -1,0 +1,107 @@
+//! How far a sample is from the reference's, and means of that over samples.
+
+use serde::Serialize;
+
+use crate::core::base::view::View;
+use crate::job::sample::Sample;
+use crate::lab::metrics::{image, surface};
+
+/// Errors of one sample.
+#[derive(Clone, Copy, Debug)]
+pub struct Errors {
+    surface: surface::SurfaceError,
+    image_mae: f64,
+    /// Mean squared difference, grey levels squared.
+    image_square: f64,
+    image_ssim: f64,
+    /// Fraction of the reference's contact area and force; None where the reference has none or the model knows none.
+    area: Option<f64>,
+    force: Option<f64>,
+}
+
+impl Errors {
+    /// Compares a sample with the reference's.
+    pub fn new(sample: &Sample, exact: &Sample, camera: &View) -> Self {
+        let (image, exact_image) = (&sample.impression.image, &exact.impression.image);
+        let fraction = |own: f64, exact: f64| (exact > 0.0).then(|| (own - exact).abs() / exact);
+        let (contact, exact_contact) = (&sample.label.contact, &exact.label.contact);
+        Self {
+            surface: surface::compare(
+                &sample.impression.contact.surface,
+                &exact.impression.contact.surface,
+                &exact.impression.contact.mask,
+                camera.mm_per_px,
+            ),
+            image_mae: image::mae(&image.rgb, &exact_image.rgb),
+            image_square: image::psnr_db(&image.rgb, &exact_image.rgb)
+                .map_or(0.0, |db| 255.0 * 255.0 / 10.0_f64.powf(db / 10.0)),
+            image_ssim: image::ssim(&image.rgb, &exact_image.rgb, image.width, image.height),
+            area: fraction(contact.area_mm2, exact_contact.area_mm2),
+            force: contact.force_n.zip(exact_contact.force_n).and_then(|(own, exact)| fraction(own, exact)),
+        }
+    }
+}
+
+/// Errors over several samples: root mean squares are taken over all of their pixels, maxima over all, the rest are
+/// means over the samples that have the figure.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Mean {
+    /// Height error over the view, um, root mean square.
+    pub height_rms_um: f64,
+    /// Largest height error, um.
+    pub height_max_um: f64,
+    /// Angle between the normals in the contact and within 2 mm around it, degrees: mean.
+    pub normal_mean_deg: f64,
+    /// 95th percentile.
+    pub normal_p95_deg: f64,
+    /// Inside the contact.
+    pub contact_normal_mean_deg: f64,
+    /// Inside the contact.
+    pub contact_normal_p95_deg: f64,
+    /// Within 2 mm outside the contact.
+    pub ring_normal_mean_deg: f64,
+    /// Within 2 mm outside the contact.
+    pub ring_normal_p95_deg: f64,
+    /// Mean absolute difference of the images, grey levels.
+    pub image_mae: f64,
+    /// Peak signal-to-noise ratio of all images together, dB; None if they are the same.
+    pub image_psnr_db: Option<f64>,
+    /// Structural similarity.
+    pub image_ssim: f64,
+    /// Error of the contact area, per cent of it.
+    pub area_error_percent: Option<f64>,
+    /// Error of the normal force, per cent of it; None if the model knows no force.
+    pub force_error_percent: Option<f64>,
+}
+
+impl Mean {
+    /// Over some samples.
+    pub fn over<'a>(errors: impl Iterator<Item = &'a Errors> + Clone) -> Self {
+        let some = |of: &dyn Fn(&Errors) -> Option<f64>| {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for value in errors.clone().filter_map(of) {
+                sum += value;
+                count += 1.0;
+            }
+            (count > 0.0).then(|| sum / count)
+        };
+        let all = |of: &dyn Fn(&Errors) -> f64| some(&|error| Some(of(error))).unwrap_or(0.0);
+        let angle = |of: &dyn Fn(&Errors) -> Option<f64>| some(of).unwrap_or(0.0);
+        let square = all(&|error| error.image_square);
+        Self {
+            height_rms_um: all(&|error| error.surface.height_rms_um * error.surface.height_rms_um).sqrt(),
+            height_max_um: errors.clone().map(|error| error.surface.height_max_um).fold(0.0, f64::max),
+            normal_mean_deg: angle(&|error| Some(error.surface.near?.mean_deg)),
+            normal_p95_deg: angle(&|error| Some(error.surface.near?.p95_deg)),
+            contact_normal_mean_deg: angle(&|error| Some(error.surface.contact?.mean_deg)),
+            contact_normal_p95_deg: angle(&|error| Some(error.surface.contact?.p95_deg)),
+            ring_normal_mean_deg: angle(&|error| Some(error.surface.ring?.mean_deg)),
+            ring_normal_p95_deg: angle(&|error| Some(error.surface.ring?.p95_deg)),
+            image_mae: all(&|error| error.image_mae),
+            image_psnr_db: (square > 0.0).then(|| 10.0 * (255.0 * 255.0 / square).log10()),
+            image_ssim: all(&|error| error.image_ssim),
+            area_error_percent: some(&|error| error.area).map(|fraction| 100.0 * fraction),
+            force_error_percent: some(&|error| error.force).map(|fraction| 100.0 * fraction),
+        }
+    }
+}

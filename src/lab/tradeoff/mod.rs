@@ -1,0 +1,348 @@
+//! What accuracy costs in time: the fidelity levels compared on a job's own samples.
+//!
+//! Every fidelity level renders the same samples; its surfaces, images, areas and forces are compared with the reference
+//! level's, and its CPU time is taken on one thread. Further studies say how far the reference itself can be trusted (a
+//! grid twice as fine, solver tolerances), and what other models and leaving out an effect would do.
+
+use serde::Serialize;
+
+use crate::core::base::clock::Seconds;
+use crate::core::base::grid::Grid;
+use crate::core::base::grid::Resolution;
+use crate::core::base::view::SURFACE_BORDER;
+use crate::core::base::view::View;
+use crate::core::depth::{self, Window};
+use crate::core::effects::{Effect, EffectPolicy};
+use crate::core::fidelity::{Fidelity, Models};
+use crate::core::gelpad::elastic::Elastic;
+use crate::core::gelpad::gaussian::Gaussian;
+use crate::core::gelpad::none::NoDeformation;
+use crate::core::gelpad::{Contact, Model, Pad};
+use crate::job::plan::Plan;
+use crate::job::sample::Sample;
+use crate::job::sample::render;
+use crate::job::scene::Scene;
+use crate::lab::metrics::statistics::{median, pareto_front, quantile};
+use crate::lab::metrics::surface::RING_MM;
+use crate::lab::metrics::{distance, image};
+
+pub mod choose;
+mod errors;
+pub(crate) mod plot;
+pub mod report;
+
+use errors::{Errors, Mean};
+
+/// Samples of the studies beyond the fidelity levels.
+const STUDIED: u64 = 8;
+
+/// Everything that was measured.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Tradeoff {
+    /// Name of the job.
+    pub job: String,
+    /// Numbers of the samples that were rendered.
+    pub samples: Vec<u64>,
+    /// The fidelity levels, from cheap to exact.
+    #[serde(rename = "rungs")]
+    pub levels: Vec<Row>,
+    /// The fidelity levels for each object.
+    pub objects: Vec<ObjectRows>,
+    /// The reference level on grids of other sizes against one twice as fine as the camera's.
+    pub grids: Vec<GridRow>,
+    /// The solver on the camera's grid at other tolerances.
+    pub tolerances: Vec<Row>,
+    /// Models of the gelpad that are no fidelity level.
+    pub models: Vec<Row>,
+    /// Each effect left out of the reference.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// A choice of models, its errors against the reference level, and its cost.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Row {
+    /// Fidelity, or what was changed.
+    #[serde(rename = "rung")]
+    pub level: String,
+    /// Errors over all samples.
+    #[serde(flatten)]
+    pub errors: Mean,
+    /// CPU time of a sample without its files, ms: the median.
+    pub cpu_ms_median: f64,
+    /// Its 95th percentile.
+    pub cpu_ms_p95: f64,
+    /// Medians per stage, s; no files are encoded.
+    pub seconds: Seconds,
+    /// No other row is both quicker and nearer to the reference's surface.
+    pub pareto: bool,
+}
+
+/// The fidelity levels for one object.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ObjectRows {
+    /// Its name.
+    pub object: String,
+    /// The fidelity levels.
+    #[serde(rename = "rungs")]
+    pub levels: Vec<Row>,
+}
+
+/// The reference level on a grid of another size.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GridRow {
+    /// Pixels per pixel of the camera along x and y.
+    pub per_px: f64,
+    /// Distance from the finest grid's surface over the view, um, root mean square and maximum.
+    pub height_rms_um: f64,
+    /// See [`GridRow::height_rms_um`].
+    pub height_max_um: f64,
+    /// The same within 2 mm outside the contact, root mean square.
+    pub ring_rms_um: f64,
+}
+
+/// The reference without one effect.
+#[derive(Clone, Debug, Serialize)]
+pub struct LeftOut {
+    /// Name of the effect.
+    pub effect: String,
+    /// Samples that call for it, of those studied.
+    pub samples: usize,
+    /// Mean absolute difference of the images, grey levels.
+    pub image_mae: f64,
+    /// Largest difference, grey levels.
+    pub image_max: u8,
+    /// CPU time that a sample takes longer with it, ms: the median; below 0 is noise.
+    pub cpu_ms: f64,
+}
+
+/// Compares all fidelity levels on `count` samples of a job; `progress` hears what is being done.
+pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
+    let samples = choose::spread(plan.layout.samples(), count);
+    progress("reference");
+    let reference = Measured::new(&plan.at(Fidelity::Reference), &samples);
+    let mut compared = Vec::new();
+    for level in Fidelity::ALL {
+        progress(level.name());
+        compared.push(match level {
+            Fidelity::Reference => reference.compared(level.name(), &reference, plan),
+            _ => Measured::new(&plan.at(level), &samples).compared(level.name(), &reference, plan),
+        });
+    }
+    let everything: Vec<usize> = (0..samples.len()).collect();
+    let levels = rows(&compared, &everything);
+    let objects = plan.sampling.objects.iter().filter_map(|object| {
+        let of_object = |k: &usize| reference.samples[*k].label.object.id == object.id;
+        let own: Vec<usize> = everything.iter().copied().filter(of_object).collect();
+        (!own.is_empty()).then(|| ObjectRows { object: object.id.clone(), levels: rows(&compared, &own) })
+    });
+    let objects = objects.collect();
+
+    let few = choose::spread(plan.layout.samples(), STUDIED.min(count));
+    let exact = plan.at(Fidelity::Reference);
+    let exact_few = Measured::new(&exact, &few);
+    progress("other grids");
+    let grids = grids(&exact, &few);
+    let study = |variants: Vec<(String, Model)>| {
+        let measured: Vec<Compared> = variants
+            .into_iter()
+            .map(|(name, gelpad)| {
+                progress(&name);
+                let models = Models { gelpad, optics: exact.simulator.models().optics.clone() };
+                Measured::new(&exact.with_models(models), &few).compared(&name, &exact_few, plan)
+            })
+            .collect();
+        rows(&measured, &(0..few.len()).collect::<Vec<_>>())
+    };
+    let tolerances = study(
+        [30.0, 10.0, 3.0, 1.0, 0.3, 0.1]
+            .into_iter()
+            .map(|tolerance_um| {
+                let elastic = Elastic { resolution: Resolution::Full, tolerance_um, max_iterations: 1000 };
+                (format!("full grid, {tolerance_um} um"), Model::Elastic(elastic))
+            })
+            .collect(),
+    );
+    let elastic = |resolution, tolerance_um| Model::Elastic(Elastic { resolution, tolerance_um, max_iterations: 1000 });
+    let models = study(vec![
+        (String::from("none"), Model::None(NoDeformation::default())),
+        (String::from("gaussian"), Model::Gaussian(Gaussian::default())),
+        (String::from("quarter grid, 0.1 um"), elastic(Resolution::Quarter, 0.1)),
+        (String::from("half grid, 10 um"), elastic(Resolution::Half, 10.0)),
+        (String::from("half grid, 0.1 um"), elastic(Resolution::Half, 0.1)),
+    ]);
+    progress("effects left out");
+    let left_out = left_out(&exact, &exact_few, &few);
+    Tradeoff { job: plan.name().to_owned(), samples, levels, objects, grids, tolerances, models, left_out }
+}
+
+/// What a plan makes of some samples.
+struct Measured {
+    samples: Vec<Sample>,
+    seconds: Vec<Seconds>,
+}
+
+impl Measured {
+    fn new(plan: &Plan, indices: &[u64]) -> Self {
+        let (mut samples, mut seconds) = (Vec::new(), Vec::new());
+        for index in indices {
+            let mut sample = render(plan, *index);
+            // Large and compared by nobody.
+            (sample.impression.depth.overlap, sample.impression.contact.pressure) = (Grid::default(), None);
+            // The quicker of two runs: the first one may have found caches cold.
+            let again = render(plan, *index).seconds;
+            let first = sample.seconds;
+            seconds.push(if again.simulation() < first.simulation() { again } else { first });
+            samples.push(sample);
+        }
+        Self { samples, seconds }
+    }
+
+    fn compared(&self, name: &str, reference: &Self, plan: &Plan) -> Compared {
+        let pairs = self.samples.iter().zip(&reference.samples);
+        let errors = pairs.map(|(sample, exact)| Errors::new(sample, exact, plan.simulator.view())).collect();
+        Compared { name: name.to_owned(), errors, seconds: self.seconds.clone() }
+    }
+}
+
+/// A choice of models against the reference, sample by sample.
+struct Compared {
+    name: String,
+    errors: Vec<Errors>,
+    seconds: Vec<Seconds>,
+}
+
+/// One row for each, over the samples `chosen`.
+fn rows(all: &[Compared], chosen: &[usize]) -> Vec<Row> {
+    let row = |compared: &Compared| {
+        let seconds: Vec<&Seconds> = chosen.iter().map(|k| &compared.seconds[*k]).collect();
+        let ms = |of: &dyn Fn(&Seconds) -> f64| seconds.iter().map(|all| 1e3 * of(all)).collect::<Vec<f64>>();
+        let middle = |of: &dyn Fn(&Seconds) -> f64| median(&ms(of)).unwrap_or(0.0) * 1e-3;
+        let simulation_ms = ms(&Seconds::simulation);
+        Row {
+            level: compared.name.clone(),
+            errors: Mean::over(chosen.iter().map(|k| &compared.errors[*k])),
+            cpu_ms_median: median(&simulation_ms).unwrap_or(0.0),
+            cpu_ms_p95: quantile(&simulation_ms, 0.95).unwrap_or(0.0),
+            seconds: Seconds {
+                scene: middle(&|all| all.scene),
+                depth: middle(&|all| all.depth),
+                gelpad: middle(&|all| all.gelpad),
+                optics: middle(&|all| all.optics),
+                camera: middle(&|all| all.camera),
+                label: middle(&|all| all.label),
+                encode: 0.0,
+            },
+            pareto: false,
+        }
+    };
+    let mut rows: Vec<Row> = all.iter().map(row).collect();
+    let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.cpu_ms_median, row.errors.height_rms_um)).collect();
+    for (row, pareto) in rows.iter_mut().zip(pareto_front(&points)) {
+        row.pareto = pareto;
+    }
+    rows
+}
+
+/// Presses sample `index` into a pad seen by another camera.
+fn press(plan: &Plan, index: u64, camera: &View, pad: &Pad) -> Contact {
+    let scene = Scene::draw(plan, index, 0);
+    let window = Window { above_mm: plan.thickness_mm(), ..pad.window(scene.indentation_depth_mm) };
+    pad.press(&depth::captured(&scene.indenter(plan), camera, window, plan.thickness_mm()))
+}
+
+/// The reference level on a grid half as fine as the camera's and on the camera's own, against one twice as fine. Every
+/// pixel's centre is one of the finest grid's, so that nothing is interpolated.
+fn grids(plan: &Plan, indices: &[u64]) -> Vec<GridRow> {
+    let View { resolution_px: [width, height], mm_per_px } = *plan.simulator.view();
+    let grid = |resolution_px, factor: f64| {
+        let camera = View { resolution_px, mm_per_px: mm_per_px.map(|own| own * factor) };
+        let pad = Pad::new(&plan.simulator.models().gelpad, &plan.simulator.sensor().gelpad, &camera);
+        (camera, pad)
+    };
+    let fine = grid([2 * width - 1, 2 * height - 1], 0.5);
+    let own = (1, grid([width, height], 1.0), Sums::default());
+    let mut compared = vec![own];
+    if width >= 4 && height >= 4 {
+        compared.insert(0, (2, grid([width / 2, height / 2], 2.0), Sums::default()));
+    }
+    for index in indices {
+        let exact = press(plan, *index, &fine.0, &fine.1);
+        for (step, (camera, pad), sums) in &mut compared {
+            let found = press(plan, *index, camera, pad);
+            let squares = distance::squared_distance_mm2(&found.mask, camera.mm_per_px);
+            // Counted in pixels of the finest grid, whose middle is at (width - 1, height - 1).
+            let [columns, rows] = camera.resolution_px;
+            let there = |x: usize, count: usize, size: usize| *step * (2 * x + 1) + size - 1 - *step * count;
+            for y in 0..rows {
+                for x in 0..columns {
+                    let (column, row) = (there(x, columns, width), there(y, rows, height));
+                    let exact = exact.surface.at(column + SURFACE_BORDER, row + SURFACE_BORDER);
+                    sums.add(found.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER) - exact, squares.at(x, y));
+                }
+            }
+        }
+    }
+    compared.iter().map(|(step, _, sums)| sums.row(1.0 / *step as f64)).collect()
+}
+
+/// Sums of squared errors.
+#[derive(Default)]
+struct Sums {
+    squares: f64,
+    count: f64,
+    max: f64,
+    ring_squares: f64,
+    ring_count: f64,
+}
+
+impl Sums {
+    fn add(&mut self, error_mm: f32, distance2_mm2: f64) {
+        let error = 1e3 * f64::from(error_mm).abs();
+        self.squares += error * error;
+        self.count += 1.0;
+        self.max = self.max.max(error);
+        if distance2_mm2 > 0.0 && distance2_mm2 <= RING_MM * RING_MM {
+            self.ring_squares += error * error;
+            self.ring_count += 1.0;
+        }
+    }
+
+    fn row(&self, per_px: f64) -> GridRow {
+        GridRow {
+            per_px,
+            height_rms_um: (self.squares / self.count.max(1.0)).sqrt(),
+            height_max_um: self.max,
+            ring_rms_um: (self.ring_squares / self.ring_count.max(1.0)).sqrt(),
+        }
+    }
+}
+
+/// The reference's images without each of the effects that it runs.
+fn left_out(plan: &Plan, reference: &Measured, indices: &[u64]) -> Vec<LeftOut> {
+    let ran = |effect: &Effect| reference.samples.iter().any(|sample| sample.label.effects[*effect].ran);
+    let rows = Effect::ALL.into_iter().filter(ran).map(|effect| {
+        let without = plan.with_policy(EffectPolicy::Without(effect));
+        let ms = |plan: &Plan, index: u64| 1e3 * render(plan, index).seconds.simulation();
+        let (mut image_mae, mut image_max, mut saved) = (0.0, 0, Vec::new());
+        for (index, exact) in indices.iter().zip(&reference.samples) {
+            let sample = render(&without, *index);
+            let (image, exact) = (&sample.impression.image.rgb, &exact.impression.image.rgb);
+            image_mae += image::mae(image, exact) / indices.len() as f64;
+            image_max = image.iter().zip(exact).map(|(a, b)| a.abs_diff(*b)).fold(image_max, u8::max);
+            // In turn, so that a machine that gets slower does so for both.
+            let [mut with, mut left_out] = [f64::INFINITY; 2];
+            for _ in 0..2 {
+                (with, left_out) = (with.min(ms(plan, *index)), left_out.min(ms(&without, *index)));
+            }
+            saved.push(with - left_out);
+        }
+        LeftOut {
+            effect: effect.name().to_owned(),
+            samples: reference.samples.iter().filter(|sample| sample.label.effects[effect].ran).count(),
+            image_mae,
+            image_max,
+            cpu_ms: median(&saved).unwrap_or(0.0),
+        }
+    });
+    rows.collect()
+}

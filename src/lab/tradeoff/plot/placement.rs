@@ -1,0 +1,116 @@
+//! Where to write labels: beside their points, clear of lines, marks and each other.
+//!
+//! Every label tries places around its point and takes the one that covers least; labels placed first are obstacles
+//! to later ones.
+
+use crate::lab::page::ink::Point;
+
+/// A rectangle of the page, from its top left to its bottom right corner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area {
+    pub min: Point,
+    pub max: Point,
+}
+
+impl Area {
+    /// The one of `size` around `centre`.
+    pub fn around(centre: Point, size: [f64; 2]) -> Self {
+        let half = size.map(|length| length / 2.0);
+        Self { min: [centre[0] - half[0], centre[1] - half[1]], max: [centre[0] + half[0], centre[1] + half[1]] }
+    }
+
+    /// The point in it that is nearest to `point`.
+    pub fn nearest(&self, point: Point) -> Point {
+        [0, 1].map(|i| point[i].max(self.min[i]).min(self.max[i]))
+    }
+
+    /// Square pixels that are in both.
+    pub fn overlap(&self, other: &Self) -> f64 {
+        let shared = [0, 1].map(|i| (self.max[i].min(other.max[i]) - self.min[i].max(other.min[i])).max(0.0));
+        shared[0] * shared[1]
+    }
+}
+
+/// What labels should not cover, and how bad it is, per square pixel.
+pub struct Obstacles {
+    /// Labels stay inside.
+    frame: Area,
+    areas: Vec<(Area, f64)>,
+}
+
+impl Obstacles {
+    /// None yet.
+    pub fn new(frame: Area) -> Self {
+        Self { frame, areas: Vec::new() }
+    }
+
+    /// Adds an area.
+    pub fn area(&mut self, area: Area, weight: f64) {
+        self.areas.push((area, weight));
+    }
+
+    /// Adds a line through `points`; `weight` is for a pixel of it.
+    pub fn line(&mut self, points: &[Point], weight: f64) {
+        for ends in points.windows(2) {
+            let way = [0, 1].map(|i| ends[1][i] - ends[0][i]);
+            // As squares of about this size, which are as bad as what they hold of it.
+            let count = (way[0].hypot(way[1]) / 3.0).ceil();
+            for step in 0..count as usize {
+                let share = (step as f64 + 0.5) / count;
+                self.area(Area::around([0, 1].map(|i| ends[0][i] + share * way[i]), [3.0; 2]), weight / 3.0);
+            }
+        }
+    }
+
+    /// The best place for a label of `size` around `point`; it is an obstacle from now on.
+    pub fn beside(&mut self, point: Point, size: [f64; 2]) -> Area {
+        let mut places = Vec::new();
+        for distance in [10.0, 17.0, 26.0, 40.0, 60.0, 85.0, 115.0, 150.0] {
+            for step in 0..24 {
+                let (dy, dx) = (std::f64::consts::TAU * f64::from(step) / 24.0).sin_cos();
+                // Pushed out until a corner or a side of the label is `distance` away from the point.
+                let push = 0.5 / dx.abs().max(dy.abs());
+                let centre = [point[0] + dx * (distance + push * size[0]), point[1] + dy * (distance + push * size[1])];
+                // Right above is where people look first.
+                places.push((Area::around(centre, size), distance + 2.0 * (1.0 - dx) + (1.0 + dy)));
+            }
+        }
+        let cost = |(place, dislike): &(Area, f64)| {
+            let size = (place.max[0] - place.min[0]) * (place.max[1] - place.min[1]);
+            let outside = 100.0 * (size - place.overlap(&self.frame));
+            let areas: f64 = self.areas.iter().map(|(area, weight)| weight * place.overlap(area)).sum();
+            dislike + outside + areas
+        };
+        let (best, _) = places.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b))).expect("there are places");
+        let kept_free = Area { min: best.min.map(|edge| edge - 4.0), max: best.max.map(|edge| edge + 4.0) };
+        self.areas.push((kept_free, 20.0));
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: Area = Area { min: [0.0, 0.0], max: [400.0, 300.0] };
+
+    #[test]
+    fn labels_of_one_point_keep_clear_of_each_other_and_inside() {
+        let mut obstacles = Obstacles::new(FRAME);
+        let point = [395.0, 5.0];
+        let placed: Vec<Area> = (0..5).map(|_| obstacles.beside(point, [80.0, 30.0])).collect();
+        for (i, a) in placed.iter().enumerate() {
+            assert_eq!(a.overlap(&FRAME).round(), 2400.0, "{a:?}");
+            assert!(placed[..i].iter().all(|b| a.overlap(b) < 1e-9), "{placed:?}");
+        }
+    }
+
+    #[test]
+    fn a_label_avoids_lines() {
+        let mut obstacles = Obstacles::new(FRAME);
+        for x in (205..400).step_by(5) {
+            obstacles.line(&[[f64::from(x), 0.0], [f64::from(x), 300.0]], 1.0);
+        }
+        assert!(obstacles.beside([200.0, 150.0], [60.0, 20.0]).max[0] < 205.0);
+    }
+}

@@ -1,0 +1,139 @@
+//! The comparison as a table and as CSV.
+
+use std::fmt::Write;
+
+use super::{GridRow, Row, Tradeoff};
+use crate::core::fidelity::Fidelity;
+
+/// Columns of the CSV: name and value; an empty value is one that is not known.
+fn columns(row: &Row) -> Vec<(&'static str, String)> {
+    let number = |value: f64| format!("{value:?}");
+    let maybe = |value: Option<f64>| value.map_or(String::new(), number);
+    let errors = &row.errors;
+    vec![
+        ("rung", row.level.clone()),
+        ("height_rms_um", number(errors.height_rms_um)),
+        ("height_max_um", number(errors.height_max_um)),
+        ("normal_mean_deg", number(errors.normal_mean_deg)),
+        ("normal_p95_deg", number(errors.normal_p95_deg)),
+        ("contact_normal_mean_deg", number(errors.contact_normal_mean_deg)),
+        ("contact_normal_p95_deg", number(errors.contact_normal_p95_deg)),
+        ("ring_normal_mean_deg", number(errors.ring_normal_mean_deg)),
+        ("ring_normal_p95_deg", number(errors.ring_normal_p95_deg)),
+        ("image_mae", number(errors.image_mae)),
+        ("image_psnr_db", maybe(errors.image_psnr_db)),
+        ("image_ssim", number(errors.image_ssim)),
+        ("area_error_percent", maybe(errors.area_error_percent)),
+        ("force_error_percent", maybe(errors.force_error_percent)),
+        ("cpu_ms_median", number(row.cpu_ms_median)),
+        ("cpu_ms_p95", number(row.cpu_ms_p95)),
+        ("scene_ms", number(1e3 * row.seconds.scene)),
+        ("depth_ms", number(1e3 * row.seconds.depth)),
+        ("gelpad_ms", number(1e3 * row.seconds.gelpad)),
+        ("optics_ms", number(1e3 * row.seconds.optics)),
+        ("camera_ms", number(1e3 * row.seconds.camera)),
+        ("label_ms", number(1e3 * row.seconds.label)),
+        ("pareto", row.pareto.to_string()),
+    ]
+}
+
+/// One line per fidelity level over all samples, under a line of names.
+pub fn csv(tradeoff: &Tradeoff) -> String {
+    let mut text = String::new();
+    for (k, row) in tradeoff.levels.iter().enumerate() {
+        let (names, values): (Vec<_>, Vec<_>) = columns(row).into_iter().unzip();
+        if k == 0 {
+            text += &(names.join(",") + "\n");
+        }
+        text += &(values.join(",") + "\n");
+    }
+    text
+}
+
+/// The fidelity levels and the studies for a terminal.
+pub fn table(tradeoff: &Tradeoff) -> String {
+    let mut text = format!(
+        "{}: {} samples; errors against the reference level, CPU time on one thread, files not counted\n\n",
+        tradeoff.job,
+        tradeoff.samples.len()
+    );
+    rows(&mut text, "fidelity level", &tradeoff.levels);
+    let reference = tradeoff.levels.iter().find(|row| row.level == Fidelity::Reference.name());
+    for grid in &tradeoff.grids {
+        let what = if grid.per_px == 1.0 { "the reference itself" } else { "a grid half as fine" };
+        let GridRow { height_rms_um, height_max_um, ring_rms_um, .. } = grid;
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{what} against a grid twice as fine: {height_rms_um:.2} um over the view, {ring_rms_um:.2} um in the ring, \
+             at most {height_max_um:.0} um"
+        );
+    }
+    if reference.is_some() {
+        text += "\n";
+    }
+    rows(&mut text, "solver tolerance", &tradeoff.tolerances);
+    rows(&mut text, "other models", &tradeoff.models);
+    let _ = writeln!(
+        text,
+        "{:<22} {:>9} {:>9} {:>9} {:>9}",
+        "effect left out", "samples", "image MAE", "image max", "CPU ms"
+    );
+    for effect in &tradeoff.left_out {
+        let _ = writeln!(
+            text,
+            "{:<22} {:>9} {:>9.3} {:>9} {:>9.2}",
+            effect.effect, effect.samples, effect.image_mae, effect.image_max, effect.cpu_ms
+        );
+    }
+    // Empty cells at a line's end.
+    text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
+}
+
+fn rows(text: &mut String, name: &str, rows: &[Row]) {
+    let _ = writeln!(
+        text,
+        "{name:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "height",
+        "height",
+        "contact",
+        "ring",
+        "ring",
+        "image",
+        "image",
+        "image",
+        "area",
+        "force",
+        "CPU ms",
+        "CPU ms",
+        "best"
+    );
+    let _ = writeln!(
+        text,
+        "{:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "", "RMS um", "max um", "deg", "deg", "p95 deg", "MAE", "PSNR dB", "SSIM", "%", "%", "median", "p95", ""
+    );
+    for row in rows {
+        let errors = &row.errors;
+        let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
+        let _ = writeln!(
+            text,
+            "{:<22} {:>9.3} {:>9.2} {:>9.3} {:>9.3} {:>9.3} {:>8.3} {:>8} {:>7.4} {:>7} {:>8} {:>8.2} {:>8.2} {:>6}",
+            row.level,
+            errors.height_rms_um,
+            errors.height_max_um,
+            errors.contact_normal_mean_deg,
+            errors.ring_normal_mean_deg,
+            errors.ring_normal_p95_deg,
+            errors.image_mae,
+            maybe(errors.image_psnr_db),
+            errors.image_ssim,
+            maybe(errors.area_error_percent),
+            maybe(errors.force_error_percent),
+            row.cpu_ms_median,
+            row.cpu_ms_p95,
+            if row.pareto { "*" } else { "" },
+        );
+    }
+    text.push('\n');
+}

@@ -1,8 +1,0 @@
-//! How far two results are apart: images, pad surfaces, and figures of many samples.
-//!
-//! Nothing here knows where the two came from: a rung and its reference, or a real image and a simulated one.
-
-pub mod distance;
-pub mod image;
-pub mod statistics;
-pub mod surface;

@@ -1,0 +1,28 @@
+//! The `gelsim` command as its users meet it: what it writes, what it refuses, what it does when it is stopped.
+//!
+//! Everything runs at a few dozen pixels, in folders of its own. After a change of the job file, the label or a
+//! sensor file, one command brings the committed schemas up to date: `UPDATE=1 cargo test --test program cli::schema`.
+
+mod augment;
+mod calibrate;
+mod calibrated;
+mod compare;
+mod determinism;
+mod effects;
+mod fidelity;
+mod finalize;
+mod formats;
+mod generate;
+mod grow;
+mod health;
+mod inspect;
+mod log;
+mod messages;
+mod preview;
+mod properties;
+mod render;
+mod report;
+mod resume;
+mod schema;
+mod tradeoff;
+mod verify;

@@ -1,0 +1,27 @@
+//! What the library computes: one process for all of it, tests by name: `cargo test --release --test library physics::contact`.
+//!
+//! Each folder beside this one is a module, whose head says what it asks. `oracle` holds second implementations that several
+//! of them compare with, `plan` makes the plan of a job's text, `cases` a test of each case in a table.
+
+#[macro_use]
+mod cases;
+mod floors;
+
+#[path = "../calibration/mod.rs"]
+mod calibration;
+#[path = "../effects/mod.rs"]
+mod effects;
+#[path = "../golden/mod.rs"]
+mod golden;
+#[path = "../oracle/mod.rs"]
+mod oracle;
+#[path = "../physics/mod.rs"]
+mod physics;
+#[path = "../physics/plan.rs"]
+mod plan;
+#[path = "../reality/mod.rs"]
+mod reality;
+#[path = "../stability/mod.rs"]
+mod stability;
+#[path = "../taxim/mod.rs"]
+mod taxim;

@@ -1,0 +1,33 @@
+//! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow twins in f64.
+//!
+//! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
+//! and light against closed forms; `scene` labels against what they describe; `frames` depth frames against
+//! the objects that they show; `twin` whole samples against a plain f64
+//! pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
+//! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
+//! border and the pixels' size cost; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
+
+mod border;
+mod capture;
+mod contact;
+mod convolution;
+mod frames;
+mod gaussian;
+mod gelpad;
+mod greens;
+mod grids;
+mod hard_cases;
+mod inplane;
+mod interreflection;
+mod kernel;
+mod ladder;
+mod optics;
+mod oracle;
+mod reference_solutions;
+mod rig;
+mod scene;
+mod shadow;
+mod solutions;
+mod support;
+mod symmetry;
+mod twin;

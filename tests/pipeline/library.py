@@ -1,0 +1,58 @@
+"""Builds and runs the README's program against the library alone: python library.py
+
+Checks that it has at most 60 crates beneath it and saves an image that is no flat pad. Needs cargo; what it compiles is kept
+in target/library.
+"""
+
+import re
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST_CRATES = 60
+
+MANIFEST = f"""[package]
+name = "ball"
+edition = "2024"
+
+[dependencies]
+gelsim = {{ path = {str(ROOT)!r}, default-features = false }}
+
+[profile.dev]
+opt-level = 1
+debug = false
+"""
+
+
+def main():
+    text = (ROOT / "README.md").read_text()
+    section = text.split("## As a Rust library")[1].split("\n## ")[0]
+    program = re.search(r"```rust\n(.*?)```", section, re.S)[1]
+    said = int(re.search(r"(\d+) crates beneath", section)[1])
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        (folder / "src").mkdir()
+        (folder / "src/main.rs").write_text(program)
+        (folder / "Cargo.toml").write_text(MANIFEST.replace("'", '"'))
+        (folder / "Cargo.lock").write_bytes((ROOT / "Cargo.lock").read_bytes())
+        cargo = lambda *arguments: subprocess.run(
+            ["cargo", *arguments], cwd=folder, check=True, stdout=subprocess.PIPE, text=True
+        ).stdout
+        tree = cargo("tree", "--edges", "normal", "--prefix", "none", "--format", "{p}")
+        crates = {line.split(" (")[0] for line in tree.splitlines() if line} - {"ball v0.0.0", "gelsim v0.1.0"}
+        print(f"{len(crates)} crates beneath the library; allowed: {MOST_CRATES}")
+        if len(crates) > MOST_CRATES or len(crates) != said:
+            sys.exit(f"the README says {said}: " + ", ".join(sorted(crates)))
+        print(cargo("run", "--quiet", "--target-dir", ROOT / "target/library").strip())
+        image = (folder / "ball.png").read_bytes()
+        width, height = struct.unpack(">II", image[16:24])
+        print(f"ball.png: {width}x{height} px, {len(image)} bytes")
+        if (width, height) != (320, 240) or len(image) < 20_000:
+            sys.exit("no image of a ball")
+
+
+if __name__ == "__main__":
+    main()

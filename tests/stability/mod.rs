@@ -1,0 +1,62 @@
+//! Hard cases: whatever the input, a sample is finite, bounded, steady and explained, or it is refused with a reason.
+//!
+//! Named cases stand in tables by group (`contact`, `geometry`, `light`, `texture`); `corners` puts ends of ranges together
+//! at random. `case` makes a job of one as a user would write it, plain and with every effect on; `shapes` makes meshes;
+//! `sound` holds what must be true of a sample.
+//!
+//! `press` makes jobs whose numbers a test moves one at a time: `continuity` moves them by a millionth, `sweeps` through the
+//! places where the code changes its way of working. `symmetry` turns and mirrors whole samples; `twin` makes them a second
+//! time, in f64, and `stages` each stage from the one before; `properties` draws random jobs.
+//!
+//! What was found stands in docs/stability-reference.md, whose figures `cargo test --release --test library stability -- --nocapture` prints.
+
+mod case;
+mod contact;
+mod continuity;
+mod corners;
+mod geometry;
+mod light;
+mod press;
+mod properties;
+mod shapes;
+mod sound;
+mod stages;
+mod sweeps;
+mod symmetry;
+mod texture;
+mod twin;
+
+use case::{Case, Dress};
+
+/// Every case of every group.
+fn all() -> impl Iterator<Item = &'static Case> {
+    [&contact::CASES, &contact::GRIDS, &geometry::CASES, &light::CASES, &texture::CASES]
+        .into_iter()
+        .flat_map(|cases| cases.iter())
+}
+
+#[test]
+fn every_case_stands_in_the_docs_once() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/stability-reference.md");
+    let docs = std::fs::read_to_string(path).expect("the repository has docs/stability-reference.md");
+    for case in all() {
+        let row = format!("| {} |", case.name);
+        assert_eq!(
+            docs.matches(&row).count(),
+            1,
+            "docs/stability-reference.md has no row, or more than one, for `{}`",
+            case.name
+        );
+    }
+}
+
+#[test]
+fn every_effect_is_on_in_the_dressed_samples() {
+    for dress in [Dress::Still, Dress::Noisy] {
+        let plan = Case::new("dressed", "").depth(1.0).plan(dress).expect("a plain job");
+        let label = gelsim::job::sample::render(&plan, 0).label;
+        let off: Vec<_> = label.effects.iter().filter(|(_, note)| !note.ran).map(|(effect, _)| effect.name()).collect();
+        let expected: &[&str] = if dress == Dress::Still { &["noise"] } else { &[] };
+        assert_eq!(off, expected, "{dress:?}");
+    }
+}
