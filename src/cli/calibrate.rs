@@ -21,6 +21,7 @@ use crate::lab::calibrate::page::{Page, PressPanel};
 use crate::lab::calibrate::run::{Calibration, Request, run};
 use crate::lab::calibrate::session;
 use crate::lab::calibrate::taxim::{Imported, import};
+use crate::lab::calibrate::train::Settings;
 use crate::lab::compare::score::Score;
 
 /// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
@@ -66,6 +67,10 @@ pub struct Calibrate {
     /// Radius of the contact over that of the visible disc [default: chosen]
     #[arg(long, value_name = "FRACTION", value_parser = fraction, conflicts_with = "evaluate")]
     contact_over_disc: Option<f64>,
+    /// Steps of training; fewer are quicker and less exact [default: 1500]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(conflicts_with_all = ["evaluate", "taxim"])]
+    steps: Option<u32>,
     /// Fidelity level for --evaluate
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level(), default_value = "standard", requires = "evaluate")]
     fidelity: Fidelity,
@@ -144,11 +149,12 @@ impl Calibrate {
     fn calibrate(&self, presses: &Path, background: &Path, sensor: Sensor) -> Result<(), Failure> {
         let (session, notes) = session::read(presses, background, sensor, self.detect)?;
         notes.iter().for_each(|note| say(&format!("note: {note}")));
+        let defaults = Settings::default();
         let request = Request {
+            settings: Settings { steps: self.steps.map_or(defaults.steps, |steps| steps as usize), ..defaults },
             thickness_mm: self.thickness_mm,
             contact_over_disc: self.contact_over_disc,
             drops_bad: self.drop_bad,
-            ..Request::default()
         };
         let count = session.observations.len();
         let Some(found) = run(session, &request) else {

@@ -153,7 +153,7 @@ fn what_cannot_be_learnt_from_or_written_is_refused_before_the_work() {
 
 /// Runs the command on `threads` threads, and says what it wrote, on standard output and on standard error.
 fn calibrated(folder: &Folder, threads: &str) -> (BTreeMap<String, Vec<u8>>, String, String) {
-    let arguments = format!("{CALIBRATE} --detect --thickness-mm 4 --contact-over-disc 0.95");
+    let arguments = format!("{CALIBRATE} --detect --thickness-mm 4 --contact-over-disc 0.95 --steps 300");
     let assert = folder.gelsim(&arguments).env("RAYON_NUM_THREADS", threads).assert().success();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let output = assert.get_output();
@@ -162,7 +162,7 @@ fn calibrated(folder: &Folder, threads: &str) -> (BTreeMap<String, Vec<u8>>, Str
     (written, text(&output.stdout), text(&output.stderr))
 }
 
-/// One test, because a fit takes half a minute; two fits side by side.
+/// One test, because a fit takes seconds; two fits side by side.
 #[test]
 fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
     let fit = |threads: &str| {

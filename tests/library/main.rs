@@ -25,3 +25,8 @@ mod reality;
 mod stability;
 #[path = "../taxim/mod.rs"]
 mod taxim;
+
+/// True where `GELSIM_THOROUGH` is set, as `.ci/run --full` does: random cases and sweeps in their full number.
+fn thorough() -> bool {
+    std::env::var_os("GELSIM_THOROUGH").is_some()
+}

@@ -31,7 +31,7 @@ fn within(layer: ElasticLayer, r: f64) -> f64 {
     let half_space = layer.half_space();
     // Less the half-space's, whose S is r times its constant; beyond q h = 20 the two differ by 1e-14.
     let rest = |s: f64| (layer.normal(s / h) / h - half_space / s.max(1e-12)) * libm::j1(s * r / h);
-    r / TAU * (half_space + integral(1e-9, 20.0, 60 + (10.0 * r / h) as usize * 8, rest))
+    r / TAU * (half_space + integral(1e-9, 20.0, 60 + (20.0 * r / h) as usize, rest))
 }
 
 /// Simpson's rule on `panels` parts, with Gauss's three points in each.

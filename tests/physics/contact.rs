@@ -36,16 +36,22 @@ fn presses_agree_with_a_dense_solution_in_f64() {
         // What 32-bit numbers allow where the pad is stiff: a rounding of 3e-8 mm in w is 1e-5 of the pressure.
         let rig = setup.solved(Resolution::Full, 0.01).rig();
         let place = |at: usize| (at as f64 + 0.5 - 8.0) * 0.25;
-        let lags: Vec<f64> = (0..256)
-            .map(|at| pressed_pixel(setup.layer(), [0.25; 2], (at % 16) as f64 * 0.25, (at / 16) as f64 * 0.25))
-            .collect();
+        // Of square pixels (x, y) is (y, x).
+        let mut lags = Grid::new(16, 16);
+        for y in 0..16 {
+            for x in 0..=y {
+                let lag = pressed_pixel(setup.layer(), [0.25; 2], x as f64 * 0.25, y as f64 * 0.25);
+                lags.row_mut(y)[x] = lag;
+                lags.row_mut(x)[y] = lag;
+            }
+        }
         for (name, object) in SMALL {
             let mut overlap = Grid::new(16, 16);
             for (at, g) in overlap.data.iter_mut().enumerate() {
                 // As the press gets it.
                 *g = f64::from(object(place(at % 16), place(at / 16)).clamp(-thickness_mm, thickness_mm) as f32);
             }
-            let (pressure, displacement) = dense_contact(&overlap, |x, y| lags[y * 16 + x]);
+            let (pressure, displacement) = dense_contact(&overlap, |x, y| lags.at(x, y));
             let contact = rig.press(|x, y| if x.abs().max(y.abs()) < 2.0 { object(x, y) } else { NOTHING });
             let highest = pressure.iter().fold(0.0_f64, |max, p| max.max(*p));
             let found = contact.pressure.as_ref().expect("pressures");

@@ -163,7 +163,11 @@ fn check(setup: Setup, kind: Kind, deep: f64, seed: u64) -> Result<u32, String> 
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: if crate::thorough() { 1500 } else { 400 },
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn any_overlap_on_any_grid_in_any_pad_is_solved((setup, deep) in setups(), kind in 0..KINDS.len(), seed: u64) {

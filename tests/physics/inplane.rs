@@ -93,36 +93,45 @@ fn oracle(layer: ElasticLayer, load: [&Grid<f32>; 3], mm_per_px: [f64; 2], room_
         transform(&mut spectrum, size[0], false);
         spectrum
     });
-    [0, 1].map(|axis| {
-        let mut values = vec![Complex::default(); size[0] * size[1]];
-        for y in 0..size[1] {
-            for x in 0..size[0] {
-                let frequency = |n: usize, k: usize| {
-                    let signed = if 2 * n > size[k] { n as f64 - size[k] as f64 } else { n as f64 };
-                    TAU * signed / (size[k] as f64 * mm_per_px[k])
-                };
-                let q = [frequency(x, 0), frequency(y, 1)];
-                let length = q[0].hypot(q[1]);
-                let unit = q.map(|part| if length > 0.0 { part / length } else { 0.0 });
-                let highest = [2 * x == size[0], 2 * y == size[1]];
-                let coupling = if highest[axis] { 0.0 } else { unit[axis] * layer.coupling(length) };
-                let (along, across) = (layer.tangential(length), layer.transverse(length));
+    let pulled = spectra[1..].iter().flatten().any(|value| *value != Complex::default());
+    let i = Complex::new(0.0, 1.0);
+    // The displacements are real: both come back from one transform, along x as its real part, along y as its imaginary.
+    let mut values = vec![Complex::default(); size[0] * size[1]];
+    for y in 0..size[1] {
+        for x in 0..size[0] {
+            let frequency = |n: usize, k: usize| {
+                let signed = if 2 * n > size[k] { n as f64 - size[k] as f64 } else { n as f64 };
+                TAU * signed / (size[k] as f64 * mm_per_px[k])
+            };
+            let q = [frequency(x, 0), frequency(y, 1)];
+            let length = q[0].hypot(q[1]);
+            let unit = q.map(|part| if length > 0.0 { part / length } else { 0.0 });
+            let highest = [2 * x == size[0], 2 * y == size[1]];
+            let coupling = layer.coupling(length);
+            let (along, across) =
+                if pulled { (layer.tangential(length), layer.transverse(length)) } else { (0.0, 0.0) };
+            let at = y * size[0] + x;
+            let [u, v] = [0, 1].map(|axis| {
+                let coupling = if highest[axis] { 0.0 } else { unit[axis] * coupling };
                 let own =
                     if length > 0.0 { along * unit[axis].powi(2) + across * unit[1 - axis].powi(2) } else { across };
                 let cross = if highest[0] || highest[1] { 0.0 } else { (along - across) * unit[0] * unit[1] };
-                let at = y * size[0] + x;
                 let [p, t, t_cross] = [spectra[0][at], spectra[1 + axis][at], spectra[2 - axis][at]];
-                let sum = p * Complex::new(0.0, coupling) + t * own + t_cross * cross;
-                values[at] = sum / (size[0] * size[1]) as f64;
-            }
+                p * i * coupling + t * own + t_cross * cross
+            });
+            values[at] = (u + i * v) / (size[0] * size[1]) as f64;
         }
-        transform(&mut values, size[0], true);
-        let mut grid = Grid::new(width, height);
-        for y in 0..height {
-            (0..width).for_each(|x| grid.row_mut(y)[x] = values[y * size[0] + x].re);
+    }
+    transform(&mut values, size[0], true);
+    let mut grids = [0, 1].map(|_| Grid::new(width, height));
+    for y in 0..height {
+        for x in 0..width {
+            let value = values[y * size[0] + x];
+            grids[0].row_mut(y)[x] = value.re;
+            grids[1].row_mut(y)[x] = value.im;
         }
-        grid
-    })
+    }
+    grids
 }
 
 fn centre(origin_mm: [f64; 2], mm_per_px: [f64; 2], x: usize, y: usize) -> [f64; 2] {
@@ -181,13 +190,16 @@ fn displacement_under_pressure_agrees_with_a_fine_grid() {
     for (h, nu) in [(3.0, 0.48), (2.0, 0.4999), (4.0, 0.45)] {
         let setup = setup(h, nu);
         let inplane = inplane(&setup);
-        let loads = [
+        let mut loads = vec![
             ("ball R 1, d 0.35", pressed(&setup, ball(1.0, 0.35, [0.013, -0.4]))),
             ("ball R 4, d 1", pressed(&setup, ball(4.0, 1.0, [3.0, 2.0]))),
             ("ball R 5, d 0.35", pressed(&setup, ball(5.0, 0.35, [-6.0, 0.0]))),
             ("square, d 0.5", pressed(&setup, square(0.5))),
             ("gear, d 0.5", pressed(&setup, gear(0.5))),
         ];
+        if h != 3.0 && !crate::thorough() {
+            loads.drain(1..4);
+        }
         for (name, load) in loads {
             let nothing = Grid::new(load.pressure.width, load.pressure.height);
             let truth = oracle(setup.layer(), [&load.pressure, &nothing, &nothing], load.mm_per_px, 12.0 * h);

@@ -81,14 +81,15 @@ fn first_contact_comes_gradually() {
 fn a_step_in_depth_moves_the_surface_by_little_more() {
     // Grazing; through the depth at which the overlap's box gets so large that a coarser grid is tried first; through
     // half of the pad's thickness, where the theory ends; down to the shell.
+    let steps = if crate::thorough() { 20 } else { 8 };
     for (from_mm, to_mm) in [(0.01, 0.015), (0.3, 0.32), (1.4555, 1.4755), (2.91, 2.93)] {
         for rung in Fidelity::ALL {
             for object in ["sphere", "torus", "coin"] {
                 let setting = Setting { object, rung, more: NO_SHADOWS, ..Setting::default() };
                 let at = |t: f64| Numbers { depth_mm: from_mm + (to_mm - from_mm) * t, ..GENERIC };
-                let change = most(20, |t| setting.shown(&at(t)));
+                let change = most(steps, |t| setting.shown(&at(t)));
                 println!("depth {from_mm} .. {to_mm} mm, {object}, {rung:?}: {change:?}");
-                let step_um = 50.0 * (to_mm - from_mm);
+                let step_um = 1e3 * (to_mm - from_mm) / f64::from(steps);
                 assert!(change.surface_um < allowed_um(rung, step_um, PITCH_MM), "{object}, {rung:?}: {change:?}");
                 let bound = 0.5 + 0.45 * change.surface_um;
                 assert!(change.light_levels < bound, "{object}, {rung:?}: {change:?}");
@@ -153,6 +154,7 @@ fn looks_higher(plan: &Plan) -> bool {
 #[test]
 fn looking_higher_because_of_a_bulge_does_not_show() {
     let mut looked = [0; 2];
+    let steps = if crate::thorough() { 30 } else { 12 };
     for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference] {
         for object in ["washer", "torus", "gear", "letter"] {
             let setting = Setting { rung, object, more: NO_SHADOWS, ..Setting::default() };
@@ -166,10 +168,10 @@ fn looking_higher_because_of_a_bulge_does_not_show() {
             for t in [0.0, 0.3, 0.6, 1.0] {
                 looked[usize::from(looks_higher(&setting.plan(&at(t))))] += 1;
             }
-            let change = most(30, |t| setting.shown(&at(t)));
+            let change = most(steps, |t| setting.shown(&at(t)));
             println!("bulges, {object}, {rung:?}: {change:?}");
             // So shallow that a coarse grid's jumps are no larger than the depth.
-            let bound = allowed_um(rung, 0.5, 0.0)
+            let bound = allowed_um(rung, 15.0 / f64::from(steps), 0.0)
                 + if rung == Fidelity::Standard || rung == Fidelity::Draft { 6.5 } else { 0.0 };
             assert!(change.surface_um < bound, "{object}, {rung:?}: {change:?}");
         }

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::pixels::Pixels;
+use super::run::Request;
 use super::train::{self, Settings};
 use super::validate::{FOLDS, folds};
 use super::{Geometry, Session, fit};
@@ -31,9 +32,10 @@ const CONTACT_FRACTIONS: [f64; 5] = [0.88, 0.91, 0.94, 0.97, 1.0];
 /// Pixels of a press that are looked at.
 const PIXELS: usize = 1500;
 
-/// What is not given of `session`'s geometry: the thickness by the stand-in, then the fraction by networks that are
+/// What the request leaves open of `session`'s geometry: the thickness by the stand-in, then the fraction by networks that are
 /// fitted in a hurry.
-pub fn choose(session: &Session, thickness_mm: Option<f64>, contact_over_disc: Option<f64>) -> Geometry {
+pub fn choose(session: &Session, request: &Request) -> Geometry {
+    let Request { thickness_mm, contact_over_disc, settings, .. } = *request;
     let places = session.places(PIXELS);
     let on = |geometry: Geometry, resolution: Resolution, sky: bool| {
         let elastic = Model::Elastic(Elastic { resolution, ..Elastic::default() });
@@ -56,7 +58,7 @@ pub fn choose(session: &Session, thickness_mm: Option<f64>, contact_over_disc: O
         let tried = CONTACT_FRACTIONS.map(|contact_over_disc| Geometry { contact_over_disc, ..geometry });
         geometry = best(&tried, geometry, |tried| {
             let (pixels, impossible) = on(tried, Resolution::Half, true);
-            quick_error(session, &pixels) + impossible
+            quick_error(session, &pixels, &settings) + impossible
         });
     }
     geometry
@@ -69,8 +71,8 @@ fn best(tried: &[Geometry], otherwise: Geometry, error: impl Fn(Geometry) -> f64
 }
 
 /// Mean absolute error of networks on presses that they did not learn from, fractions of full scale.
-fn quick_error(session: &Session, pixels: &[Pixels]) -> f64 {
-    let quick = Settings { networks: 1, steps: 400, ..Settings::default() };
+fn quick_error(session: &Session, pixels: &[Pixels], settings: &Settings) -> f64 {
+    let quick = Settings { networks: 1, steps: settings.steps.min(400), ..*settings };
     let fold = folds(pixels.len());
     let of = |part: usize| -> [f64; 2] {
         let learnt: Vec<&Pixels> =

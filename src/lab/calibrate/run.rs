@@ -62,7 +62,7 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
     if session.observations.len() < super::session::FEWEST {
         return None;
     }
-    let mut geometry = choose(&session, request.thickness_mm, request.contact_over_disc);
+    let mut geometry = choose(&session, request);
     let (mut pixels, mut held_out, mut odd) = learn(&session, geometry, request);
     if request.drops_bad && odd.iter().any(|odd| !odd.is_empty()) {
         drop_bad(&mut session, &mut odd, &mut dropped);
@@ -70,7 +70,7 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
         if session.observations.len() < super::session::FEWEST {
             return None;
         }
-        geometry = choose(&session, request.thickness_mm, request.contact_over_disc);
+        geometry = choose(&session, request);
         (pixels, held_out, odd) = learn(&session, geometry, request);
     }
     for (doubts, odd) in doubts.iter_mut().zip(odd) {
