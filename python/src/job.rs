@@ -89,7 +89,7 @@ fn settled(mut plan: Plan) -> Result<Plan, Report> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     let chosen = choose(&plan, bound)?;
     plan.notes.push(chosen.to_string());
-    Ok(plan.at(chosen.level))
+    Ok(plan.with_fidelity(chosen.level))
 }
 
 #[pymethods]

@@ -150,11 +150,11 @@ fn settled(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Fai
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     if let Some(level) = recorded {
         log.note(&format!("fidelity {}, with which the dataset was begun", level.name()));
-        return Ok(plan.at(level));
+        return Ok(plan.with_fidelity(level));
     }
     let chosen = choose(&plan, bound)?;
     log.note(&chosen.to_string());
-    Ok(plan.at(chosen.level))
+    Ok(plan.with_fidelity(chosen.level))
 }
 
 /// What changes a job from the command line.

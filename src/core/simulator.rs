@@ -126,7 +126,7 @@ impl Simulator {
     ///
     /// If the indenter is a height map of another size than the sensor's image.
     pub fn press(&self, indenter: &Indenter) -> Impression {
-        self.press_with(&Press::of(indenter.clone(), &self.sensor))
+        self.press_with(&Press::new(indenter.clone(), &self.sensor))
     }
 
     /// Presses with texture, motion in the pad's plane, and markers and camera of its own.
@@ -246,7 +246,7 @@ impl Simulator {
 
 impl Press {
     /// A press without texture or motion, with the sensor's own markers and camera.
-    pub fn of(indenter: Indenter, sensor: &Sensor) -> Self {
+    pub fn new(indenter: Indenter, sensor: &Sensor) -> Self {
         let markers = sensor.markers.and_then(|markers| markers.pattern);
         Self { indenter, texture: None, shear: None, markers, camera: sensor.camera }
     }

@@ -71,7 +71,7 @@ impl Recorded {
 
     /// The dataset of a resolved job at `root`.
     pub fn new(root: &Path, job: Job) -> Self {
-        Self { root: root.to_owned(), layout: Layout::of(&job.dataset), job }
+        Self { root: root.to_owned(), layout: Layout::from_dataset(&job.dataset), job }
     }
 
     /// Its name.

@@ -130,7 +130,7 @@ impl Report {
     fn group<'a>(&'a self, problem: &'a Diagnostic) -> Group<'a> {
         let title = Level::ERROR.primary_title(problem.message.as_str());
         let source = problem.place.and_then(|place| Some((self.sources.get(place.source)?, place)));
-        let mut group = match source.map(|(source, place)| (source, Line::of(&source.text, place))) {
+        let mut group = match source.map(|(source, place)| (source, Line::from_text(&source.text, place))) {
             None => Group::with_title(title),
             Some((source, line)) if line.text.len() > LONGEST_LINE => title.element(
                 Origin::path(source.name.as_str())
@@ -163,7 +163,7 @@ struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    fn of(text: &'a str, place: Place) -> Self {
+    fn from_text(text: &'a str, place: Place) -> Self {
         let floor = |mut at: usize| {
             at = at.min(text.len());
             while !text.is_char_boundary(at) {

@@ -60,12 +60,12 @@ struct Share {
 
 impl Share {
     /// How many of the first `count` are in the part.
-    fn of(self, count: u64) -> u64 {
+    fn share_of(self, count: u64) -> u64 {
         (u128::from(count) * self.part / self.whole) as u64
     }
 
     fn holds(self, index: u64) -> bool {
-        self.of(index + 1) > self.of(index)
+        self.share_of(index + 1) > self.share_of(index)
     }
 
     /// Index of the member number `position` of the part.
@@ -103,7 +103,7 @@ impl Shard {
 
 impl Layout {
     /// That of a job, whose numbers need not be checked yet.
-    pub fn of(dataset: &Dataset) -> Self {
+    pub fn from_dataset(dataset: &Dataset) -> Self {
         Self::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard, dataset.splits)
     }
 
@@ -128,8 +128,8 @@ impl Layout {
 
     /// Number of samples in a split.
     pub fn samples_in(&self, split: Split) -> u64 {
-        let test = self.test.of(self.samples);
-        let val = self.val.of(self.samples - test);
+        let test = self.test.share_of(self.samples);
+        let val = self.val.share_of(self.samples - test);
         match split {
             Split::Train => self.samples - test - val,
             Split::Val => val,
@@ -139,12 +139,12 @@ impl Layout {
 
     /// The split of a sample, and its position there.
     pub fn split_of(&self, index: u64) -> (Split, u64) {
-        let before = self.test.of(index);
+        let before = self.test.share_of(index);
         if self.test.holds(index) {
             return (Split::Test, before);
         }
         let rest = index - before;
-        let before = self.val.of(rest);
+        let before = self.val.share_of(rest);
         if self.val.holds(rest) { (Split::Val, before) } else { (Split::Train, rest - before) }
     }
 

@@ -45,7 +45,7 @@ impl Steps {
     }
 
     /// Millimetres per step, and the value of 0 mm.
-    fn of(&self, scale: Scale) -> (f64, f64) {
+    fn in_scale(&self, scale: Scale) -> (f64, f64) {
         match scale {
             Scale::Surface => (self.surface_mm_per_step, f64::from(self.surface_zero)),
             Scale::Depth => (self.depth_mm_per_step, 0.0),
@@ -54,7 +54,7 @@ impl Steps {
 
     /// Encodes mm, row by row. The largest error is half a step.
     pub fn encode(&self, scale: Scale, width: usize, height: usize, plane_mm: &[f32]) -> Vec<u8> {
-        let (mm_per_step, zero) = self.of(scale);
+        let (mm_per_step, zero) = self.in_scale(scale);
         let lowest = i32::from(zero > 0.0);
         let step = |mm: f32| match mm.is_finite() {
             // To the nearest: what is cut off is less than a step, since nothing below the lowest is kept.
@@ -67,7 +67,7 @@ impl Steps {
 
     /// Decodes what [`Steps::encode`] made, mm.
     pub fn decode(&self, scale: Scale, bytes: &[u8]) -> Result<Grid<f32>, String> {
-        let (mm_per_step, zero) = self.of(scale);
+        let (mm_per_step, zero) = self.in_scale(scale);
         let values = values(bytes)?;
         let mm = |value: &u16| ((f64::from(*value) - zero) * mm_per_step) as f32;
         Ok(Grid { width: values.width, height: values.height, data: values.data.iter().map(mm).collect() })
@@ -99,7 +99,7 @@ mod tests {
                 let mut plane: Vec<f32> = (0..=1000).map(|k| least + (deepest - least) * k as f32 / 1000.0).collect();
                 plane.extend([0.0, f32::MIN_POSITIVE, 1e-7, thickness_mm as f32, deepest]);
                 let read = steps.decode(scale, &steps.encode(scale, plane.len(), 1, &plane)).expect("a PNG");
-                let half = 0.5 * steps.of(scale).0 + 1e-7 * thickness_mm;
+                let half = 0.5 * steps.in_scale(scale).0 + 1e-7 * thickness_mm;
                 for (mm, read) in plane.iter().zip(&read.data) {
                     assert!((f64::from(*mm) - f64::from(*read)).abs() <= half, "{scale:?} {thickness_mm}: {mm} {read}");
                 }

@@ -109,7 +109,7 @@ fn extent() {
     let tenth = of("cube", "mm", "depth_mm = 0.7");
     let all = of("flat_face", "cm", "depth_mm = 0.7");
     for rung in Fidelity::ALL {
-        let plans = [none.at(rung), tenth.at(rung), all.at(rung)];
+        let plans = [none.with_fidelity(rung), tenth.with_fidelity(rung), all.with_fidelity(rung)];
         let ms = medians(&[&plans[0], &plans[1], &plans[2]]);
         let shares = (ms[0] / ms[1], ms[1] / ms[2]);
         let (none, tenth, all) = (ms[0], ms[1], ms[2]);

@@ -151,10 +151,10 @@ fn every_rung_runs_and_nears_the_reference() {
         path("sensor.toml").display()
     ));
     assert_eq!((plan.simulator.models().optics.name(), *plan.simulator.view()), ("calibrated", CAMERA));
-    let reference = plan.at(Fidelity::Reference);
+    let reference = plan.with_fidelity(Fidelity::Reference);
     // In the order of `Fidelity::ALL`, levels.
     for (rung, bound) in Fidelity::ALL.into_iter().zip([20.0, 5.0, 3.0, 2.0, 0.0]) {
-        let plan = plan.at(rung);
+        let plan = plan.with_fidelity(rung);
         let errors = (0..plan.layout.samples()).map(|index| {
             let (sample, best) = (render(&plan, index), render(&reference, index));
             assert!(sample.label.health.finite && sample.label.optics_model == "calibrated");

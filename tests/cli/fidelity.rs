@@ -154,7 +154,8 @@ fn the_pressure_layer_adds_up_to_the_force_and_reaches_the_peak() {
 fn a_bound_chooses_the_cheapest_level_that_keeps_it() {
     let plan = plan(JOB);
     let indices: Vec<u64> = (0..plan.layout.samples()).collect();
-    let samples = |level| indices.iter().map(|index| render(&plan.at(level), *index)).collect::<Vec<Sample>>();
+    let samples =
+        |level| indices.iter().map(|index| render(&plan.with_fidelity(level), *index)).collect::<Vec<Sample>>();
     let exact = samples(Fidelity::Reference);
     // In 64 bits, over the surface and its border; the worst sample counts.
     let worst = |level| {
@@ -387,7 +388,7 @@ fn nothing_of_a_sample_is_left_in_the_next_one() {
     let objects = ("\"cube.obj\"", "\"sphere.obj\"\n[[object]]\npath = \"dots.obj\"");
     let plans = [variant(&[]), variant(&[coarse, objects]), variant(&[long, objects])];
     let levels = [Fidelity::High, Fidelity::Draft, Fidelity::Standard, Fidelity::Paper];
-    let plans: Vec<Plan> = plans.iter().flat_map(|plan| levels.map(|level| plan.at(level))).collect();
+    let plans: Vec<Plan> = plans.iter().flat_map(|plan| levels.map(|level| plan.with_fidelity(level))).collect();
     // Alone: on a thread that has rendered nothing yet.
     let alone = |plan: &Plan, index| {
         std::thread::scope(|scope| scope.spawn(|| bits(&render(plan, index))).join().expect("a sample"))
@@ -437,7 +438,7 @@ fn pads_and_pixels_at_the_ends_of_their_ranges_are_rendered_at_every_level() {
                 let edits: Vec<(&str, &str)> = edits.iter().map(|(from, to)| (*from, to.as_str())).collect();
                 let plan = plan(&edited(JOB, &edits));
                 for level in Fidelity::ALL {
-                    let label = render(&plan.at(level), 1).label;
+                    let label = render(&plan.with_fidelity(level), 1).label;
                     assert!(label.health.finite, "{edit}, {size} px, {depth} mm at {}", level.name());
                     let force = label.contact.force_n;
                     assert!(force.is_none_or(|n| n.is_finite() && n >= 0.0), "{force:?}");

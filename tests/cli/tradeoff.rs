@@ -157,7 +157,7 @@ fn the_figures_are_those_of_the_samples_themselves() {
     let mut problems = Diagnostics::default();
     let written = config::read(&folder.path("job.toml"), &Overrides::default(), &mut problems).expect("a job");
     let plan = Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"));
-    let samples = |level| (0..8).map(|index| render(&plan.at(level), index)).collect::<Vec<Sample>>();
+    let samples = |level| (0..8).map(|index| render(&plan.with_fidelity(level), index)).collect::<Vec<Sample>>();
     let exact = samples(Fidelity::Reference);
     for row in &rows[..4] {
         let level = Fidelity::ALL.into_iter().find(|level| level.name() == row["rung"]).expect("a rung");

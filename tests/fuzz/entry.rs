@@ -412,7 +412,7 @@ pub fn frame(bytes: &[u8]) {
                         let Grid { width, height, data } = &heights.above_mm;
                         assert_eq!([*width, *height], view.resolution_px);
                         assert!(data.len() == width * height && data.iter().all(|mm| !mm.is_nan()));
-                        let reach = Reach::of(&heights, 3.0);
+                        let reach = Reach::from_surface(&heights, 3.0);
                         assert!(reach.through_px + reach.unseen_px <= 2 * data.len() as u64);
                         reach.mistake(&camera(projection));
                     }

@@ -16,7 +16,7 @@ fn at_every_rung(object: &str) -> Vec<Sample> {
          resolution_px = [320, 240]\n[pose]\nyaw_deg = 17.0\ntilt_deg = 1.5\ntilt_azimuth_deg = 40.0\nx_mm = 0.3\n\
          y_mm = -0.2\n[indentation]\ndepth_mm = 0.8\n"
     ));
-    Fidelity::ALL.into_iter().map(|rung| render(&plan.at(rung), 0)).collect()
+    Fidelity::ALL.into_iter().map(|rung| render(&plan.with_fidelity(rung), 0)).collect()
 }
 
 #[test]

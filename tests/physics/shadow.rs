@@ -299,7 +299,7 @@ fn an_led_that_casts_nothing_is_seen_whole_everywhere() {
             let most = slope * pitch[0].min(pitch[1]);
             surface.data.iter_mut().for_each(|value| *value = random.within(0.0, most) as f32);
         }
-        let casts = led.caster().casts(&Steepest::of(&surface, pitch));
+        let casts = led.caster().casts(&Steepest::new(&surface, pitch));
         counts[usize::from(casts)] += 1;
         let found = shares(led, &surface);
         assert!(casts || found.data.iter().all(|share| *share == 1.0), "{led:?}, slope {slope}");
@@ -316,7 +316,7 @@ fn a_slope_casts_exactly_if_it_rises_faster_than_the_lowest_ray() {
         for (share_of_lowest, expected) in [(0.98, false), (1.02, true), (-3.0, false)] {
             let slope = share_of_lowest * led.slopes()[0];
             let surface = surface_of(40, 30, |x, y| slope * (x * pitch[0] * cos + y * pitch[1] * sin));
-            let casts = led.caster().casts(&Steepest::of(&surface, pitch));
+            let casts = led.caster().casts(&Steepest::new(&surface, pitch));
             assert_eq!(casts, expected, "{azimuth}, {share_of_lowest}");
             assert_eq!(shares(led, &surface).data.iter().any(|share| *share < 1.0), expected);
         }
@@ -329,7 +329,7 @@ fn the_steepest_rises_are_those_of_a_plain_loop() {
     for [width, height] in [[1, 1], [1, 7], [7, 1], [17, 3], [33, 35], [101, 64]] {
         let data = (0..width * height).map(|_| random.within(-2.0, 1.0) as f32).collect();
         let surface = Grid { width, height, data };
-        let found = Steepest::of(&surface, [0.5, 0.25]);
+        let found = Steepest::new(&surface, [0.5, 0.25]);
         let mut expected = Steepest { longest_px: width.max(height), ..Steepest::default() };
         let [mut highest, mut lowest] = [0.0_f32; 2];
         for y in 0..height {
@@ -458,7 +458,7 @@ fn narrow_processors_see_the_same_bits() {
         for azimuth in AZIMUTHS {
             let led = Led { azimuth, elevation: 8.5, size: 5.0, pitch: [0.05; 2] };
             assert_eq!(shares(led, &surface), scalar_only(|| shares(led, &surface)));
-            assert_eq!(Steepest::of(&surface, led.pitch), scalar_only(|| Steepest::of(&surface, led.pitch)));
+            assert_eq!(Steepest::new(&surface, led.pitch), scalar_only(|| Steepest::new(&surface, led.pitch)));
         }
     }
 }

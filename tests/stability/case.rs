@@ -245,7 +245,7 @@ impl Case {
             Extent::Once => &[Fidelity::Draft],
             Extent::Own => &[],
         };
-        let mut variants: Vec<_> = rungs.iter().map(|rung| (rung.name(), plan.at(*rung))).collect();
+        let mut variants: Vec<_> = rungs.iter().map(|rung| (rung.name(), plan.with_fidelity(*rung))).collect();
         if self.extent == Extent::Own {
             variants.push(("its own", with(plan.simulator.models().gelpad.clone())));
         }

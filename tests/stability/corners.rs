@@ -113,7 +113,7 @@ fn random_corners_of_all_ranges_give_sound_samples_or_are_refused() {
         let rung = pick(&mut random, &Fidelity::ALL);
         let start = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| match case.plan(dress) {
-            Ok(plan) => sound::check(&plan.at(rung)).map(|_| false),
+            Ok(plan) => sound::check(&plan.with_fidelity(rung)).map(|_| false),
             Err(_) => Ok(true),
         }));
         let what = || format!("job {number}, {dress:?}, {}: {case:?}", rung.name());

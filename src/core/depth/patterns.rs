@@ -40,7 +40,7 @@ pub struct Tile {
 
 impl Tile {
     /// `height` at every texel, whose arguments are x and y in units of the scale.
-    fn of(extent: [f64; 2], height: impl Fn(f64, f64) -> f64) -> Self {
+    fn new(extent: [f64; 2], height: impl Fn(f64, f64) -> f64) -> Self {
         let [dx, dy] = extent.map(|length| length / FEW as f64);
         let mut heights = Grid::new(FEW, FEW);
         for j in 0..FEW {
@@ -168,7 +168,7 @@ pub fn knurled() -> Tile {
     const TOP: f64 = 0.9;
     let rows = libm::sqrt(3.0) / 2.0;
     let flank = |across: f64| 2.0 * (across - across.round()).abs();
-    Tile::of([4.0, 4.0 / rows], |x, y| flank(rows * y - x / 2.0).min(flank(rows * y + x / 2.0)).min(TOP))
+    Tile::new([4.0, 4.0 / rows], |x, y| flank(rows * y - x / 2.0).min(flank(rows * y + x / 2.0)).min(TOP))
 }
 
 /// A plain weave: yarns of round section along x and along y, alternately over and under each other. The scale is the
@@ -188,7 +188,7 @@ pub fn woven() -> Tile {
         let twist = libm::cos(2.0 * PI * (5.0 * along + from_middle));
         round + WAVE * wave + TWIST * round * twist
     };
-    Tile::of([4.0, 4.0], |x, y| yarn(x, y).max(yarn(y, x + 1.0)))
+    Tile::new([4.0, 4.0], |x, y| yarn(x, y).max(yarn(y, x + 1.0)))
 }
 
 /// Spherical dents on a hexagonal grid. The scale is the distance between dents.
@@ -196,7 +196,7 @@ pub fn dimples() -> Tile {
     /// Radius of a dent.
     const RADIUS: f64 = 0.42;
     let rows = libm::sqrt(3.0) / 2.0;
-    Tile::of([4.0, 4.0 * rows], |x, y| {
+    Tile::new([4.0, 4.0 * rows], |x, y| {
         // The hexagonal grid is two rectangular ones.
         let square = |shift: f64| {
             let dx = x + shift - (x + shift).round();

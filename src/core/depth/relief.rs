@@ -41,7 +41,7 @@ impl fmt::Debug for Relief {
 
 impl Relief {
     /// The relief of a pattern; none of an image: its heights are for [`Relief::from_heights`].
-    pub fn of(pattern: Procedural) -> Self {
+    pub fn procedural(pattern: Procedural) -> Self {
         let tile = match pattern {
             Procedural::Noise => patterns::noise(),
             Procedural::Brushed => patterns::brushed(),

@@ -153,7 +153,7 @@ mod tests {
     const SQUARE: View = View { resolution_px: [96, 96], mm_per_px: [0.03, 0.03] };
 
     fn relief(pattern: Procedural) -> Relief {
-        Relief::of(pattern)
+        Relief::procedural(pattern)
     }
 
     fn texture(scale_mm: f64) -> TextureSample {

@@ -12,7 +12,7 @@ pub mod background;
 pub mod calibrated;
 pub mod coarse;
 pub mod led;
-mod leds;
+mod led_shader;
 pub mod normals;
 pub mod phong;
 pub mod shadow;
@@ -72,7 +72,7 @@ pub struct Illumination<'a> {
 /// A model made ready for one sensor: everything that is the same for every sample.
 pub enum Shader {
     /// See [`Model::Phong`] and [`Model::Led`].
-    Leds(Box<leds::Shader>),
+    Leds(Box<led_shader::Shader>),
     /// See [`Model::Calibrated`].
     Calibrated(Box<calibrated::Shader>),
 }
@@ -87,7 +87,7 @@ impl Shader {
         view: &View,
         relief: Option<Grid<f32>>,
     ) -> Self {
-        let leds = |phong, near| Self::Leds(Box::new(leds::Shader::new(phong, near, light, view, relief)));
+        let leds = |phong, near| Self::Leds(Box::new(led_shader::Shader::new(phong, near, light, view, relief)));
         match model {
             Model::Phong(phong) => leds(*phong, false),
             Model::Led(phong) => leds(*phong, true),

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::background::BackgroundImage;
 use super::coarse::Values;
 use super::led::Normals;
-use super::leds::{Flat, Shader};
+use super::led_shader::{Flat, Shader};
 use crate::core::base::grid::Resolution;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;

@@ -88,7 +88,7 @@ impl Threshold {
             return part;
         }
         let limits = [self.slope * (2.0 * view.mm_per_px[0]) as f32, self.slope * (2.0 * view.mm_per_px[1]) as f32];
-        let exceeds = |part: Rect| Excess::of(&contact.surface, part, limits, self.height_mm);
+        let exceeds = |part: Rect| Excess::new(&contact.surface, part, limits, self.height_mm);
         let Excess { rows, columns } = exceeds(part);
         let first_and_end = |marks: &[u32]| {
             let first = marks.iter().position(|mark| *mark > 0)?;
@@ -110,7 +110,7 @@ struct Excess {
 }
 
 impl Excess {
-    fn of(surface: &Grid<f32>, part: Rect, limits: [f32; 2], height_mm: f32) -> Self {
+    fn new(surface: &Grid<f32>, part: Rect, limits: [f32; 2], height_mm: f32) -> Self {
         let width = part.width();
         let (mut rows, mut columns) = (vec![0_u32; part.height()], vec![0_u32; width]);
         simd_dispatch(

@@ -20,7 +20,7 @@ pub struct Reach {
 
 impl Reach {
     /// Of heights over a pad `thickness_mm` thick.
-    pub fn of(heights: &Heights, thickness_mm: f64) -> Self {
+    pub fn from_surface(heights: &Heights, thickness_mm: f64) -> Self {
         let thickness = thickness_mm as f32;
         let (mut lowest, mut highest, mut through_px) = (f32::INFINITY, f32::NEG_INFINITY, 0);
         for mm in &heights.above_mm.data {
@@ -117,7 +117,7 @@ mod tests {
 
     fn reach(above_mm: &[f32]) -> Reach {
         let above_mm = Grid { width: above_mm.len(), height: 1, data: above_mm.to_vec() };
-        Reach::of(&Heights { above_mm, unseen_px: 0 }, 3.0)
+        Reach::from_surface(&Heights { above_mm, unseen_px: 0 }, 3.0)
     }
 
     #[test]

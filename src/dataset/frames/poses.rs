@@ -96,7 +96,7 @@ fn table(text: &str, sources: &[Source], problems: &mut Diagnostics) -> Vec<Fram
         problems.push(problem.help("its first line names the columns, each further one is a frame"));
         return Vec::new();
     };
-    let Some(layout) = Layout::of(&header, problems) else { return Vec::new() };
+    let Some(layout) = Layout::from_header(&header, problems) else { return Vec::new() };
     let frames: HashMap<&str, usize> = sources.iter().enumerate().map(|(at, s)| (s.stem.as_str(), at)).collect();
     let mut known: Vec<Option<(u64, FrameMetadata)>> = vec![None; sources.len()];
     // A row that cannot be read is about its frame all the same.
@@ -158,7 +158,7 @@ struct Layout {
 }
 
 impl Layout {
-    fn of(header: &Row, problems: &mut Diagnostics) -> Option<Self> {
+    fn from_header(header: &Row, problems: &mut Diagnostics) -> Option<Self> {
         let names: Vec<String> = header.cells.iter().map(|name| name.trim().to_owned()).collect();
         for (at, name) in names.iter().enumerate() {
             if !COLUMNS.contains(&name.as_str()) {

@@ -62,7 +62,7 @@ pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
         .par_iter()
         .map(|source| {
             let heights = heights(plan, camera, &source.path)?;
-            let reach = Reach::of(&heights, plan.thickness_mm());
+            let reach = Reach::from_surface(&heights, plan.thickness_mm());
             reach.mistake(camera).map_or(Ok(reach), Err)
         })
         .collect();

@@ -56,7 +56,7 @@ pub fn stream(
         }
         let heights =
             camera.heights(frame, plan.simulator.view()).map_err(|problem| StreamError::Frame(number, problem))?;
-        if let Some(problem) = Reach::of(&heights, plan.thickness_mm()).mistake(camera) {
+        if let Some(problem) = Reach::from_surface(&heights, plan.thickness_mm()).mistake(camera) {
             return Err(StreamError::Frame(number, problem));
         }
         let image = run::sample(plan, number, "frame", heights, None).impression.image;

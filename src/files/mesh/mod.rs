@@ -56,7 +56,7 @@ pub enum Format {
 
 impl Format {
     /// The format that the extension of `path` stands for, in any case.
-    pub fn of(path: &Path) -> Option<Format> {
+    pub fn from_path(path: &Path) -> Option<Format> {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "obj" => Some(Format::Obj),
             "stl" => Some(Format::Stl),
@@ -73,7 +73,7 @@ impl Format {
 /// Every [`MeshFileProblem`] there is, with the path and, in text, the line.
 pub fn load(path: &Path, mm_per_unit: f64) -> Result<Loaded, MeshFileError> {
     let in_file = |error: MeshFileError| MeshFileError { path: Some(path.to_path_buf()), ..error };
-    let format = Format::of(path).ok_or_else(|| in_file(MeshFileProblem::UnknownExtension.into()))?;
+    let format = Format::from_path(path).ok_or_else(|| in_file(MeshFileProblem::UnknownExtension.into()))?;
     let bytes = input::read(path, input::MOST_MESH_BYTES)
         .map_err(|error| in_file(MeshFileProblem::Unreadable(error).into()))?;
     let sha256 = sha256(&bytes);
@@ -172,7 +172,7 @@ impl MeshFileError {
         }
     }
 
-    fn at(line: usize, problem: MeshFileProblem) -> Self {
+    fn at_line(line: usize, problem: MeshFileProblem) -> Self {
         MeshFileError { path: None, line: Some(line), problem }
     }
 }

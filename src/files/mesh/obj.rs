@@ -24,7 +24,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
                 .and_then(|()| cutter.cut(&raw.vertices, &corners, &mut raw.triangles)),
             _ => Ok(()),
         };
-        statement.map_err(|problem| MeshFileError::at(line, problem))?;
+        statement.map_err(|problem| MeshFileError::at_line(line, problem))?;
         if !words.next_line() {
             return Ok(raw);
         }

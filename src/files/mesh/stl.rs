@@ -96,7 +96,7 @@ fn ascii(bytes: &[u8]) -> Result<Raw, MeshFileError> {
     let mut open: Option<usize> = None;
     while let Some(word) = words.word_anywhere() {
         let line = words.line;
-        let wrong = |message: String| Err(MeshFileError::at(line, MeshFileProblem::Malformed(message)));
+        let wrong = |message: String| Err(MeshFileError::at_line(line, MeshFileProblem::Malformed(message)));
         match (keyword(word), open) {
             (Some(Keyword::Solid | Keyword::EndSolid), None) => {
                 words.next_line();
@@ -110,7 +110,7 @@ fn ascii(bytes: &[u8]) -> Result<Raw, MeshFileError> {
             }
             (Some(Keyword::Loop), Some(_)) => {}
             (Some(Keyword::Vertex), Some(_)) => {
-                let vertex = coordinates(&mut words).map_err(|problem| MeshFileError::at(line, problem))?;
+                let vertex = coordinates(&mut words).map_err(|problem| MeshFileError::at_line(line, problem))?;
                 raw.vertices.push(vertex);
             }
             (Some(Keyword::EndFacet), Some(start)) => {

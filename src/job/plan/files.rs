@@ -100,7 +100,7 @@ pub fn textures(check: &mut Check<'_>, job: &mut Job) -> Vec<Arc<Relief>> {
                 read(check, &key, "height map", &mut image.path, &mut image.sha256, heights::decode)
                     .map(Relief::from_heights)
             }
-            pattern => pattern.procedural().filter(|_| wanted).map(Relief::of),
+            pattern => pattern.procedural().filter(|_| wanted).map(Relief::procedural),
         };
         ready.extend(relief.map(Arc::new));
     }

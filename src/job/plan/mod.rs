@@ -152,7 +152,7 @@ impl Plan {
         Ok(Self {
             simulator: Arc::new(simulator),
             sampling: Arc::new(sampling),
-            layout: Layout::of(&job.dataset),
+            layout: Layout::from_dataset(&job.dataset),
             fingerprint: fingerprint(&job),
             notes,
             sensor_file,
@@ -223,7 +223,7 @@ impl Plan {
     }
 
     /// The same with the models of a fidelity level, whatever gelpad the job chose; a light that the job names stays.
-    pub fn at(&self, fidelity: Fidelity) -> Self {
+    pub fn with_fidelity(&self, fidelity: Fidelity) -> Self {
         let mut models = fidelity.models(self.simulator.sensor().calibration.is_some());
         if self.optics_named {
             models.optics = self.simulator.models().optics.clone();

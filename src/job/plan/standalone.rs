@@ -23,7 +23,7 @@ pub struct Standalone {
 pub fn sensor(name: &str) -> Result<Standalone, Report> {
     let mut problems = Diagnostics::default();
     let Written { mut job, document, .. } = written(name, &mut problems);
-    match of(&mut Check { document: &document, problems: &mut problems }, &mut job) {
+    match resolve(&mut Check { document: &document, problems: &mut problems }, &mut job) {
         Some(standalone) => Ok(standalone),
         None => Err(Report::new(&problems, &document.sources)),
     }
@@ -40,7 +40,7 @@ pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
 }
 
 /// The sensor of a job that was read, its files found. `None` after a mistake.
-pub fn of(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
+pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
     ranges::sensor(check, job);
     let background = files::background(check, job);
     let calibration = files::calibration(check, job);

@@ -110,7 +110,7 @@ pub fn profile(
         ranges::sensor(check, job);
         return None;
     };
-    let standalone::Standalone { written, sensor } = standalone::of(check, job)?;
+    let standalone::Standalone { written, sensor } = standalone::resolve(check, job)?;
     let noise = NoiseLevel::from_camera(&job.camera).or_else(|| NoiseLevel::from_images(&some_images(set)));
     let photograph = sensor.has_photograph().then(|| BackgroundImage::clone(&sensor.background()));
     Some(SensorProfile { sensor: written, view: sensor.view(), background: own.or(photograph), noise })

@@ -76,7 +76,7 @@ fn loaded(path: &Path, size: Option<[usize; 2]>) -> Result<Plan, Report> {
         None => Ok(plan),
         Some(bound) => {
             let level = choose::choose(&plan, bound)?.level;
-            Ok(plan.at(level))
+            Ok(plan.with_fidelity(level))
         }
     }
 }

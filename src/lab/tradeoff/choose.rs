@@ -49,11 +49,11 @@ pub fn choose(plan: &Plan, bound: FidelityChoice) -> Result<ChosenLevel, Report>
         !plan.layers().contains(&OutputLayer::Pressure) || level.models(false).gelpad.knows_pressure()
     };
     let levels: Vec<Fidelity> = Fidelity::ALL.into_iter().filter(fits).collect();
-    let reference = plan.at(Fidelity::Reference);
+    let reference = plan.with_fidelity(Fidelity::Reference);
     let exact: Vec<_> = indices.iter().map(|index| render(&reference, *index).impression.contact.surface).collect();
     let mut measured = Vec::new();
     for level in levels {
-        let plan = plan.at(level);
+        let plan = plan.with_fidelity(level);
         let (mut error_um, mut ms) = (0.0_f64, Vec::new());
         for (index, exact) in indices.iter().zip(&exact) {
             // The first run of a sample warms caches and buffers.

@@ -119,13 +119,13 @@ pub struct LeftOut {
 pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     let samples = choose::spread(plan.layout.samples(), count);
     progress("reference");
-    let reference = Measured::new(&plan.at(Fidelity::Reference), &samples);
+    let reference = Measured::new(&plan.with_fidelity(Fidelity::Reference), &samples);
     let mut compared = Vec::new();
     for level in Fidelity::ALL {
         progress(level.name());
         compared.push(match level {
             Fidelity::Reference => reference.compared(level.name(), &reference, plan),
-            _ => Measured::new(&plan.at(level), &samples).compared(level.name(), &reference, plan),
+            _ => Measured::new(&plan.with_fidelity(level), &samples).compared(level.name(), &reference, plan),
         });
     }
     let everything: Vec<usize> = (0..samples.len()).collect();
@@ -138,7 +138,7 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     let objects = objects.collect();
 
     let few = choose::spread(plan.layout.samples(), STUDIED.min(count));
-    let exact = plan.at(Fidelity::Reference);
+    let exact = plan.with_fidelity(Fidelity::Reference);
     let exact_few = Measured::new(&exact, &few);
     progress("other grids");
     let grids = grids(&exact, &few);

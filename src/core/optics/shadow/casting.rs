@@ -29,7 +29,7 @@ impl Casting {
         lights: impl FnOnce([f64; 2]) -> Vec<Caster>,
     ) -> Option<Self> {
         let (surface, pitch) = (coarse.thinned(surface), coarse.pitch(view.mm_per_px));
-        let steepest = Steepest::of(&surface, pitch);
+        let steepest = Steepest::new(&surface, pitch);
         let casting = |caster: Caster| (everywhere || caster.casts(&steepest)).then_some(caster);
         let casters: Vec<Option<Caster>> = lights(pitch).into_iter().map(casting).collect();
         let any = casters.iter().any(Option::is_some);

@@ -25,7 +25,7 @@ pub struct Steepest {
 
 impl Steepest {
     /// Of `surface`, whose pixels are `mm_per_px` apart along x and y. All 0 for an image without neighbours.
-    pub fn of(surface: &Grid<f32>, mm_per_px: [f64; 2]) -> Self {
+    pub fn new(surface: &Grid<f32>, mm_per_px: [f64; 2]) -> Self {
         let level = vec![0.0; surface.width];
         let [mut heights, mut along_x, mut along_y] = [Extremes::default(); 3];
         simd_dispatch(

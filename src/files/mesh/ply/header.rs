@@ -85,7 +85,7 @@ impl Header {
     /// Leaves `words` at the first byte of the body.
     pub(super) fn read(words: &mut Words) -> Result<Header, MeshFileError> {
         if words.word() != Some(b"ply") || words.break_len(words.at) == 0 {
-            return Err(MeshFileError::at(1, MeshFileProblem::Malformed("a PLY file starts with `ply`".into())));
+            return Err(MeshFileError::at_line(1, MeshFileProblem::Malformed("a PLY file starts with `ply`".into())));
         }
         // Where lines end with a CR alone, an LF after the last one belongs to the body.
         let is_lone_cr = words.bytes[words.at] == b'\r' && words.break_len(words.at) == 1;
@@ -106,7 +106,7 @@ impl Header {
                 },
                 b"end_header" => {
                     let encoding = encoding.ok_or_else(|| {
-                        MeshFileError::at(line, MeshFileProblem::Malformed("no `format` above".into()))
+                        MeshFileError::at_line(line, MeshFileProblem::Malformed("no `format` above".into()))
                     })?;
                     elements.iter().try_for_each(Element::check)?;
                     while let Some(b' ' | b'\t') = words.bytes.get(words.at) {
@@ -119,7 +119,7 @@ impl Header {
                 }
                 word => malformed(format!("{} is not a word of a PLY header", quoted(word))),
             };
-            done.map_err(|problem| MeshFileError::at(line, problem))?;
+            done.map_err(|problem| MeshFileError::at_line(line, problem))?;
         }
         Err(MeshFileProblem::EndsEarly("the header".into()).into())
     }
@@ -171,7 +171,7 @@ impl Element {
             _ => return Ok(()),
         };
         let message = format!("element {} lacks the {missing}", self.name);
-        Err(MeshFileError::at(self.line, MeshFileProblem::Malformed(message)))
+        Err(MeshFileError::at_line(self.line, MeshFileProblem::Malformed(message)))
     }
 }
 

@@ -170,7 +170,7 @@ fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Fac
                     None => early().into(),
                     Some(line) => {
                         let message = format!("fewer values than an element {} has", element.name);
-                        MeshFileError::at(line, MeshFileProblem::Malformed(message))
+                        MeshFileError::at_line(line, MeshFileProblem::Malformed(message))
                     }
                 });
             }
