@@ -9,6 +9,7 @@ use image::RgbImage;
 use super::{Failure, print, say};
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::calibrated::{Colors, Table};
+use crate::core::optics::led::Led;
 use crate::dataset::encode::json;
 use crate::files::diagnostic::user_error;
 use crate::files::hash::sha256;
@@ -17,8 +18,9 @@ use crate::files::sensor::Sensor;
 use crate::files::write::write_whole;
 use crate::job::plan::standalone;
 use crate::lab::calibrate::evaluate::{Evaluated, evaluate, picture_name};
+use crate::lab::calibrate::leds::FittedLeds;
 use crate::lab::calibrate::page::{Page, PressPanel};
-use crate::lab::calibrate::run::{Calibration, Request, run};
+use crate::lab::calibrate::run::{Calibration, Request, run, run_leds};
 use crate::lab::calibrate::session;
 use crate::lab::calibrate::taxim::{Imported, import};
 use crate::lab::calibrate::train::Settings;
@@ -29,6 +31,7 @@ use crate::lab::compare::score::Score;
 #[command(after_help = "\
 Example:
   gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml
+  gelsim calibrate --leds three.csv --background untouched.png --out my-sensor.toml
   gelsim calibrate --evaluate others.csv --sensor my-sensor.toml --out simulated
   gelsim calibrate --taxim taxim/calib/gelsight --out my-sensor.toml
 
@@ -55,6 +58,9 @@ pub struct Calibrate {
     /// The sensor file to write; with --evaluate the folder for the pictures
     #[arg(long, value_name = "SENSOR.toml|DIR")]
     out: PathBuf,
+    /// Fit the LEDs alone, for the optics models phong and led: three presses are enough
+    #[arg(long, conflicts_with_all = ["evaluate", "taxim", "drop_bad", "steps"])]
+    leds: bool,
     /// Look for circles that the table lacks, and say how sure each is
     #[arg(long, conflicts_with = "evaluate")]
     detect: bool,
@@ -147,7 +153,8 @@ impl Calibrate {
     }
 
     fn calibrate(&self, presses: &Path, background: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let (session, notes) = session::read(presses, background, sensor, self.detect)?;
+        let fewest = if self.leds { session::FEWEST_FOR_LEDS } else { session::FEWEST };
+        let (session, notes) = session::read(presses, background, sensor, self.detect, fewest)?;
         notes.iter().for_each(|note| say(&format!("note: {note}")));
         let defaults = Settings::default();
         let request = Request {
@@ -157,6 +164,22 @@ impl Calibrate {
             drops_bad: self.drop_bad,
         };
         let count = session.observations.len();
+        if self.leds {
+            let found = run_leds(&session, &request).ok_or_else(|| {
+                user_error(
+                    "no pixel of the presses can be learnt from",
+                    "they are out of view, or the background is white",
+                )
+            })?;
+            let sensor = with_leds(session.sensor.clone(), &found);
+            let sensor =
+                Sensor { gelpad_thickness_mm: self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm), ..sensor };
+            let about = leds_summary(&found);
+            self.write_sensor(sensor, &session.background, None, &about, None)?;
+            print(&lines(&about))?;
+            say(&format!("-> {}", self.out.display()));
+            return Ok(());
+        }
         let Some(found) = run(session, &request) else {
             let message = format!("of {count} presses too few are usable");
             return Err(user_error(message, "leave --drop-bad out to see what speaks against each").into());
@@ -173,12 +196,11 @@ impl Calibrate {
         warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
 
         let summary = summary(&found);
-        let sensor = found.session.sensor(found.geometry.thickness_mm);
+        let sensor = with_leds(found.session.sensor(found.geometry.thickness_mm), &found.leds);
         let page_path = self.out.with_extension("html");
         let page = page(&self.name(), &found, &summary, &warnings);
-        self.write_sensor(sensor, &found.session.background, &found.table, &summary, Some((&page_path, page)))?;
-        let lines = summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n"));
-        print(&lines.collect::<String>())?;
+        self.write_sensor(sensor, &found.session.background, Some(&found.table), &summary, Some((&page_path, page)))?;
+        print(&lines(&summary))?;
         say(&format!("-> {}, {}", self.out.display(), page_path.display()));
         Ok(())
     }
@@ -188,7 +210,7 @@ impl Calibrate {
         let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
         let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
         let about = [(String::from("colours"), format!("Taxim's of {name}"))];
-        self.write_sensor(sensor, &background, &Table::new(Colors::Taxim(colors), 1.0), &about, None)?;
+        self.write_sensor(sensor, &background, Some(&Table::new(Colors::Taxim(colors), 1.0)), &about, None)?;
         say(&format!("-> {}", self.out.display()));
         Ok(())
     }
@@ -203,14 +225,13 @@ impl Calibrate {
         &self,
         sensor: Sensor,
         background: &RgbImage,
-        table: &Table,
+        table: Option<&Table>,
         about: &[(String, String)],
         page: Option<(&Path, String)>,
     ) -> Result<(), Failure> {
         let [table_path, background_path] =
             ["calibration.json", "background.png"].map(|end| self.out.with_extension(end));
-        let mut table = json(table);
-        table.push(b'\n');
+        let table = table.map(|table| [json(table).as_slice(), b"\n"].concat());
         let picture = encode_rgb(background.width() as usize, background.height() as usize, background);
         let sensor = Sensor {
             name: self.name(),
@@ -218,8 +239,8 @@ impl Calibrate {
             file: None,
             background: Some(file_name(&background_path)),
             background_sha256: Some(sha256(&picture)),
-            calibration: Some(file_name(&table_path)),
-            calibration_sha256: Some(sha256(&table)),
+            calibration: table.is_some().then(|| file_name(&table_path)),
+            calibration_sha256: table.as_deref().map(sha256),
             ..sensor
         };
         let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
@@ -228,7 +249,9 @@ impl Calibrate {
             fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
         }
         write(&background_path, &picture)?;
-        write(&table_path, &table)?;
+        if let Some(table) = &table {
+            write(&table_path, table)?;
+        }
         if let Some((path, page)) = page {
             write(path, page.as_bytes())?;
         }
@@ -265,6 +288,32 @@ fn summary(found: &Calibration) -> Vec<(String, String)> {
         line("background alone, contact", figure(&bare_contact)),
         line("background alone, whole image", figure(&bare_full_image)),
     ]
+    .into_iter()
+    .chain(leds_summary(&found.leds))
+    .collect()
+}
+
+/// What was found of the LEDs.
+fn leds_summary(found: &FittedLeds) -> Vec<(String, String)> {
+    let led = |led: &Led| {
+        let [red, green, blue] = led.color;
+        let figure = format!(
+            "azimuth {:.0}, elevation {:.0} degrees, intensity {:.2}, colour {red:.2} {green:.2} {blue:.2}",
+            led.azimuth_deg, led.elevation_deg, led.intensity
+        );
+        (format!("LED {}", led.name), figure)
+    };
+    let left = (String::from("LEDs, left unexplained"), format!("{:.1} grey levels RMS", 255.0 * found.rms));
+    found.leds.iter().map(led).chain([left]).collect()
+}
+
+/// A sensor with these LEDs. What darkens with depth is in the light that they were fitted to.
+fn with_leds(sensor: Sensor, found: &FittedLeds) -> Sensor {
+    Sensor { led: found.leds.clone(), stray_light: Some(found.stray_light), darkening: 0.0, ..sensor }
+}
+
+fn lines(summary: &[(String, String)]) -> String {
+    summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n")).collect()
 }
 
 fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings: &[String]) -> String {

@@ -33,6 +33,11 @@ pub struct Sensor {
     pub background: Background,
     /// The LEDs, for the optics models `phong` and `led`.
     pub leds: Vec<Led>,
+    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1; an optics model may say otherwise.
+    pub darkening: f64,
+    /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
+    /// that image. Without it nothing is scaled.
+    pub stray_light: Option<[f64; 3]>,
     /// Calibrated optics, for the optics model `calibrated`.
     pub calibration: Option<Arc<Table>>,
     /// Dots printed on the pad.

@@ -110,6 +110,8 @@ impl Simulator {
             field_of_view_mm: sensor.field_of_view_mm,
             thickness_mm: sensor.gelpad.thickness_mm,
             photograph: sensor.has_photograph(),
+            darkening: sensor.darkening,
+            stray_light: sensor.stray_light,
         };
         let shader = Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief);
         let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));

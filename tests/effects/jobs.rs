@@ -55,6 +55,7 @@ fn sensor() -> impl Strategy<Value = String> {
             line("preset", &["'gelsight-2014'", "'gelsight-2017'", "'gelsight-mini'", "'digit'"]),
             line("resolution_px", &["[24, 18]", "[32, 24]", "[48, 36]", "[30, 40]", "[40, 18]"]),
             line("field_of_view_mm", &["", "", "[60.0, 45.0]"]),
+            line("stray_light", &["", "", "[0.1, 0.3, 0.0]", "[0.4, 0.4, 1.0]"]),
             prop_oneof![3 => Just(String::new()), 1 => Just(format!("background = '{photograph}'\n"))].boxed(),
         ],
     );

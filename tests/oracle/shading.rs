@@ -22,7 +22,7 @@ pub fn phong(slope: [f64; 2], led: &Led, constants: &Phong) -> f64 {
 
 /// What the method gives for a place on the pad, 1 = full scale.
 pub fn brightness(slope: [f64; 2], displacement: f64, sensor: &Sensor, constants: &Phong, rest: [f64; 3]) -> [f64; 3] {
-    let kept = 1.0 - constants.darkening * displacement / sensor.gelpad_thickness_mm;
+    let kept = 1.0 - constants.darkening.unwrap_or(sensor.darkening) * displacement / sensor.gelpad_thickness_mm;
     std::array::from_fn(|k| {
         let gain = |led: &Led| {
             let flat = match constants.equation {
@@ -31,6 +31,7 @@ pub fn brightness(slope: [f64; 2], displacement: f64, sensor: &Sensor, constants
             };
             (phong(slope, led, constants) - flat) * led.color[k] * led.intensity
         };
-        (constants.ambient * rest[k] + sensor.led.iter().map(gain).sum::<f64>()) * kept
+        let scale = sensor.stray_light.map_or(1.0, |stray| (rest[k] - stray[k]).max(0.0));
+        (constants.ambient * rest[k] + scale * sensor.led.iter().map(gain).sum::<f64>()) * kept
     })
 }

@@ -1,7 +1,7 @@
 //! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow twins in f64.
 //!
 //! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
-//! and light against closed forms; `scene` labels against what they describe; `frames` depth frames against
+//! and light against closed forms; `presets` the light of presets against figures of real sensors; `scene` labels against what they describe; `frames` depth frames against
 //! the objects that they show; `twin` whole samples against a plain f64
 //! pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
@@ -23,6 +23,7 @@ mod kernel;
 mod ladder;
 mod optics;
 mod oracle;
+mod presets;
 mod reference_solutions;
 mod rig;
 mod scene;

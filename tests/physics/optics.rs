@@ -22,7 +22,7 @@ use crate::plan::plan;
 const PAPERS_LEDS: [(f64, f64); 4] = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
 
 fn without_darkening() -> Phong {
-    Phong { darkening: 0.0, ..Phong::default() }
+    Phong { darkening: Some(0.0), ..Phong::default() }
 }
 
 /// Largest difference between the light at every pixel and `expected(column, row)`.
@@ -50,14 +50,16 @@ fn a_tilted_plane_under_one_led_has_the_closed_forms_brightness() {
             [(8.530_765_609_948_133, 0.5), (0.0, 0.25), (60.0, 0.25), (35.0, 2.0), (90.0, 0.5)]
         {
             for (k, (towards_x, towards_y)) in sideways.into_iter().enumerate() {
-                for darkening in [0.0, 0.35] {
+                // The third channel's stray light is more than all that the background has.
+                for (darkening, stray_light) in [(0.0, None), (0.35, None), (0.0, Some([0.1, 0.0, 0.5]))] {
                     let mut light = led(45.0 * k as f64, elevation);
                     light.color = [1.0, 0.5, 0.125];
                     light.intensity = 0.75;
-                    let sensor = sensor([12, 9], 1.0 / 32.0, vec![light]);
+                    let mut sensor = sensor([12, 9], 1.0 / 32.0, vec![light]);
+                    sensor.stray_light = stray_light;
                     let camera = camera_of(&sensor);
                     let rest = grey(&camera, 102);
-                    let constants = Phong { shininess, darkening, ..Phong::default() };
+                    let constants = Phong { shininess, darkening: Some(darkening), ..Phong::default() };
                     for (a, b) in sideways {
                         // A power of two, so that f32 holds the surface exactly.
                         let slope = [a * steepness, b * steepness];
@@ -473,7 +475,7 @@ fn a_level_pad_darkens_in_proportion_to_its_displacement() {
     let camera = camera_of(&sensor);
     let rest = grey(&camera, 204);
     for darkening in [0.0, 0.35, 1.0] {
-        let constants = Phong { darkening, ..Phong::default() };
+        let constants = Phong { darkening: Some(darkening), ..Phong::default() };
         for displacement in [-0.2, 0.0, 0.75, 1.5, 3.0] {
             let light = shade(constants, &sensor, &contact_of(&camera, |_| displacement), &rest);
             let expected = 0.8 * (1.0 - darkening * displacement / 3.0);

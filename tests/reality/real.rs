@@ -26,7 +26,7 @@ pub fn folder() -> Option<PathBuf> {
 /// The presses in a sensor's folder; None, with a message, where they cannot be calibrated from.
 pub fn session(folder: &Path) -> Option<Session> {
     let [table, background] = ["annotations.csv", "background.png"].map(|file| folder.join(file));
-    match session::read(&table, &background, Sensor::default(), false) {
+    match session::read(&table, &background, Sensor::default(), false, session::FEWEST) {
         Ok((session, _)) => Some(session),
         Err(_) => {
             println!("{}: no table of circles and balls of known size", folder.display());

@@ -10,8 +10,15 @@ use super::shapes::{Random, Shape};
 use super::sound;
 
 /// Keys with values at the ends of their ranges, and some between.
-const KEYS: [(&str, &[&str]); 38] = [
+const KEYS: [(&str, &[&str]); 41] = [
     ("sensor.gelpad_youngs_modulus_kpa", &["1e-3", "1e9"]),
+    ("sensor.darkening", &["0.0", "1.0"]),
+    ("sensor.stray_light", &["[0.0, 0.0, 0.0]", "[0.4, 0.0, 1.0]"]),
+    (
+        "sensor.rendered_background.pattern",
+        &["{ red = [0,0,0,0,0,0,0,0,0,0,0,0,0,0,0], green = [1,0,0,0,0,0,0,0,0,0,0,0,0,0,0], \
+             blue = [100,-100,100,-100,100,-100,100,-100,100,-100,100,-100,100,-100,100] }"],
+    ),
     ("sensor.rendered_background.color", &["[0.0, 0.0, 0.0]", "[1.0, 1.0, 1.0]"]),
     ("sensor.rendered_background.glow", &["0.0", "10.0"]),
     ("sensor.rendered_background.glow_reach_mm", &["1e-3", "1e6"]),

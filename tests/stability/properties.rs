@@ -42,8 +42,10 @@ fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
             plan.job().sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular)
         })
         .fold(0.0, f64::max);
-    let brightened =
-        1.0 + phong.darkening * f64::from(sample.impression.contact.bulge_mm.max(0.0)) / plan.thickness_mm();
+    let brightened = 1.0
+        + phong.darkening.unwrap_or(plan.job().sensor.darkening)
+            * f64::from(sample.impression.contact.bulge_mm.max(0.0))
+            / plan.thickness_mm();
     [-most * brightened, (1.0 + most) * brightened]
 }
 

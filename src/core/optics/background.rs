@@ -2,6 +2,7 @@
 //!
 //! The rendered one is a plausible look, not a measurement: diffuse light, a glow that falls off from each LED's edge
 //! of the image, a vignette, and the fine grain of the coating, which is the same in every sample. The model is ours.
+//! A `pattern` is a measurement: what real pads of a kind have in common, a polynomial of fourth degree in each channel.
 
 use super::led::Led;
 use crate::core::base::angle::sin_cos_deg;
@@ -83,6 +84,10 @@ impl BackgroundImage {
                 let x = (i as f64 + 0.5) * view.mm_per_px[0] - half[0];
                 let y = (j as f64 + 0.5) * view.mm_per_px[1] - half[1];
                 let mut color = look.color;
+                if let Some(pattern) = &look.pattern {
+                    let factors = pattern.at(x / half[0], y / half[1]);
+                    color.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
+                }
                 for led in leds {
                     let (sin, cos) = sin_cos_deg(led.azimuth_deg);
                     let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
@@ -119,6 +124,35 @@ pub struct RenderedBackground {
     pub grain: f64,
     /// Size of the grain, mm.
     pub grain_size_mm: f64,
+    /// How each channel varies over the pad, times `color`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pattern: Option<Pattern>,
+}
+
+/// A polynomial of fourth degree for each channel in the place x, y, each from -1 at the left and the top of the image to 1: the
+/// factors of 1, y, y^2, y^3, y^4, x, x y, x y^2, x y^3, x^2, x^2 y, x^2 y^2, x^3, x^3 y, x^4.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Pattern {
+    /// Of red.
+    pub red: [f64; 15],
+    /// Of green.
+    pub green: [f64; 15],
+    /// Of blue.
+    pub blue: [f64; 15],
+}
+
+impl Pattern {
+    /// Red, green and blue at a place; never below 0.
+    fn at(&self, x: f64, y: f64) -> [f64; 3] {
+        let powers = |v: f64| [1.0, v, v * v, v * v * v, v * v * v * v];
+        let (px, py) = (powers(x), powers(y));
+        [&self.red, &self.green, &self.blue].map(|coefficients| {
+            let degrees = (0..5).flat_map(|i| (0..5 - i).map(move |j| (i, j)));
+            degrees.zip(coefficients).map(|((i, j), c)| c * px[i] * py[j]).sum::<f64>().max(0.0)
+        })
+    }
 }
 
 impl Default for RenderedBackground {
@@ -130,6 +164,7 @@ impl Default for RenderedBackground {
             vignette: 0.22,
             grain: 0.006,
             grain_size_mm: 0.12,
+            pattern: None,
         }
     }
 }

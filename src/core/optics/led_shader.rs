@@ -25,6 +25,8 @@ pub struct Shader {
     threshold: Threshold,
     /// Share of the light lost per mm of displacement.
     darkening_per_mm: f32,
+    /// Light of the background that is not the LEDs', if theirs is scaled by what is left.
+    pub(super) stray_light: Option<[f32; 3]>,
     pub(super) view: View,
 }
 
@@ -63,7 +65,8 @@ impl Shader {
             lamps,
             flat: Vec::new(),
             relief: None,
-            darkening_per_mm: (phong.darkening / light.thickness_mm) as f32,
+            darkening_per_mm: (phong.darkening.unwrap_or(light.darkening) / light.thickness_mm) as f32,
+            stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
         };
         let relative = phong.equation == Equation::Relative;

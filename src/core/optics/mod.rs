@@ -67,6 +67,11 @@ pub struct Illumination<'a> {
     pub thickness_mm: f64,
     /// The background image is a photograph.
     pub photograph: bool,
+    /// Share of the light lost where the pad is pressed down to the shell.
+    pub darkening: f64,
+    /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
+    /// that image. Without it nothing is scaled.
+    pub stray_light: Option<[f64; 3]>,
 }
 
 /// A model made ready for one sensor: everything that is the same for every sample.

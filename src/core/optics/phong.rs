@@ -7,6 +7,10 @@
 //! untouched pad is the background exactly (`equation = "literal"` gives the paper's sum). How it darkens with
 //! depth is ours: a share of the light that grows in proportion to the displacement.
 //!
+//! The light of LEDs is not even over a real pad: where the untouched pad is bright, a slope changes it more. A sensor whose
+//! `stray_light` s is known has what its LEDs add scaled by what they gave the untouched pad, background - s, in each
+//! channel; so LEDs that were fitted to one unit go with the background image of another.
+//!
 //! Valid for low relief without interreflection; light is added in display values, as in the paper.
 
 use serde::{Deserialize, Serialize};
@@ -34,8 +38,10 @@ pub struct Phong {
     pub specular: f64,
     /// alpha: exponent of the specular lobe, 0 to 1000. The paper's: 5.
     pub shininess: f64,
-    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1. Not in the paper: 0.35.
-    pub darkening: f64,
+    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1; the sensor's where it is left out. Not
+    /// in the paper.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub darkening: Option<f64>,
     /// What is added to the background.
     pub equation: Equation,
     /// Shadows that the surface casts on itself. Not in the paper.
@@ -49,7 +55,7 @@ impl Default for Phong {
             diffuse: 0.5,
             specular: 0.15,
             shininess: 5.0,
-            darkening: 0.35,
+            darkening: None,
             equation: Equation::Relative,
             shadows: Shadows::Soft(Soft::default()),
         }
@@ -206,6 +212,8 @@ impl WithPower for Picture<'_> {
 /// What is kept of one row on the way.
 #[derive(Default)]
 struct Rows {
+    /// What the LEDs add to each channel, where that is scaled by the background.
+    added: [Vec<f32>; 3],
     normals: Normals,
     gain: Vec<f32>,
     share: Vec<f32>,
@@ -247,7 +255,7 @@ fn shade_row(
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
-    let Rows { normals, gain, share, line } = rows;
+    let Rows { added, normals, gain, share, line } = rows;
     set_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
@@ -255,7 +263,15 @@ fn shade_row(
         let rest_row = &rest_plane[y * rest.width + region.x0..][..width];
         plane.extend(rest_row.iter().map(|value| f32::from(*value) * ambient));
     }
-    let [red, green, blue] = light.planes.each_mut().map(|plane| &mut plane[row * width..][..width]);
+    let mut planes = light.planes.each_mut().map(|plane| &mut plane[row * width..][..width]);
+    let [red, green, blue] = match shader.stray_light {
+        None => planes.each_mut().map(|plane| &mut **plane),
+        Some(_) => added.each_mut().map(|added| {
+            added.clear();
+            added.resize(width, 0.0);
+            &mut added[..]
+        }),
+    };
     let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
@@ -284,6 +300,15 @@ fn shade_row(
             blue[x] += gain[x] * color[2];
         }
     }
+    if let Some(stray_light) = shader.stray_light {
+        for (channel, plane) in planes.iter_mut().enumerate() {
+            let rest_row = &rest.planes[channel][y * rest.width + region.x0..][..width];
+            for ((value, added), rest) in plane.iter_mut().zip(&added[channel]).zip(rest_row) {
+                *value += added * (f32::from(*rest) * (1.0 / 255.0) - stray_light[channel]).max(0.0);
+            }
+        }
+    }
+    let [red, green, blue] = planes;
     let here = &lit.displacement.row(y + SURFACE_BORDER)[region.x0 + SURFACE_BORDER..][..width];
     for x in 0..width {
         let kept = 1.0 - lit.darkening_per_mm * here[x];

@@ -39,6 +39,8 @@ impl Threshold {
             let [x, y, _] = lamp.seen_from([0.0, 0.0]).map(f64::from);
             [x.clamp(-half_x, half_x) as f32, y.clamp(-half_y, half_y) as f32]
         };
+        // No background is brighter than white.
+        let most = light.stray_light.map_or([1.0; 3], |stray| stray.map(|share| 1.0 - share));
         let change = |angle: f64| {
             let mut sums = [0.0; 3];
             for lamp in lamps {
@@ -56,8 +58,10 @@ impl Threshold {
                 };
                 let change = f64::from(lamp.strength(at)) * (phong.diffuse + phong.specular * lobe) * angle;
                 // A lobe that is infinitely steep times no light is no change.
-                for (sum, share) in sums.iter_mut().zip(lamp.color).filter(|(_, share)| *share > 0.0) {
-                    *sum += f64::from(share) * change;
+                for ((sum, share), most) in
+                    sums.iter_mut().zip(lamp.color).zip(most).filter(|((_, share), _)| *share > 0.0)
+                {
+                    *sum += f64::from(share) * most * change;
                 }
             }
             sums.into_iter().fold(0.0, f64::max)
@@ -70,7 +74,7 @@ impl Threshold {
         if matches!(phong.shadows, Shadows::Soft(_)) {
             low = low.min(FLATTEST_CASTER);
         }
-        let per_mm = phong.darkening / light.thickness_mm;
+        let per_mm = phong.darkening.unwrap_or(light.darkening) / light.thickness_mm;
         Self {
             // Slopes along x and y are compared one by one.
             slope: (low * std::f64::consts::FRAC_1_SQRT_2) as f32,

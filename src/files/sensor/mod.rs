@@ -71,6 +71,13 @@ pub struct Sensor {
     /// The camera. A job's `[camera]` table overrides single keys of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraDistribution>,
+    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1. A job's `optics.phong.darkening`
+    /// overrides it.
+    pub darkening: f64,
+    /// Red, green and blue of the untouched pad that are not the LEDs' light, 0 to 1: what LEDs change is scaled by the rest
+    /// of the background image, pixel by pixel. Without it, by nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stray_light: Option<[f64; 3]>,
     /// How the untouched pad looks where there is no `background`.
     pub rendered_background: RenderedBackground,
     /// The LEDs.
@@ -98,6 +105,8 @@ impl Sensor {
             coating: self.grain,
             background: Background::Rendered(self.rendered_background.clone()),
             leds: self.led.clone(),
+            darkening: self.darkening,
+            stray_light: self.stray_light,
             calibration: None,
             markers: markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() }),
             camera: camera.resting(),
@@ -111,6 +120,8 @@ impl Sensor {
             field_of_view_mm: self.field_of_view_mm,
             thickness_mm: self.gelpad_thickness_mm,
             photograph: self.background.is_some(),
+            darkening: self.darkening,
+            stray_light: self.stray_light,
         }
     }
 }
@@ -141,6 +152,8 @@ impl Default for Sensor {
             grain: None,
             markers: None,
             camera: None,
+            darkening: 0.35,
+            stray_light: None,
             rendered_background: RenderedBackground::default(),
             led: vec![
                 led("white", 0.0, [1.0, 1.0, 1.0], 0.5),

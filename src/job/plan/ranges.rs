@@ -77,7 +77,19 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     if sensor.name.is_empty() {
         check.error("sensor.name", "the sensor's name is empty", "for example name = \"my-sensor\"");
     }
+    check.number("sensor.darkening", sensor.darkening, 0.0..=1.0, "");
+    for (k, share) in sensor.stray_light.iter().flatten().enumerate() {
+        check.number(&format!("sensor.stray_light.{k}"), *share, 0.0..=1.0, "");
+    }
     let look = &sensor.rendered_background;
+    if let Some(pattern) = &look.pattern {
+        for (channel, coefficients) in [("red", &pattern.red), ("green", &pattern.green), ("blue", &pattern.blue)] {
+            for (k, coefficient) in coefficients.iter().enumerate() {
+                let path = format!("sensor.rendered_background.pattern.{channel}.{k}");
+                check.number(&path, *coefficient, -100.0..=100.0, "");
+            }
+        }
+    }
     for k in 0..3 {
         check.number(&format!("sensor.rendered_background.color.{k}"), look.color[k], 0.0..=1.0, "");
     }
@@ -169,7 +181,9 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
             check.number(&path("diffuse"), phong.diffuse, 0.0..=10.0, "");
             check.number(&path("specular"), phong.specular, 0.0..=10.0, "");
             check.number(&path("shininess"), phong.shininess, 0.0..=1000.0, "");
-            check.number(&path("darkening"), phong.darkening, 0.0..=1.0, "");
+            if let Some(darkening) = phong.darkening {
+                check.number(&path("darkening"), darkening, 0.0..=1.0, "");
+            }
         }
         None if job.sensor.calibration.is_none() && check.sound("sensor") => {
             let help = "name the file that `gelsim calibrate` wrote: [sensor] file = \"...\"; or choose phong or led";

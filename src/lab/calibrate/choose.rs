@@ -45,8 +45,10 @@ pub fn choose(session: &Session, request: &Request) -> Geometry {
         let impossible = if 10 * largest > session.observations.len() { largest as f64 } else { 0.0 };
         (session.pixels(&places, &surfaces, sky), impossible)
     };
-    let mut geometry =
-        Geometry { thickness_mm: thickness_mm.unwrap_or(4.0), contact_over_disc: contact_over_disc.unwrap_or(0.95) };
+    let mut geometry = Geometry {
+        thickness_mm: thickness_mm.unwrap_or(4.0),
+        contact_over_disc: contact_over_disc.unwrap_or(Geometry::USUAL_CONTACT),
+    };
     if thickness_mm.is_none() {
         let tried = THICKNESSES_MM.map(|thickness_mm| Geometry { thickness_mm, ..geometry });
         geometry = best(&tried, geometry, |tried| {

@@ -24,6 +24,7 @@ pub mod choose;
 pub mod detect;
 pub mod evaluate;
 pub mod geometry;
+pub mod leds;
 pub mod outliers;
 pub mod page;
 pub mod pixels;
@@ -70,6 +71,11 @@ pub struct Geometry {
     pub thickness_mm: f64,
     /// Radius of the contact over that of the disc which people see.
     pub contact_over_disc: f64,
+}
+
+impl Geometry {
+    /// Contact over disc where nothing is known of it.
+    pub const USUAL_CONTACT: f64 = 0.95;
 }
 
 /// Surfaces of a session's presses.

@@ -32,6 +32,8 @@ pub struct Pixels {
     pub inputs: Vec<[f32; INPUTS]>,
     /// Picture less background, as fractions of full scale.
     pub change: Vec<[f32; 3]>,
+    /// The background there, as fractions of full scale.
+    pub background: Vec<[f32; 3]>,
     /// 1 where the picture is white, -1 where it is black, 0 elsewhere: the change may be larger than it shows.
     pub clipped: Vec<[f32; 3]>,
 }
@@ -52,6 +54,7 @@ impl Pixels {
         self.normals.extend_from_slice(&other.normals);
         self.inputs.extend_from_slice(&other.inputs);
         self.change.extend_from_slice(&other.change);
+        self.background.extend_from_slice(&other.background);
         self.clipped.extend_from_slice(&other.clipped);
     }
 
@@ -78,6 +81,7 @@ impl Pixels {
             let color = |image: &RgbImage| image.get_pixel(x as u32, y as u32).0;
             let (real, rest) = (color(&observation.image), color(background));
             pixels.change.push(std::array::from_fn(|k| (f32::from(real[k]) - f32::from(rest[k])) / 255.0));
+            pixels.background.push(rest.map(|level| f32::from(level) / 255.0));
             pixels.clipped.push(real.map(|level| f32::from(i8::from(level == 255) - i8::from(level == 0))));
         }
         pixels

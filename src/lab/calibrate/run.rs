@@ -4,6 +4,7 @@ use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
 use super::choose::choose;
+use super::leds::{FittedLeds, fit_leds};
 use super::outliers::outlier_reasons;
 use super::pixels::{DILATE, Pixels};
 use super::train::Settings;
@@ -40,6 +41,8 @@ pub struct Calibration {
     pub geometry: Geometry,
     /// The light.
     pub table: Table,
+    /// LEDs that come nearest to it, for the optics models `phong` and `led`.
+    pub leds: FittedLeds,
     /// Each press by a model of the others.
     pub held_out: Vec<HeldOut>,
     /// What speaks against each press.
@@ -78,6 +81,7 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
     }
     let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), &request.settings, 100);
     Some(Calibration {
+        leds: fit_leds(&pixels)?,
         session,
         geometry,
         table: table(response, geometry),
@@ -95,6 +99,18 @@ fn learn(session: &Session, geometry: Geometry, request: &Request) -> (Vec<Pixel
     let held_out = cross_validate(session, &surfaces, &pixels, geometry, &request.settings);
     let odd = odd_ones(&surfaces, &held_out);
     (pixels, held_out, odd)
+}
+
+/// Fits the LEDs alone, on a pad whose thickness and contact are not chosen: the sensor's thickness, and the usual contact, if the
+/// request has none. `None` without pixels.
+pub fn run_leds(session: &Session, request: &Request) -> Option<FittedLeds> {
+    let geometry = Geometry {
+        thickness_mm: request.thickness_mm.unwrap_or(session.sensor.gelpad_thickness_mm),
+        contact_over_disc: request.contact_over_disc.unwrap_or(Geometry::USUAL_CONTACT),
+    };
+    let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
+    let surfaces = session.surfaces(geometry, &half);
+    fit_leds(&session.pixels(&session.places(PIXELS), &surfaces, false))
 }
 
 /// Takes the presses that something speaks against out of the session.

@@ -16,6 +16,8 @@ use crate::lab::presses::{self, Press, Table};
 
 /// Fewer presses teach nothing that holds elsewhere.
 pub const FEWEST: usize = 5;
+/// Fewer do not tell three LEDs apart.
+pub const FEWEST_FOR_LEDS: usize = 3;
 
 /// Sides of the view that a sensor file may have, mm.
 const VIEWS_MM: RangeInclusive<f64> = 1e-3..=1e4;
@@ -29,7 +31,13 @@ pub fn picture(path: &Path) -> Result<RgbImage, String> {
 
 /// Reads a session of `sensor`, of which only the view is not known yet. Circles that the table lacks are looked for if
 /// `detects`. Returns notes with it, and every mistake instead of it.
-pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> Result<(Session, Vec<String>), Report> {
+pub fn read(
+    table: &Path,
+    background: &Path,
+    sensor: Sensor,
+    detects: bool,
+    fewest: usize,
+) -> Result<(Session, Vec<String>), Report> {
     let table = presses::read(table)?;
     let mut problems = Diagnostics::default();
     let untouched = picture(background);
@@ -51,8 +59,8 @@ pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> R
             }),
         }
     }
-    if problems.is_empty() && observations.len() < FEWEST {
-        problems.push(few(&table, observations.len()));
+    if problems.is_empty() && observations.len() < fewest {
+        problems.push(few(&table, observations.len(), fewest));
     }
     let Some(background) = background else { return Err(table.report(&problems)) };
     let resolution_px = <[u32; 2]>::from(background.dimensions());
@@ -67,10 +75,10 @@ pub fn read(table: &Path, background: &Path, sensor: Sensor, detects: bool) -> R
     Ok((Session { sensor, camera, background, observations }, notes))
 }
 
-fn few(table: &Table, count: usize) -> Diagnostic {
+fn few(table: &Table, count: usize, fewest: usize) -> Diagnostic {
     let last = table.presses.last().map_or(1, |press| press.line);
     let message = format!("{count} presses are too few to learn from");
-    table.problem(last, message).help(format!("give {FEWEST} at least; 20 to 50 all over the picture are good"))
+    table.problem(last, message).help(format!("give {fewest} at least; 20 to 50 all over the picture are good"))
 }
 
 type Mistakes = Vec<(String, String)>;

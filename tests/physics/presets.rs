@@ -1,0 +1,90 @@
+//! Presets against figures measured on real sensors: on which side of a pressed ball each channel brightens, and by how much.
+
+use gelsim::{Fidelity, Indenter, Sensor, Simulator};
+
+/// A real sensor: the ball that was pressed in, and for each channel the direction in which it brightens over the contact, in
+/// degrees from +x towards +y, with the change at the contact's rim, grey levels. Fitted linearly over the discs of all presses.
+struct Measured {
+    preset: &'static str,
+    ball_radius_mm: f64,
+    contact_radius_mm: f64,
+    channels: [(f64, Option<f64>); 3],
+}
+
+const MEASURED: [Measured; 3] = [
+    // 33 presses.
+    Measured {
+        preset: "gelsight-mini",
+        ball_radius_mm: 4.735,
+        contact_radius_mm: 1.8,
+        channels: [(-99.0, Some(57.0)), (5.0, Some(55.0)), (78.0, Some(57.0))],
+    },
+    // 27 presses.
+    Measured {
+        preset: "digit",
+        ball_radius_mm: 3.0,
+        contact_radius_mm: 1.9,
+        channels: [(-45.0, Some(75.0)), (-162.0, Some(62.0)), (75.0, Some(80.0))],
+    },
+    // 31 presses; their strengths were not compared.
+    Measured {
+        preset: "gelsight-2017",
+        ball_radius_mm: 2.0,
+        contact_radius_mm: 1.5,
+        channels: [(-1.0, None), (-117.0, None), (129.0, None)],
+    },
+];
+
+/// Direction and change at the rim of each channel, and the radius of the contact.
+fn rendered(simulator: &Simulator, ball_radius_mm: f64, depth_mm: f64) -> ([(f64, f64); 3], f64) {
+    let view = *simulator.view();
+    let [width, height] = view.resolution_px;
+    let places: Vec<[f64; 2]> =
+        (0..width * height).map(|at| view.point_mm([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5])).collect();
+    let ball = |[x, y]: &[f64; 2]| match ball_radius_mm.powi(2) - x * x - y * y {
+        left if left > 0.0 => (depth_mm - ball_radius_mm + left.sqrt()) as f32,
+        _ => f32::NEG_INFINITY,
+    };
+    let ball = Indenter::height_map([width, height], places.iter().map(ball).collect()).expect("a ball");
+    let pressed = simulator.press(&ball);
+    let touching = pressed.contact_mask().iter().filter(|value| **value > 0).count() as f64;
+    let contact_mm = (touching * view.mm_per_px[0] * view.mm_per_px[1] / std::f64::consts::PI).sqrt();
+    let (mut sums, mut squares) = ([[0.0; 2]; 3], 0.0);
+    for (at, place) in places.iter().enumerate().filter(|(_, place)| place[0].hypot(place[1]) <= contact_mm) {
+        squares += 0.5 * (place[0] * place[0] + place[1] * place[1]);
+        for (channel, sums) in sums.iter_mut().enumerate() {
+            let level = |rgb: &[u8]| f64::from(rgb[3 * at + channel]);
+            let change = level(&pressed.image.rgb) - level(&simulator.untouched().rgb);
+            sums.iter_mut().zip(place).for_each(|(sum, along)| *sum += change * along);
+        }
+    }
+    (sums.map(|[x, y]| (y.atan2(x).to_degrees(), x.hypot(y) / squares * contact_mm)), contact_mm)
+}
+
+#[test]
+fn each_colour_brightens_on_its_side_of_a_ball_and_as_strongly_as_on_real_sensors() {
+    for Measured { preset, ball_radius_mm, contact_radius_mm, channels } in MEASURED {
+        let sensor = Sensor::preset(preset).expect("a preset");
+        let simulator = Simulator::new(&sensor, Fidelity::Standard).expect("a sensor");
+        // The depth at which the contact is as large.
+        let (mut low, mut high) = (0.02, 1.5);
+        for _ in 0..12 {
+            let middle = 0.5 * (low + high);
+            if rendered(&simulator, ball_radius_mm, middle).1 < contact_radius_mm {
+                low = middle
+            } else {
+                high = middle
+            }
+        }
+        let (found, contact_mm) = rendered(&simulator, ball_radius_mm, low);
+        println!("{preset}: depth {low:.2} mm, contact {contact_mm:.2} mm, {found:.0?} for {channels:?}");
+        assert!((contact_mm / contact_radius_mm - 1.0).abs() < 0.1, "{preset}: contact of {contact_mm} mm");
+        for ((direction, strength), (expected, expected_strength)) in found.into_iter().zip(channels) {
+            let turned = (direction - expected + 180.0).rem_euclid(360.0) - 180.0;
+            assert!(turned.abs() < 25.0, "{preset}: {found:?} for {channels:?}");
+            if let Some(expected) = expected_strength {
+                assert!((0.6..1.6).contains(&(strength / expected)), "{preset}: {found:?} for {channels:?}");
+            }
+        }
+    }
+}
