@@ -126,7 +126,7 @@ pub struct RenderedBackground {
     pub grain_size_mm: f64,
     /// How each channel varies over the pad, times `color`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub pattern: Option<Pattern>,
+    pub pattern: Option<Box<Pattern>>,
 }
 
 /// A polynomial of fourth degree for each channel in the place x, y, each from -1 at the left and the top of the image to 1: the
