@@ -34,7 +34,7 @@ impl Arrays {
     /// Of a sample of `plan`, with the plan's layers.
     pub fn new(plan: &Plan, sample: Sample) -> Self {
         let values = |layer: &OutputLayer| {
-            let values = match content(plan, &sample, *layer) {
+            let values = match content(&sample, *layer) {
                 Content::Floats(values) => Values::Floats(values),
                 Content::Bytes(bytes) => Values::Bytes(bytes.into_owned()),
                 Content::Markers(positions) => Values::Markers(vec![positions]),

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use image::RgbImage;
 
-use super::{Failure, print, say};
+use super::{Failure, checked_threads, no_threads, print, say};
 use crate::core::fidelity::Fidelity;
+use crate::core::optics::calibrated::beyond::Range;
 use crate::core::optics::calibrated::{Colors, Table};
 use crate::core::optics::led::Led;
 use crate::dataset::encode::json;
@@ -17,13 +18,14 @@ use crate::files::png::encode_rgb;
 use crate::files::sensor::Sensor;
 use crate::files::write::write_whole;
 use crate::job::plan::standalone;
+use crate::lab::calibrate::camera::{MeasuredCamera, measure};
 use crate::lab::calibrate::evaluate::{Evaluated, evaluate, picture_name};
 use crate::lab::calibrate::leds::FittedLeds;
 use crate::lab::calibrate::page::{Page, PressPanel};
 use crate::lab::calibrate::run::{Calibration, Request, run, run_leds};
-use crate::lab::calibrate::session;
 use crate::lab::calibrate::taxim::{Imported, import};
 use crate::lab::calibrate::train::Settings;
+use crate::lab::calibrate::{Geometry, Session, session, surfaces};
 use crate::lab::compare::score::Score;
 
 /// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
@@ -61,6 +63,9 @@ pub struct Calibrate {
     /// Fit the LEDs alone, for the optics models phong and led: three presses are enough
     #[arg(long, conflicts_with_all = ["evaluate", "taxim", "drop_bad", "steps"])]
     leds: bool,
+    /// Folder for the pad's surface under each press as arrays (mm), normals and contact masks: labels for the images
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["evaluate", "taxim"])]
+    surfaces: Option<PathBuf>,
     /// Look for circles that the table lacks, and say how sure each is
     #[arg(long, conflicts_with = "evaluate")]
     detect: bool,
@@ -77,6 +82,9 @@ pub struct Calibrate {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     #[arg(conflicts_with_all = ["evaluate", "taxim"])]
     steps: Option<u32>,
+    /// Threads [default: all cores]
+    #[arg(long, value_name = "T")]
+    threads: Option<usize>,
     /// Fidelity level for --evaluate
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level(), default_value = "standard", requires = "evaluate")]
     fidelity: Fidelity,
@@ -99,6 +107,17 @@ fn fraction(text: &str) -> Result<f64, String> {
 
 impl Calibrate {
     pub(super) fn run(self) -> Result<(), Failure> {
+        match checked_threads(self.threads)? {
+            None => self.run_here(),
+            Some(threads) => {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+                pool.map_err(|error| no_threads(&error))?.install(|| self.run_here())
+            }
+        }
+    }
+
+    /// Runs on the threads of the pool that this is called in.
+    fn run_here(&self) -> Result<(), Failure> {
         if let (Some(table), Some(sensor)) = (&self.evaluate, &self.sensor) {
             return self.evaluate(table, sensor);
         }
@@ -112,6 +131,14 @@ impl Calibrate {
         if let Some(file) = self.out.ancestors().skip(1).find(|above| above.is_file()) {
             let message = format!("{} is no folder", file.display());
             return Err(user_error(message, "choose another place with --out").into());
+        }
+        if let Some(folder) = &self.surfaces {
+            surfaces::check(folder)?;
+            let within = |path: &Path| std::path::absolute(path).map_err(|error| failed(path, &error));
+            if within(&self.out)?.starts_with(within(folder)?) {
+                let message = format!("{} would be among the surfaces", self.out.display());
+                return Err(user_error(message, "choose another folder with --surfaces").into());
+            }
         }
         let start = match &self.sensor {
             Some(name) => standalone::sensor(name)?.written,
@@ -163,23 +190,10 @@ impl Calibrate {
             contact_over_disc: self.contact_over_disc,
             drops_bad: self.drop_bad,
         };
-        let count = session.observations.len();
         if self.leds {
-            let found = run_leds(&session, &request).ok_or_else(|| {
-                user_error(
-                    "no pixel of the presses can be learnt from",
-                    "they are out of view, or the background is white",
-                )
-            })?;
-            let sensor = with_leds(session.sensor.clone(), &found);
-            let sensor =
-                Sensor { gelpad_thickness_mm: self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm), ..sensor };
-            let about = leds_summary(&found);
-            self.write_sensor(sensor, &session.background, None, &about, None)?;
-            print(&lines(&about))?;
-            say(&format!("-> {}", self.out.display()));
-            return Ok(());
+            return self.fit_leds(&session, &request);
         }
+        let count = session.observations.len();
         let Some(found) = run(session, &request) else {
             let message = format!("of {count} presses too few are usable");
             return Err(user_error(message, "leave --drop-bad out to see what speaks against each").into());
@@ -197,11 +211,29 @@ impl Calibrate {
 
         let summary = summary(&found);
         let sensor = with_leds(found.session.sensor(found.geometry.thickness_mm), &found.leds);
+        let sensor = with_camera(sensor, found.camera.as_ref());
+        self.write_surfaces(&found.session, found.geometry)?;
         let page_path = self.out.with_extension("html");
         let page = page(&self.name(), &found, &summary, &warnings);
         self.write_sensor(sensor, &found.session.background, Some(&found.table), &summary, Some((&page_path, page)))?;
         print(&lines(&summary))?;
         say(&format!("-> {}, {}", self.out.display(), page_path.display()));
+        Ok(())
+    }
+
+    /// Fits the LEDs alone.
+    fn fit_leds(&self, session: &Session, request: &Request) -> Result<(), Failure> {
+        let geometry = request.geometry(session);
+        let found = run_leds(session, geometry).ok_or_else(|| {
+            user_error("no pixel of the presses can be learnt from", "they are out of view, or the background is white")
+        })?;
+        let camera = measure(session);
+        let sensor = with_camera(with_leds(session.sensor(geometry.thickness_mm), &found), camera.as_ref());
+        self.write_surfaces(session, geometry)?;
+        let about = [leds_summary(&found), camera_summary(camera.as_ref())].concat();
+        self.write_sensor(sensor, &session.background, None, &about, None)?;
+        print(&lines(&about))?;
+        say(&format!("-> {}", self.out.display()));
         Ok(())
     }
 
@@ -213,6 +245,11 @@ impl Calibrate {
         self.write_sensor(sensor, &background, Some(&Table::new(Colors::Taxim(colors), 1.0)), &about, None)?;
         say(&format!("-> {}", self.out.display()));
         Ok(())
+    }
+
+    fn write_surfaces(&self, session: &Session, geometry: Geometry) -> Result<(), Failure> {
+        let Some(folder) = &self.surfaces else { return Ok(()) };
+        surfaces::write(session, geometry, folder).map_err(|(path, error)| failed(&path, &error))
     }
 
     /// The sensor's name.
@@ -283,6 +320,7 @@ fn summary(found: &Calibration) -> Vec<(String, String)> {
         line("presses", format!("{presses}, {suspects} of them doubtful, {} left out", found.dropped.len())),
         line("gelpad thickness", format!("{} mm", found.geometry.thickness_mm)),
         line("contact over visible disc", format!("{:.2}", found.geometry.contact_over_disc)),
+        line("calibrated range", found.table.range().map_or(String::from("-"), range)),
         line("cross-validated, contact", format!("{} (MAE / PSNR dB / SSIM)", figure(&contact))),
         line("cross-validated, whole image", figure(&full_image)),
         line("background alone, contact", figure(&bare_contact)),
@@ -290,7 +328,13 @@ fn summary(found: &Calibration) -> Vec<(String, String)> {
     ]
     .into_iter()
     .chain(leds_summary(&found.leds))
+    .chain(camera_summary(found.camera.as_ref()))
     .collect()
+}
+
+/// How far the presses went.
+fn range(Range { steepest, heights_mm: [_, deepest_mm] }: Range) -> String {
+    format!("slopes up to {:.1} degrees, displacements up to {deepest_mm:.2} mm", steepest.asin().to_degrees())
 }
 
 /// What was found of the LEDs.
@@ -310,6 +354,29 @@ fn leds_summary(found: &FittedLeds) -> Vec<(String, String)> {
 /// A sensor with these LEDs. What darkens with depth is in the light that they were fitted to.
 fn with_leds(sensor: Sensor, found: &FittedLeds) -> Sensor {
     Sensor { led: found.leds.clone(), stray_light: Some(found.stray_light), darkening: 0.0, ..sensor }
+}
+
+/// What was found of the camera.
+fn camera_summary(found: Option<&MeasuredCamera>) -> Vec<(String, String)> {
+    let line = |what: &str, figure: String| (what.to_owned(), figure);
+    let Some(MeasuredCamera { read_noise_levels, shot_noise_levels, correlation, drift, .. }) = found else {
+        return vec![line("camera", String::from("not measured: too little of the images is away from the discs"))];
+    };
+    let rgb = |[red, green, blue]: [f64; 3]| format!("{red:.2} {green:.2} {blue:.2}");
+    let [across, down] = correlation;
+    vec![
+        line("camera, read noise R G B", format!("{} grey levels", rgb(*read_noise_levels))),
+        line("camera, shot noise of white R G B", format!("{} grey levels", rgb(*shot_noise_levels))),
+        line("camera, noise of neighbours", format!("correlates by {across:.2} across, {down:.2} down")),
+        line("camera, drift between images R G B", format!("{} %", rgb(drift.map(|share| 100.0 * share)))),
+    ]
+}
+
+/// A sensor with this camera, as far as it was measured.
+fn with_camera(sensor: Sensor, found: Option<&MeasuredCamera>) -> Sensor {
+    let Some(found) = found else { return sensor };
+    let camera = found.distribution(sensor.camera.unwrap_or_default());
+    Sensor { camera: Some(camera), ..sensor }
 }
 
 fn lines(summary: &[(String, String)]) -> String {

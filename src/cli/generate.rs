@@ -111,6 +111,9 @@ fn summary(done: &Done, root: &str) -> String {
     for (count, what, of) in counts.iter().filter(|(count, ..)| *count > 0) {
         text += &format!("\n{what}: {} {of}", HumanCount(*count));
     }
+    if let Some(note) = done.light.note() {
+        text += &format!("\n{note}; see numerics.light_outside_range in the labels");
+    }
     text
 }
 
@@ -122,6 +125,7 @@ fn figures(done: &Done, root: &str) -> Value {
         "rejected": done.rejected,
         "unhealthy": done.unhealthy,
         "unconverged": done.unconverged,
+        "light_outside_range": done.light.share_outside(),
         "shards": done.shards,
         "shards_there_already": done.skipped,
         "shards_made_again": done.damaged,

@@ -127,6 +127,9 @@ fn totals(forecast: &Forecast, root: &Path, free: Option<u64>) -> String {
             text += ": not enough";
         }
     }
+    if let Some(note) = forecast.light.note() {
+        let _ = write!(text, "\nlight  {note}");
+    }
     text + "\n"
 }
 

@@ -6,6 +6,7 @@ use super::{Failure, print};
 use crate::files::sensor::Sensor;
 use crate::job::config::Job;
 use crate::job::label::Label;
+use crate::job::schema::with_distributions;
 use crate::lab::augment::config::Augment;
 
 /// Print the JSON Schema of a file format.
@@ -32,12 +33,12 @@ pub enum Format {
 /// The JSON Schema of a format, as text with a final newline.
 pub fn text(format: Format) -> String {
     let schema = match format {
-        Format::Job => schemars::schema_for!(Job),
-        Format::Label => schemars::schema_for!(Label),
-        Format::Sensor => schemars::schema_for!(Sensor),
-        Format::Augment => schemars::schema_for!(Augment),
+        Format::Job => with_distributions(schemars::schema_for!(Job)),
+        Format::Label => schemars::schema_for!(Label).to_value(),
+        Format::Sensor => with_distributions(schemars::schema_for!(Sensor)),
+        Format::Augment => schemars::schema_for!(Augment).to_value(),
     };
-    format!("{:#}\n", schema.to_value())
+    format!("{schema:#}\n")
 }
 
 impl Schema {

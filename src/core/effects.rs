@@ -44,6 +44,7 @@ effects! {
     Texture, "texture", "micro relief of the object; runs where a textured object reaches into the pad";
     RestShape, "rest_shape", "a curved pad under the object; runs where a pad that is not flat meets an object";
     Deformation, "deformation", "the pad's shape under and around the object; runs where the object reaches into it";
+    Supersampling, "supersampling", "light averaged over a pixel; runs for pixels within which the surface bends";
     Shear, "shear", "in-plane motion under an object that is pushed or turned; runs where markers show it";
     Shading, "shading", "light of the LEDs on the deformed surface; runs where the surface is not flat";
     Grain, "grain", "relief of the pad's coating; runs where a coated pad is deformed";
@@ -53,6 +54,7 @@ effects! {
     Defocus, "defocus", "blur of the lens; runs where the press changed the light";
     Distortion, "distortion", "distortion of the lens; runs where the press changed the light";
     Vignette, "vignette", "loss of light towards the corners; runs where the press changed the light";
+    Speckle, "speckle", "grain that the skin shows where it is touched; runs where the pad is touched";
     Exposure, "exposure", "exposure and white balance; run where they are not neutral";
     Noise, "noise", "shot and read noise; runs where there is any";
 }

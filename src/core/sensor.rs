@@ -56,6 +56,25 @@ pub enum Background {
     Photograph(Arc<BackgroundImage>),
 }
 
+impl Background {
+    /// Size of the grain of one that is rendered, mm.
+    pub(in crate::core) fn grain_size_mm(&self) -> Option<f64> {
+        match self {
+            Self::Rendered(look) => Some(look.grain_size_mm),
+            Self::Photograph(_) => None,
+        }
+    }
+
+    /// True if both are the same photograph, or are rendered from the same numbers.
+    pub(in crate::core) fn looks_like(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Rendered(a), Self::Rendered(b)) => a == b,
+            (Self::Photograph(a), Self::Photograph(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        }
+    }
+}
+
 /// Dots printed on the pad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Markers {
@@ -113,6 +132,12 @@ impl Sensor {
                 Arc::new(BackgroundImage::rendered(look, &self.leds, self.field_of_view_mm, &self.view()))
             }
         }
+    }
+
+    /// True if the LEDs of both give a rendered background image the same glow.
+    pub(in crate::core) fn leds_glow_like(&self, other: &Self) -> bool {
+        let glowing = |led: &Led| (led.azimuth_deg, led.intensity, led.color);
+        self.leds.iter().map(glowing).eq(other.leds.iter().map(glowing))
     }
 
     /// True if the background image was taken by the camera itself.

@@ -17,12 +17,14 @@ use crate::core::depth::{self, Depth, rest};
 use crate::core::effects::{Effect, EffectLog, EffectPolicy};
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad::elastic::inplane::InPlane;
+use crate::core::gelpad::material::Material;
+use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::{self, Contact, Pad};
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::normals::normals;
 use crate::core::optics::{Illumination, Shader};
-use crate::core::sensor::{Markers, Sensor, SensorError};
+use crate::core::sensor::{Background, Markers, Sensor, SensorError};
 
 /// Everything about a sensor that is the same in every press, computed once.
 ///
@@ -33,14 +35,18 @@ pub struct Simulator {
     policy: EffectPolicy,
     view: View,
     background: Arc<BackgroundImage>,
-    drop_mm: Option<Grid<f32>>,
-    pad: Pad,
+    /// Noise of a rendered background's grain.
+    noise: Option<Arc<Grid<f32>>>,
+    drop_mm: Option<Arc<Grid<f32>>>,
+    /// What the light sees of a pad that is not smooth and flat.
+    relief: Option<Arc<Grid<f32>>>,
+    pad: Arc<Pad>,
     /// The sensor's markers, unless they are left out.
     markers: Option<Markers>,
     /// In-plane motion of the pad, where markers show it.
-    in_plane: Option<InPlane>,
-    shader: Shader,
-    camera: Camera,
+    in_plane: Option<Arc<InPlane>>,
+    shader: Arc<Shader>,
+    camera: Arc<Camera>,
 }
 
 /// What happens in one press.
@@ -96,15 +102,67 @@ impl Simulator {
     /// The same with any models, and with a policy for the effects: one that leaves an effect out takes it from the
     /// background image, too. The sensor must be sound ([`Sensor::check`]).
     pub fn with_models(sensor: Sensor, models: Models, policy: EffectPolicy) -> Self {
+        Self::make(sensor, models, policy, None)
+    }
+
+    /// Another sensor of the same models and policy: the same as [`Simulator::with_models`] of it, but what both have in
+    /// common (the pad's response, the background image, its light) is shared and not computed again.
+    pub fn variant(&self, sensor: Sensor) -> Self {
+        Self::make(sensor, self.models.clone(), self.policy, Some(self))
+    }
+
+    /// Takes from `like`, of the same models and policy, all that is the same in `sensor`.
+    fn make(sensor: Sensor, models: Models, policy: EffectPolicy, like: Option<&Self>) -> Self {
         let view = sensor.view();
-        let background = sensor.background();
-        let drop_mm = sensor.rest_surface.as_ref().map(|shape| rest::drop_mm(shape, &view));
-        let relief = match policy {
-            EffectPolicy::Without(Effect::Grain) => None,
-            EffectPolicy::Without(Effect::RestShape) => rest::relief(None, sensor.coating.as_ref(), &view),
-            _ => rest::relief(drop_mm.as_ref(), sensor.coating.as_ref(), &view),
+        let like = like.filter(|like| like.view == view && like.sensor.field_of_view_mm == sensor.field_of_view_mm);
+
+        let same_look = like.filter(|like| like.sensor.background.looks_like(&sensor.background));
+        let same_background = same_look.filter(|like| sensor.has_photograph() || like.sensor.leds_glow_like(&sensor));
+        let noise = match &sensor.background {
+            Background::Photograph(_) => None,
+            Background::Rendered(look) => {
+                let known = like.filter(|like| like.sensor.background.grain_size_mm() == Some(look.grain_size_mm));
+                Some(known.and_then(|like| like.noise.clone()).unwrap_or_else(|| Arc::new(look.noise(&view))))
+            }
         };
-        let pad = Pad::new(&models.gelpad, &sensor.gelpad, &view);
+        let background = match (same_background, &sensor.background, &noise) {
+            (Some(like), ..) => Arc::clone(&like.background),
+            (None, Background::Rendered(look), Some(noise)) => {
+                let (leds, field_of_view_mm) = (&sensor.leds, sensor.field_of_view_mm);
+                Arc::new(BackgroundImage::rendered_with(noise, look, leds, field_of_view_mm, &view))
+            }
+            _ => sensor.background(),
+        };
+
+        let same_rest = like.filter(|like| {
+            let (a, b) = (&like.sensor, &sensor);
+            a.rest_surface == b.rest_surface && a.coating == b.coating
+        });
+        let (drop_mm, relief) = match same_rest {
+            Some(like) => (like.drop_mm.clone(), like.relief.clone()),
+            None => {
+                let drop_mm = sensor.rest_surface.as_ref().map(|shape| rest::drop_mm(shape, &view));
+                let relief = match policy {
+                    EffectPolicy::Without(Effect::Grain) => None,
+                    EffectPolicy::Without(Effect::RestShape) => rest::relief(None, sensor.coating.as_ref(), &view),
+                    _ => rest::relief(drop_mm.as_ref(), sensor.coating.as_ref(), &view),
+                };
+                (drop_mm.map(Arc::new), relief.map(Arc::new))
+            }
+        };
+
+        let pad = match like {
+            Some(like) if like.sensor.gelpad == sensor.gelpad => Arc::clone(&like.pad),
+            // Displacements do not depend on it.
+            Some(like)
+                if Material { youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa, ..like.sensor.gelpad }
+                    == sensor.gelpad =>
+            {
+                Arc::new(like.pad.with_youngs_modulus(sensor.gelpad.youngs_modulus_kpa))
+            }
+            _ => Arc::new(Pad::new(&models.gelpad, &sensor.gelpad, &view)),
+        };
+
         let light = Illumination {
             leds: &sensor.leds,
             field_of_view_mm: sensor.field_of_view_mm,
@@ -113,13 +171,62 @@ impl Simulator {
             darkening: sensor.darkening,
             stray_light: sensor.stray_light,
         };
-        let shader = Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief);
+        // What decides the light of the untouched pad; then what decides that of a pressed one beside it.
+        let same_leds = same_rest.filter(|like| {
+            let (a, b) = (&like.sensor, &sensor);
+            let same_table = match (&a.calibration, &b.calibration) {
+                (None, None) => true,
+                (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+                _ => false,
+            };
+            a.leds == b.leds && a.stray_light == b.stray_light && a.has_photograph() == b.has_photograph() && same_table
+        });
+        let same_shader = same_leds.filter(|like| {
+            let (a, b) = (&like.sensor, &sensor);
+            a.darkening == b.darkening && a.gelpad.thickness_mm == b.gelpad.thickness_mm
+        });
+        let shader = match same_shader {
+            Some(like) => Arc::clone(&like.shader),
+            None => {
+                let relief = relief.as_deref().cloned();
+                Arc::new(Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief))
+            }
+        };
+
         let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
-        let in_plane = markers.and_then(|_| pad.in_plane(&sensor.gelpad, sensor.field_of_view_mm, &view));
-        let printed = markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
-        let resting = sensor.camera.under(policy);
-        let camera = Camera::new(&view, shader.untouched(&background), sensor.has_photograph(), resting, printed);
-        Self { sensor, models, policy, view, background, drop_mm, pad, markers, in_plane, shader, camera }
+        let in_plane = match like {
+            Some(like) if like.markers.is_some() == markers.is_some() && Arc::ptr_eq(&like.pad, &pad) => {
+                like.in_plane.clone()
+            }
+            _ => markers.and_then(|_| pad.in_plane(&sensor.gelpad, sensor.field_of_view_mm, &view)).map(Arc::new),
+        };
+        let same_camera = same_leds.zip(same_background).map(|(like, _)| like).filter(|like| {
+            let (a, b) = (&like.sensor, &sensor);
+            a.camera == b.camera && a.markers == b.markers
+        });
+        let camera = match same_camera {
+            Some(like) => Arc::clone(&like.camera),
+            None => {
+                let printed = markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
+                let (untouched, resting) = (shader.untouched(&background), sensor.camera.under(policy));
+                Arc::new(Camera::new(&view, untouched, sensor.has_photograph(), resting, printed))
+            }
+        };
+        Self {
+            sensor,
+            models,
+            policy,
+            view,
+            background,
+            noise,
+            drop_mm,
+            relief,
+            pad,
+            markers,
+            in_plane,
+            shader,
+            camera,
+        }
     }
 
     /// Presses an indenter into the pad, with the sensor's own markers and camera.
@@ -151,7 +258,7 @@ impl Simulator {
         let mut window = self.pad.window(indenter.depth_mm);
         let (depth, mut contact) = loop {
             // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
-            let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_ref());
+            let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_deref());
             let depth = depth::overlap(indenter, texture, drop_mm, thickness_mm, &self.view, window, &mut effects);
             seconds.depth += clock.lap();
 
@@ -163,8 +270,21 @@ impl Simulator {
                 None => break (depth, contact),
             }
         };
+        // Between pixel centres, where it bends within a pixel.
+        let scene = subpixel::Scene {
+            pad: &self.pad,
+            indenter,
+            window,
+            depth: &depth,
+            retouched: texture.is_some() || self.drop_mm.is_some(),
+            contact: &contact,
+            view: &self.view,
+            averages: self.shader.averages(),
+        };
+        contact.subpixel = subpixel::sample(&scene, &mut effects);
+        seconds.gelpad += clock.lap();
         // The motion of the elastomer in its own plane, where markers show it.
-        let (in_plane, load) = (self.in_plane.as_ref(), contact.load.as_ref());
+        let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
         contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, shear.as_ref(), &mut effects);
         seconds.gelpad += clock.lap();
 
@@ -177,7 +297,7 @@ impl Simulator {
             let moved_by = contact.tangential.as_ref().map(|tangential| &tangential.field);
             effects.timed(Effect::Markers, || markers.print.positions(&pattern, moved_by, &self.view))
         });
-        let image = self.camera.expose(light, markers.as_ref(), &camera, &mut effects);
+        let image = self.camera.expose(light, Some(&contact.mask), markers.as_ref(), &camera, &mut effects);
         seconds.camera = clock.lap();
 
         let lens = camera.lens(&self.view);
@@ -236,7 +356,7 @@ impl Simulator {
 
     /// How far a curved pad lies below its highest point, mm, on the grid of [`Contact::surface`].
     pub fn drop_mm(&self) -> Option<&Grid<f32>> {
-        self.drop_mm.as_ref()
+        self.drop_mm.as_deref()
     }
 
     /// True if tractions are known where something is moved in the pad's plane: markers show them, and the model of the

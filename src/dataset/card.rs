@@ -116,7 +116,13 @@ fn features(text: &mut String, root: &Value, object: &Value, indent: usize) {
             let _ = writeln!(text, "{pad}  struct:");
             features(text, root, schema, indent + 2);
         } else if let Some(items) = schema.get("items") {
-            let _ = writeln!(text, "{pad}  sequence: {}", dtype(resolved(root, items)));
+            let items = resolved(root, items);
+            if items.get("properties").is_some() {
+                let _ = writeln!(text, "{pad}  list:");
+                features(text, root, items, indent + 2);
+            } else {
+                let _ = writeln!(text, "{pad}  sequence: {}", dtype(items));
+            }
         } else {
             let _ = writeln!(text, "{pad}  dtype: {}", dtype(schema));
         }

@@ -6,7 +6,6 @@ use std::borrow::Cow;
 use serde::Serialize;
 
 use crate::job::layers::OutputLayer;
-use crate::job::plan::Plan;
 use crate::job::sample::Sample;
 
 /// What one layer holds, in the form that its row says. Pixels are row-major, as many as the image has; the values of a
@@ -29,8 +28,8 @@ pub struct Positions {
     pub moved_px: Vec<[f64; 2]>,
 }
 
-/// What `layer` of a sample of `plan` holds.
-pub fn content<'a>(plan: &'a Plan, sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
+/// What `layer` of a sample holds.
+pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
     let impression = &sample.impression;
     match layer {
         OutputLayer::Depth => Content::Floats(impression.depth_mm()),
@@ -42,7 +41,7 @@ pub fn content<'a>(plan: &'a Plan, sample: &'a Sample, layer: OutputLayer) -> Co
             Content::Floats(impression.pressure_kpa().unwrap_or_else(none))
         }
         OutputLayer::Contact => Content::Bytes(impression.contact_mask().into()),
-        OutputLayer::Reference => Content::Bytes((&plan.simulator.untouched().rgb).into()),
+        OutputLayer::Reference => Content::Bytes((&sample.simulator.untouched().rgb).into()),
         OutputLayer::Markers => {
             let (rest_px, moved_px) = impression.marker_positions().into_iter().unzip();
             Content::Markers(Positions { rest_px, moved_px })

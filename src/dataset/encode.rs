@@ -19,7 +19,7 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
     for layer in &plan.layers() {
-        let bytes = match content(plan, sample, *layer) {
+        let bytes = match content(sample, *layer) {
             Content::Floats(values) => match layer.channels().len() {
                 0 | 1 => float_layer(plan, sample, *layer, &[&values]),
                 count => {

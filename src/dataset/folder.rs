@@ -142,7 +142,7 @@ fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>>
             Err(path) => return Ok(Err(path.into())),
         }
     }
-    let text = toml::to_string(&job).map_err(io::Error::other)?;
+    let text = job.to_toml()?;
     Ok(Ok(format!("{RESOLVED} {}.\n\n{text}", env!("CARGO_PKG_VERSION"))))
 }
 
@@ -169,7 +169,9 @@ fn differences(there: &str, plan: &Plan) -> Vec<String> {
     let Ok(there) = there.parse::<toml::Table>() else {
         return vec![String::from("its job.toml is not valid TOML")];
     };
-    let Ok(here) = toml::Table::try_from(plan.job()) else { return Vec::new() };
+    let Some(here) = plan.job().to_toml().ok().and_then(|text| text.parse::<toml::Table>().ok()) else {
+        return Vec::new();
+    };
     let mut found = Vec::new();
     compare("", &toml::Value::Table(there), &toml::Value::Table(here), &mut found);
     if found.len() > MOST_NAMED {

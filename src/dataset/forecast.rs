@@ -14,6 +14,7 @@ use crate::core::base::clock::Clock;
 use crate::core::base::clock::Seconds;
 use crate::core::effects::{Effect, PerEffect};
 use crate::dataset::encode::members;
+use crate::dataset::stats::LightRange;
 use crate::job::plan::Plan;
 use crate::job::sample::shown;
 
@@ -33,6 +34,8 @@ pub struct Forecast {
     pub probed: u64,
     /// Those among them that are not healthy.
     pub unhealthy: u64,
+    /// How much of their contacts the optics were not calibrated on.
+    pub light: LightRange,
     /// Of each effect, in those samples.
     pub effects: PerEffect<Probed>,
     /// CPU seconds of a sample, mean, per stage.
@@ -65,6 +68,7 @@ pub struct Probed {
 /// One sample of the probe.
 struct Probe {
     healthy: bool,
+    light: LightRange,
     notes: PerEffect<crate::core::effects::Note>,
     effects: PerEffect<f64>,
     seconds: Seconds,
@@ -83,6 +87,7 @@ impl Probe {
         std::hint::black_box(hash.finalize());
         Self {
             healthy: sample.label.health.healthy,
+            light: LightRange::from_label(&sample.label),
             notes: sample.label.effects,
             effects: sample.impression.effects.seconds,
             seconds: Seconds { encode, ..sample.seconds },
@@ -126,6 +131,8 @@ pub fn forecast(
     let mean = |of: &dyn Fn(&Probe) -> f64| probes.iter().map(of).sum::<f64>() / count;
     let mut seconds = Seconds::default();
     probes.iter().for_each(|probe| seconds.add(&probe.seconds));
+    let mut light = LightRange::default();
+    probes.iter().for_each(|probe| light.add(&probe.light));
     let mut effects = PerEffect::<Probed>::default();
     for effect in Effect::ALL {
         let probed = &mut effects[effect];
@@ -144,6 +151,7 @@ pub fn forecast(
     Ok(Forecast {
         probed: probes.len() as u64,
         unhealthy: probes.iter().filter(|probe| !probe.healthy).count() as u64,
+        light,
         effects,
         seconds: seconds.scaled(1.0 / count),
         write_s,

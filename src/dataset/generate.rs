@@ -30,7 +30,7 @@ use crate::dataset::paths::Paths;
 use crate::dataset::recorded::Recorded;
 use crate::dataset::refused::Refused;
 use crate::dataset::shard::Writer;
-use crate::dataset::stats::Stats;
+use crate::dataset::stats::{LightRange, Stats};
 use crate::dataset::verify::CheckLevel;
 use crate::dataset::versioned::Versioned;
 use crate::files::diagnostic::Report;
@@ -73,6 +73,8 @@ pub struct Done {
     pub unhealthy: u64,
     /// Samples written whose contact was not solved to the tolerance.
     pub unconverged: u64,
+    /// How much of the written contacts the optics were not calibrated on.
+    pub light: LightRange,
     /// Bytes of the written shards.
     pub bytes: u64,
     /// Wall time, s.
@@ -200,6 +202,7 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
                 done.rejected += stats.rejected;
                 done.unhealthy += stats.unhealthy;
                 done.unconverged += stats.unconverged;
+                done.light.add(&stats.light);
             }
             Err(GenerateError::Held(names)) => held.extend(names),
             // The cause, not the stops that it brought about elsewhere.

@@ -36,6 +36,9 @@ pub struct Stats {
     pub unhealthy: u64,
     /// Samples in it whose contact was not solved to the tolerance.
     pub unconverged: u64,
+    /// How much of the contacts the optics were not calibrated on.
+    #[serde(default)]
+    pub light: LightRange,
     /// Bytes of the tar, or of the folder's files.
     pub bytes: u64,
     /// SHA-256 of the tar; of a folder, see [`super::imagefolder`].
@@ -48,6 +51,48 @@ pub struct Stats {
     pub effects: PerEffect<Count>,
     /// The rejected draws.
     pub rejections: Vec<Rejection>,
+}
+
+/// Areas in contact, and those of them whose slope or displacement lies beyond the presses that the optics were calibrated
+/// on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightRange {
+    /// All that touches, mm^2, summed over the samples.
+    pub contact_mm2: f64,
+    /// What of it lies beyond, mm^2.
+    pub outside_mm2: f64,
+}
+
+impl LightRange {
+    /// Of one sample.
+    pub fn from_label(label: &Label) -> Self {
+        let contact_mm2 = label.contact.area_mm2;
+        Self { contact_mm2, outside_mm2: contact_mm2 * label.numerics.light_outside_range }
+    }
+
+    /// Adds the areas of others.
+    pub fn add(&mut self, other: &Self) {
+        self.contact_mm2 += other.contact_mm2;
+        self.outside_mm2 += other.outside_mm2;
+    }
+
+    /// Share of the contacts that lies beyond; 0 without contact.
+    pub fn share_outside(&self) -> f64 {
+        if self.contact_mm2 > 0.0 { self.outside_mm2 / self.contact_mm2 } else { 0.0 }
+    }
+
+    /// What to say of it; nothing if all is within.
+    pub fn note(&self) -> Option<String> {
+        let percent = 100.0 * self.share_outside();
+        let share = if percent < 0.1 { String::from("less than 0.1 %") } else { format!("{percent:.1} %") };
+        (percent > 0.0).then(|| {
+            format!(
+                "{share} of the contact is steeper or deeper than the presses that the optics were calibrated on: light is \
+                 extrapolated there (docs/calibration.md)"
+            )
+        })
+    }
 }
 
 /// A draw that did not go into the dataset.
@@ -106,6 +151,7 @@ impl Stats {
             rejected: 0,
             unhealthy: 0,
             unconverged: 0,
+            light: LightRange::default(),
             bytes: 0,
             sha256: String::new(),
             classes: BTreeMap::new(),
@@ -121,6 +167,7 @@ impl Stats {
         self.rejected += rejected.len() as u64;
         self.unhealthy += u64::from(!label.health.healthy);
         self.unconverged += u64::from(!label.numerics.converged);
+        self.light.add(&LightRange::from_label(label));
         *self.classes.entry(label.object.class.clone()).or_default() += 1;
         for effect in Effect::ALL {
             let ran = label.effects[effect].ran;

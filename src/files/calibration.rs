@@ -2,6 +2,7 @@
 
 use serde::Deserialize;
 
+use crate::core::optics::calibrated::beyond::Beyond;
 use crate::core::optics::calibrated::{Colors, Table};
 
 impl Table {
@@ -18,13 +19,14 @@ impl Table {
         if calibration_version > Self::NEWEST {
             return Err(format!("gelsim {generator} wrote it, which is newer than this one"));
         }
-        if calibration_version != Self::NEWEST {
+        if calibration_version < Self::OLDEST {
             return Err(format!("version {calibration_version} of the file is not known"));
         }
         let found: Self = serde_json::from_slice(bytes).map_err(none)?;
         if !(0.1..=10.0).contains(&found.contact_over_disc) {
             return Err(format!("contact_over_disc is {}", found.contact_over_disc));
         }
+        found.beyond.as_ref().map_or(Ok(()), Beyond::validate)?;
         match &found.colors {
             Colors::Response(response) => response.validate()?,
             Colors::Taxim(taxim) => taxim.validate()?,

@@ -4,7 +4,7 @@ use crate::files::fail_point::Step;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Makes a new file in place of what a killed run may have left there. Never opens what is there: it may be a link.
 pub fn create_anew(path: &Path) -> io::Result<File> {
@@ -49,6 +49,41 @@ fn replace(path: &Path, bytes: &[u8], sync: impl FnOnce(&File) -> io::Result<()>
     }
     Step::FileRenamed.reached(path);
     Ok(())
+}
+
+/// Writes a folder so that it is there whole or not at all, in place of what is there: files by name, none in folders of its
+/// own. Who calls this has made sure that what is there may go. On failure the path that it is about.
+pub fn write_folder_whole(
+    root: &Path,
+    mut files: impl Iterator<Item = (String, Vec<u8>)>,
+) -> Result<(), (PathBuf, io::Error)> {
+    let name = root.file_name().map_or(String::from("folder"), |name| name.to_string_lossy().into_owned());
+    let beside = |end: &str| root.with_file_name(format!(".{name}.{}.{end}", std::process::id()));
+    let (partial, aside) = (beside("partial"), beside("replaced.partial"));
+    let absent_is_fine = |result: io::Result<()>| match result {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    };
+    let mut write = |partial: &Path| {
+        let at = |error| (partial.to_owned(), error);
+        absent_is_fine(fs::remove_dir_all(partial)).and_then(|()| fs::create_dir_all(partial)).map_err(at)?;
+        files.try_for_each(|(name, bytes)| {
+            let path = partial.join(name);
+            create_anew(&path).and_then(|mut file| file.write_all(&bytes)).map_err(|error| (path, error))
+        })?;
+        File::open(partial).and_then(|folder| sync_all_in(&folder)).map_err(at)
+    };
+    let swap = || {
+        absent_is_fine(fs::rename(root, &aside))?;
+        fs::rename(&partial, root)?;
+        absent_is_fine(fs::remove_dir_all(&aside))?;
+        sync_folder(root)
+    };
+    let written = write(&partial).and_then(|()| swap().map_err(|error| (root.to_owned(), error)));
+    if written.is_err() {
+        let _ = fs::remove_dir_all(&partial);
+    }
+    written
 }
 
 /// Makes a rename in the folder of `path` survive a power cut.

@@ -15,7 +15,9 @@ use crate::core::camera::markers::MarkerPositions;
 use crate::core::effects::{Note, PerEffect};
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
 use crate::core::gelpad::tangential::TangentialMotion;
-use crate::core::simulator::Impression;
+use crate::core::optics::led::Led;
+use crate::core::sensor::{Background, Sensor};
+use crate::core::simulator::{Impression, Simulator};
 use crate::job::health::Health;
 use crate::job::layout::Split;
 use crate::job::plan::Plan;
@@ -71,7 +73,7 @@ pub struct Label {
     pub optics_model: String,
     /// For each effect whether it ran and why or why not.
     pub effects: PerEffect<Note>,
-    /// How well the gelpad model solved its problem.
+    /// How well the gelpad model solved its problem, and how far the light is from what was measured.
     pub numerics: NumericsLabel,
     /// What a check of the sample found.
     pub health: Health,
@@ -166,6 +168,57 @@ pub struct SensorLabel {
     pub gelpad_youngs_modulus_kpa: f64,
     /// Poisson ratio of the gelpad.
     pub gelpad_poisson_ratio: f64,
+    /// Share of the light lost where the pad is pressed down to the shell.
+    pub darkening: f64,
+    /// Red, green and blue of the untouched pad that are not the LEDs' light; empty if their light is not scaled by it.
+    pub stray_light: Vec<f64>,
+    /// The LEDs, in the order of the sensor.
+    pub leds: Vec<LedLabel>,
+    /// The image of the untouched pad.
+    pub background: BackgroundLabel,
+}
+
+/// An LED of the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LedLabel {
+    /// Its name.
+    pub name: String,
+    /// Direction towards it, degrees from +x towards +y.
+    pub azimuth_deg: f64,
+    /// Angle over the pad's plane, degrees.
+    pub elevation_deg: f64,
+    /// Width and height as the pad sees it, degrees.
+    pub angular_size_deg: [f64; 2],
+    /// Distance from the middle of the image, mm.
+    pub distance_mm: f64,
+    /// Red, green and blue share of its light.
+    pub color: [f64; 3],
+    /// Brightness.
+    pub intensity: f64,
+}
+
+/// The image of the untouched pad: a file, or the numbers that it is rendered from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BackgroundLabel {
+    /// Name of its file; empty if it is rendered.
+    pub file: String,
+    /// SHA-256 of that file in lower-case hex; empty if it is rendered.
+    pub sha256: String,
+    /// Red, green and blue of the diffuse light; this and the others are 0 if it is a file.
+    pub color: [f64; 3],
+    /// Brightness that each LED adds at its edge of the image.
+    pub glow: f64,
+    /// Distance over which that falls to 37 %, mm.
+    pub glow_reach_mm: f64,
+    /// Share of the light lost in the corners.
+    pub vignette: f64,
+    /// Standard deviation of the coating's grain.
+    pub grain: f64,
+    /// Size of the grain, mm.
+    pub grain_size_mm: f64,
+    /// The 15 coefficients of red, then of green, then of blue by which the colour varies over the pad; empty if it does
+    /// not.
+    pub pattern: Vec<f64>,
 }
 
 /// The contact, as far as it is in view. Without contact every number is 0.
@@ -189,7 +242,7 @@ pub struct ContactLabel {
     pub peak_pressure_kpa: Option<f64>,
 }
 
-/// How well the gelpad model solved its problem.
+/// How well the gelpad model solved its problem, and how far the light is from what was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NumericsLabel {
     /// True if its tolerance was reached; also for models without iteration.
@@ -204,6 +257,10 @@ pub struct NumericsLabel {
     pub beyond_theory: bool,
     /// Predicted error of the model's theory, um; null if it is not known.
     pub model_error_um: Option<f64>,
+    /// Share of the pixels in contact whose slope or displacement lies beyond the presses that the sensor's optics were
+    /// calibrated on, 0 to 1; 0 without contact and where the optics are not calibrated.
+    #[serde(default)]
+    pub light_outside_range: f64,
 }
 
 /// The nine-digit key of a sample.
@@ -213,11 +270,11 @@ pub fn key(index: u64) -> String {
 
 impl Label {
     /// Describes what a press of `plan` gave.
-    pub fn describe(plan: &Plan, scene: &Scene, impression: &Impression) -> Self {
+    pub fn describe(plan: &Plan, scene: &Scene, simulator: &Simulator, impression: &Impression) -> Self {
         let Impression { depth, contact, markers, lens, camera, effects, .. } = impression;
-        let (sensor, models) = (plan.simulator.sensor(), plan.simulator.models());
+        let (sensor, models) = (simulator.sensor(), simulator.models());
         let thickness_mm = sensor.gelpad.thickness_mm;
-        let View { resolution_px: [width, height], mm_per_px: [mm_x, mm_y] } = *plan.simulator.view();
+        let View { resolution_px: [width, height], mm_per_px: [mm_x, mm_y] } = *simulator.view();
         let extent = extent(&contact.mask, &[mm_x, mm_y]);
         let bbox = lens.as_ref().map_or(extent.bbox, |lens| lens.box_of(&contact.mask, extent.bbox));
         let in_contact = extent.pixels > 0;
@@ -245,7 +302,7 @@ impl Label {
                 scale_mm: texture.scale_mm,
                 angle_deg: texture.angle_deg,
             }),
-            shear: shear(plan, scene, contact.tangential.as_ref()),
+            shear: shear(plan, scene, simulator, contact.tangential.as_ref()),
             sensor: SensorLabel {
                 name: sensor.name.clone(),
                 width_px: width as u32,
@@ -254,6 +311,10 @@ impl Label {
                 gelpad_thickness_mm: thickness_mm,
                 gelpad_youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa,
                 gelpad_poisson_ratio: sensor.gelpad.poisson_ratio,
+                darkening: sensor.darkening,
+                stray_light: sensor.stray_light.iter().flatten().copied().collect(),
+                leds: sensor.leds.iter().map(LedLabel::new).collect(),
+                background: background(plan, scene, sensor),
             },
             contact: ContactLabel {
                 in_contact,
@@ -280,6 +341,7 @@ impl Label {
                 strain: scene.indentation_depth_mm / thickness_mm,
                 beyond_theory: scene.indentation_depth_mm > LARGEST_STRAIN * thickness_mm,
                 model_error_um: contact.numerics.model_error_um,
+                light_outside_range: plan.simulator.shader().share_beyond(contact),
             },
             health: Health::check(scene, impression, thickness_mm),
             png16: Steps::new(&plan.layers(), plan.job.output.depth_format, thickness_mm),
@@ -309,11 +371,48 @@ fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
     ObjectLabel { id: id.clone(), class: class.clone(), class_index: class_index as u32, mesh_sha256 }
 }
 
-fn shear(plan: &Plan, scene: &Scene, tangential: Option<&TangentialMotion>) -> ShearLabel {
+impl LedLabel {
+    fn new(led: &Led) -> Self {
+        let Led { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity } = led.clone();
+        Self { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity }
+    }
+}
+
+fn background(plan: &Plan, scene: &Scene, sensor: &Sensor) -> BackgroundLabel {
+    let number = scene.sensor.as_ref().map_or(0, |drawn| drawn.photograph);
+    let photograph = plan.sensors.photographs.get(number);
+    let (file, sha256) = photograph.map_or_else(Default::default, |own| (own.file.clone(), own.sha256.clone()));
+    match &sensor.background {
+        Background::Rendered(look) => BackgroundLabel {
+            file,
+            sha256,
+            color: look.color,
+            glow: look.glow,
+            glow_reach_mm: look.glow_reach_mm,
+            vignette: look.vignette,
+            grain: look.grain,
+            grain_size_mm: look.grain_size_mm,
+            pattern: look.pattern.iter().flat_map(|own| [own.red, own.green, own.blue]).flatten().collect(),
+        },
+        Background::Photograph(_) => BackgroundLabel {
+            file,
+            sha256,
+            color: [0.0; 3],
+            glow: 0.0,
+            glow_reach_mm: 0.0,
+            vignette: 0.0,
+            grain: 0.0,
+            grain_size_mm: 0.0,
+            pattern: Vec::new(),
+        },
+    }
+}
+
+fn shear(plan: &Plan, scene: &Scene, simulator: &Simulator, tangential: Option<&TangentialMotion>) -> ShearLabel {
     // Without any push there is no traction; else nothing is known of one sample only if nothing is known of any.
-    let known = plan.simulator.knows_tractions() || !plan.sampling.moves_objects;
+    let known = simulator.knows_tractions() || !plan.sampling.moves_objects;
     let outcome = tangential.and_then(|tangential| tangential.shear.as_ref());
-    let youngs_modulus_kpa = plan.simulator.sensor().gelpad.youngs_modulus_kpa;
+    let youngs_modulus_kpa = simulator.sensor().gelpad.youngs_modulus_kpa;
     // kPa mm^2 are mN.
     let newtons = |per_modulus: f64| 1e-3 * youngs_modulus_kpa * per_modulus;
     ShearLabel {

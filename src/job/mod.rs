@@ -8,5 +8,5 @@ pub mod layout;
 pub mod plan;
 pub mod sample;
 pub mod scene;
-mod schema;
+pub mod schema;
 pub mod steps;

@@ -1,9 +1,10 @@
 //! One sample of a plan: drawn, pressed, described, and drawn again where it is not sound and the job wants that.
 
 use std::fmt;
+use std::sync::Arc;
 
 use crate::core::base::clock::{Clock, Seconds};
-use crate::core::simulator::Impression;
+use crate::core::simulator::{Impression, Simulator};
 use crate::job::config::output::OnUnhealthy;
 use crate::job::label::Label;
 use crate::job::plan::Plan;
@@ -11,6 +12,8 @@ use crate::job::scene::Scene;
 
 /// One sample of a dataset.
 pub struct Sample {
+    /// The simulator of its sensor.
+    pub simulator: Arc<Simulator>,
     /// What the press gave.
     pub impression: Impression,
     /// What is known about it.
@@ -26,22 +29,27 @@ pub fn render(plan: &Plan, index: u64) -> Sample {
 
 /// Renders sample `index` of `plan` as it is drawn after `attempt` draws were rejected.
 pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
+    let plan = plan.of_sample(index, attempt);
     let mut clock = Clock::start();
     // Object, pose, indentation: all randomness of the sample.
     let scene = Scene::draw(plan, index, attempt);
     let seconds = clock.lap();
     let mut sample = press(plan, &scene);
-    sample.seconds.scene = seconds;
+    sample.seconds.scene += seconds;
     sample
 }
 
 /// Renders and describes one press of `plan`.
 pub fn press(plan: &Plan, scene: &Scene) -> Sample {
-    let impression = plan.simulator.press_with(&scene.press(plan));
     let mut clock = Clock::start();
-    let label = Label::describe(plan, scene, &impression);
-    let seconds = Seconds { label: clock.lap(), ..impression.seconds };
-    Sample { impression, label, seconds }
+    // The plan's, or another one where samples differ in their sensors.
+    let simulator = scene.simulator(plan);
+    let of_sensor = clock.lap();
+    let impression = simulator.press_with(&scene.press(plan));
+    let mut clock = Clock::start();
+    let label = Label::describe(plan, scene, &simulator, &impression);
+    let seconds = Seconds { scene: of_sensor, label: clock.lap(), ..impression.seconds };
+    Sample { simulator, impression, label, seconds }
 }
 
 /// Draws of one sample before the run gives up.

@@ -1,4 +1,4 @@
-//! One press, drawn at random from the plan: object, pose, indentation, texture, shear, markers, camera. All randomness
+//! One press, drawn at random from the plan: object, pose, indentation, texture, shear, markers, camera, sensor. All randomness
 //! of a sample is here. What is known of a press instead, such as a simulator's depth frame, takes the place of what
 //! would be drawn.
 
@@ -13,10 +13,13 @@ use crate::core::depth::texture::{Texture, TextureSample};
 use crate::core::gelpad::elastic::shear::Motion;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::pose::{Angles, Pose};
-use crate::core::simulator::Press;
+use crate::core::sensor::{Background, Sensor};
+use crate::core::simulator::{Press, Simulator};
 use crate::files::sensor::quantity::Quantity;
 use crate::job::layout::Split;
 use crate::job::plan::Plan;
+use crate::job::plan::draw::Place;
+use crate::job::plan::sensors::DrawnSensor;
 
 /// Distance between the pad and an object that does not touch it, mm.
 pub const NO_CONTACT_GAP_MM: f64 = 0.1;
@@ -77,6 +80,8 @@ pub struct Scene {
     pub markers: Option<MarkerPattern>,
     /// The camera.
     pub camera: CameraParams,
+    /// The sensor, if samples differ in it.
+    pub sensor: Option<Box<DrawnSensor>>,
 }
 
 impl Scene {
@@ -86,7 +91,12 @@ impl Scene {
         let stream = |name: &str| rng::stream(plan.seed(), name, rng::redrawn(index, attempt));
         let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
         let (split, position) = plan.layout.split_of(index);
-        let object = plan.sampling.draw[split.number()].pick(position, || stream("object").unit());
+        let object = plan.sampling.draw[split.number()].pick(Place {
+            seed: plan.seed(),
+            position,
+            index: rng::redrawn(index, attempt),
+            first: attempt == 0,
+        });
 
         let pose = &plan.job.pose;
         let side = pose.face.sample(&mut stream("face"));
@@ -147,6 +157,7 @@ impl Scene {
             motion,
             markers: job.markers.as_ref().and_then(|markers| markers.sample(draw)),
             camera: job.camera.sample(noise_key, draw),
+            sensor: plan.sensors.sample(job, stream),
         }
     }
 
@@ -157,6 +168,22 @@ impl Scene {
             Pressed::Frame(frame) => Shape::HeightMap(Arc::clone(&frame.map)),
         };
         Indenter { shape, pose: self.pose, depth_mm: self.indentation_depth_mm }
+    }
+
+    /// The simulator of its sensor: that of the plan where all samples have the same. Another one shares with it what both
+    /// have in common.
+    pub fn simulator(&self, plan: &Plan) -> Arc<Simulator> {
+        let Some(drawn) = &self.sensor else { return Arc::clone(&plan.simulator) };
+        let nominal = plan.simulator.sensor();
+        let mut sensor = Sensor {
+            calibration: nominal.calibration.clone(),
+            rest_surface: nominal.rest_surface.clone(),
+            ..drawn.numbers.to_simulated(plan.job.markers.as_ref(), &plan.job.camera)
+        };
+        if let Some(photograph) = plan.sensors.photographs.get(drawn.photograph) {
+            sensor.background = Background::Photograph(Arc::clone(&photograph.image));
+        }
+        Arc::new(plan.simulator.variant(sensor))
     }
 
     /// What the simulator is to do.

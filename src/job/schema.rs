@@ -1,10 +1,12 @@
-//! JSON Schemas of what derives none: quantities, and tables with a key for each effect.
+//! JSON Schemas of what derives none: quantities, tables with a key for each effect, and sensors that are distributions.
 
 use std::borrow::Cow;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde_json::{Value, json};
 
 use crate::core::effects::{Effect, PerEffect};
+use crate::files::sensor::Sensor;
 use crate::files::sensor::quantity::{Distribution, Quantity};
 
 impl<T: JsonSchema> JsonSchema for PerEffect<T> {
@@ -20,7 +22,7 @@ impl<T: JsonSchema> JsonSchema for PerEffect<T> {
             property["description"] = effect.summary().into();
             (effect.name().to_owned(), property)
         });
-        schema.insert(String::from("properties"), serde_json::Value::Object(properties.collect()));
+        schema.insert(String::from("properties"), Value::Object(properties.collect()));
         schema.insert(String::from("required"), Effect::ALL.map(Effect::name).to_vec().into());
         schema
     }
@@ -42,4 +44,45 @@ impl JsonSchema for Quantity {
             ]
         })
     }
+}
+
+/// The schema of a format with a sensor in it, in which the sensor's numbers may be distributions and its background a list.
+pub fn with_distributions(schema: Schema) -> Value {
+    let mut schema = schema.to_value();
+    let quantity = json!({ "$ref": "#/$defs/Quantity" });
+    for (path, _) in Sensor::with_every_number(1).numbers_mut() {
+        // The tables on the way, and the number: a key, or an element of the list at a key.
+        let keys: Vec<&str> = path.split('.').filter(|segment| segment.parse::<usize>().is_err()).collect();
+        let is_element = path.ends_with(|last: char| last.is_ascii_digit());
+        let (key, way) = keys.split_last().expect("a path has a last key");
+        let definition = match way.last() {
+            None => "Sensor",
+            Some(&"led") => "Led",
+            Some(&"rendered_background") => "RenderedBackground",
+            Some(_) => "Pattern",
+        };
+        let Some(property) = properties(&mut schema, definition).and_then(|all| all.get_mut(*key)) else { continue };
+        if is_element {
+            property["items"] = quantity.clone();
+        } else if let Some(property) = property.as_object_mut() {
+            property.retain(|key, _| matches!(key.as_str(), "description" | "default"));
+            property.insert(String::from("$ref"), quantity["$ref"].clone());
+        }
+    }
+    for key in ["preset", "background", "background_sha256"] {
+        let list =
+            json!([{ "type": "string" }, { "type": "array", "items": { "type": "string" } }, { "type": "null" }]);
+        if let Some(property) = properties(&mut schema, "Sensor").and_then(|all| all.get_mut(key)?.as_object_mut()) {
+            property.remove("type");
+            property.insert(String::from("anyOf"), list);
+        }
+    }
+    schema
+}
+
+/// The properties of a definition, or of the schema itself where that is what it defines.
+fn properties<'a>(schema: &'a mut Value, definition: &str) -> Option<&'a mut serde_json::Map<String, Value>> {
+    let itself = schema["title"] == definition;
+    let object = if itself { schema } else { schema.get_mut("$defs")?.get_mut(definition)? };
+    object.get_mut("properties")?.as_object_mut()
 }

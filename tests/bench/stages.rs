@@ -120,7 +120,15 @@ fn stages(c: &mut Criterion) {
             plan.simulator.shader().shade(&sample.impression.contact, plan.simulator.background(), &mut ledger());
         let shot = plan.job().camera.resting();
         group.bench_function(BenchmarkId::new("expose", name), |b| {
-            b.iter(|| plan.simulator.camera().expose(black_box(light.clone()), None, &shot, &mut ledger()));
+            b.iter(|| {
+                plan.simulator.camera().expose(
+                    black_box(light.clone()),
+                    Some(&sample.impression.contact.mask),
+                    None,
+                    &shot,
+                    &mut ledger(),
+                )
+            });
         });
         group.bench_function(BenchmarkId::new("render", name), |b| b.iter(|| render(black_box(&plan), 0)));
         group.bench_function(BenchmarkId::new("png", name), |b| {

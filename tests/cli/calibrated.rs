@@ -83,7 +83,7 @@ fn tables_that_are_none_are_refused_in_words_at_their_key() {
         ("heights without 0", with("[-0.25,1.0]", "[0.25,1.0]"), "its heights hold 0"),
         ("no disc", with("\"contact_over_disc\":0.9375", "\"contact_over_disc\":0.0"), "contact_over_disc is 0"),
         ("another key", with("\"steepest\":", "\"steep\":"), "unknown field `steep`"),
-        ("the future", with("\"calibration_version\":1", "\"calibration_version\":2"), "which is newer than this one"),
+        ("the future", with("\"calibration_version\":1", "\"calibration_version\":3"), "which is newer than this one"),
         (
             "the future with more in it",
             with("\"calibration_version\":1", "\"calibration_version\":7,\"more\":[]"),
@@ -153,4 +153,56 @@ fn datasets_of_a_calibrated_sensor_are_resumed_verified_and_reproduced() {
     let said = folder.fail("generate job.toml --out out", 2);
     assert!(said.contains("out") && said.contains("help: "), "{said}");
     assert_same_files(&whole, &folder.lasting_files("out"));
+}
+
+#[test]
+fn what_the_presses_of_the_calibration_did_not_reach_is_said_by_plan_generate_and_labels() {
+    let folder = folder();
+    let share = |label: &serde_json::Value| label["numerics"]["light_outside_range"].as_f64().expect("a number");
+    // The cube's walls are steeper than any ball.
+    let planned = folder.gelsim("plan job.toml").assert().success();
+    let planned = String::from_utf8_lossy(&planned.get_output().stdout).into_owned();
+    let words = "of the contact is steeper or deeper than the presses that the optics were calibrated on";
+    assert!(planned.contains("\nlight  ") && planned.contains(words), "{planned}");
+    let said = folder.succeed("generate job.toml --out steep");
+    assert!(said.contains(words) && said.contains("numerics.light_outside_range"), "{said}");
+    let labels = folder.labels("steep");
+    assert!(labels.values().all(|label| (0.0..=1.0).contains(&share(label))));
+    let area = |label: &serde_json::Value| label["contact"]["area_mm2"].as_f64().expect("a number");
+    let total: f64 = labels.values().map(area).sum();
+    let percent = 100.0 * labels.values().map(|label| area(label) * share(label)).sum::<f64>() / total;
+    assert!(percent > 0.5 && said.contains(&format!("{percent:.1} % of the contact")), "{percent} {said}");
+    assert!(labels.values().any(|label| area(label) == 0.0 && share(label) == 0.0), "nothing touches");
+
+    // A table whose presses were as deep and as steep as anything, and other optics: there is nothing to say.
+    folder.succeed("generate job.toml --out other --set optics=\"phong\"");
+    let all = measured().replace("\"steepest\":0.75", "\"steepest\":1.0").replace("[-0.25,1.0]", "[-9.0,9.0]");
+    folder.write("table.json", all);
+    let said = folder.succeed("generate job.toml --out within");
+    assert!(!said.contains(words), "{said}");
+    for name in ["other", "within"] {
+        assert!(folder.labels(name).values().all(|label| share(label) == 0.0), "{name}");
+    }
+}
+
+#[test]
+fn light_goes_on_beyond_the_presses_where_the_table_says_how() {
+    let folder = folder();
+    folder.succeed("generate job.toml --quiet --out clamped");
+    let led = r#"{"azimuth_deg":0.0,"elevation_deg":40.0,"intensity":2.0}"#;
+    let beyond = format!(r#","beyond":{{"leds":[{led}],"stray_light":[0.1,0.1,0.1],"per_mm":[0.0,0.0,-0.1]}}}}"#);
+    let text = measured().replace("\"calibration_version\":1", "\"calibration_version\":2");
+    let with = |beyond: &str| text.trim_end().strip_suffix('}').expect("an object").to_owned() + beyond;
+    folder.write("table.json", with(&beyond));
+    folder.succeed("generate job.toml --quiet --out goes_on");
+    let (before, after) = (folder.samples("clamped"), folder.samples("goes_on"));
+    let same = |key: &String| before[key]["tactile.png"] == after[key]["tactile.png"];
+    let labels = folder.labels("goes_on");
+    let (touching, free): (Vec<_>, Vec<_>) =
+        labels.iter().partition(|(_, label)| label["contact"]["in_contact"] == true);
+    assert!(!free.is_empty() && free.iter().all(|(key, _)| same(key)), "the pad is flat there");
+    assert!(touching.iter().any(|(key, _)| !same(key)), "the light is still cut off at the presses' edge");
+    folder.write("table.json", with(&beyond.replace("\"elevation_deg\":40.0", "\"elevation_deg\":140.0")));
+    let said = folder.fail("plan job.toml", 2);
+    assert!(said.contains("elevations of 0 to 90 degrees") && said.contains("sensor.toml:6:"), "{said}");
 }

@@ -62,6 +62,7 @@ fn pairs_are_scored_each_and_in_the_mean() {
     for part in ["1.333", "real: simulated against real: blue 4.0 levels too bright", "total"] {
         assert!(shown.contains(part), "{part}\n{shown}");
     }
+    assert!(!shown.contains("other presses"), "{shown}");
     assert!(!shown.contains("images/1.png"));
     assert!(run(&folder, "compare real sim --per-image").0.contains("images/1.png"));
     let sheet = image::open(folder.path("out/compare.png")).expect("a picture").into_rgb8();
@@ -131,6 +132,15 @@ fn sets_without_pairs_are_compared_as_sets() {
     let (shown, said) = run(&folder, "compare real set --out out");
     assert!(shown.starts_with("no two images belong together") && said == "-> out\n", "{shown}{said}");
     assert!(!folder.path("out/compare.png").exists(), "that of the comparison before");
+    // The scenes differ, which is not the simulator's fault.
+    assert!(!shown.contains(" too ") && !folder.read("out/compare.json").contains(" too "), "{shown}");
+    for words in [
+        "all: 2 real images against 8 simulated ones of other presses.",
+        "no measure of the simulator",
+        "gelsim calibrate --evaluate REAL/annotations.csv",
+    ] {
+        assert!(shown.contains(words), "{words} is not in\n{shown}");
+    }
     let result = json(&folder, "out/compare.json");
     let distances = &result["sensors"][0]["distances"];
     assert_eq!((&distances["real_images"], &distances["sim_images"]), (&2.into(), &8.into()));

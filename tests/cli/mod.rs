@@ -20,6 +20,7 @@ mod log;
 mod messages;
 mod preview;
 mod properties;
+mod random_sensor;
 mod render;
 mod report;
 mod resume;

@@ -101,10 +101,10 @@ const NOISY: (&str, &str) = ("[pose]", "[camera]\nread_noise_levels = 2.0\nvigne
 fn the_sheet_of_effects_has_a_row_for_each_that_a_job_calls_for() {
     let folder = Folder::with_job(&edited(JOB, &[NOISY]));
     let said = folder.succeed("preview job.toml --effects --out effects.png");
-    // Deformation, shading, shadows, darkening, vignette, noise.
+    // Deformation, supersampling, shading, shadows, darkening, vignette, noise.
     let row = 36 + 18 + 6;
-    assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (196 + 6) + 6, 18 + 6 + 6 * row));
-    let left_out = "texture, rest_shape, shear, grain, markers, defocus, distortion, exposure";
+    assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (196 + 6) + 6, 18 + 6 + 7 * row));
+    let left_out = "texture, rest_shape, shear, grain, markers, defocus, distortion, speckle, exposure";
     assert!(said.contains(&format!("note: samples 0 to 7: not called for are {left_out}\n")), "{said}");
     assert_eq!(folder.files("").len(), 4, "only the picture was written");
 }

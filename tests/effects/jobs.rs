@@ -185,8 +185,10 @@ fn camera() -> impl Strategy<Value = String> {
         line("exposure", &["", "", "0.5", "{ choice = [1.0, 2.0] }"]),
         line("red_gain", &["", "", "1.3"]),
         line("blue_gain", &["", "", "[0.8, 1.2]"]),
+        line("noise_correlation", &["", "", "0.6"]),
+        line("speckle_levels", &["0.0", "0.0", "0.0", "2.0"]),
         line("shot_noise_levels", &["", "", "", "3.0"]),
-        line("read_noise_levels", &["", "", "", "{ choice = [0.0, 2.0] }"]),
+        line("read_noise_levels", &["0.0", "0.0", "0.0", "{ choice = [0.0, 2.0] }"]),
     ];
     maybe(table("camera", keys))
 }

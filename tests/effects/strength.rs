@@ -137,8 +137,9 @@ fn constant(job: &Job) -> bool {
         &camera.blue_gain,
     ];
     let printed = job.markers.iter().flat_map(|markers| [&markers.pitch_mm, &markers.diameter_mm, &markers.jitter_mm]);
-    let noiseless =
-        [&camera.shot_noise_levels, &camera.read_noise_levels].iter().all(|law| law.support() == (0.0, 0.0));
+    let noiseless = [&camera.shot_noise_levels, &camera.read_noise_levels, &camera.speckle_levels]
+        .iter()
+        .all(|law| law.support() == (0.0, 0.0));
     noiseless && quantities.into_iter().chain(printed).all(|law| matches!(law, Quantity::Constant(_)))
 }
 
@@ -162,5 +163,5 @@ fn a_pad_that_nothing_touches_is_the_untouched_pad() {
         Ok(())
     });
     result.unwrap_or_else(|error| panic!("{error}"));
-    assert!(*tried.borrow() > 30, "{} jobs", tried.borrow());
+    assert!(*tried.borrow() > 20, "{} jobs", tried.borrow());
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use gelsim::core::base::grid::Grid;
 use gelsim::core::depth::height_map::HeightMap;
 use gelsim::core::depth::{self, Window};
+use gelsim::core::effects::{Effect, EffectPolicy};
 use gelsim::core::fidelity::Fidelity;
 use gelsim::core::pose::Pose;
 use gelsim::files::sensor::PRESETS;
@@ -56,7 +57,8 @@ fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
                 rung.name(),
             );
             let drawn = plan(&job);
-            let meshed = sample::render(&drawn, 0);
+            // A frame has nothing between its pixels.
+            let meshed = sample::render(&drawn.with_policy(EffectPolicy::Without(Effect::Supersampling)), 0);
             let overrides = Overrides { fidelity: Some(rung), ..Overrides::default() };
             let frames = Frames {
                 sensor: preset,

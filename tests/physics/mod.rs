@@ -1,9 +1,9 @@
 //! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow twins in f64.
 //!
 //! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
-//! and light against closed forms; `presets` the light of presets against figures of real sensors; `scene` labels against what they describe; `frames` depth frames against
-//! the objects that they show; `twin` whole samples against a plain f64
-//! pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
+//! and light against closed forms; `presets` the light of presets against figures of real sensors; `walls` light between pixel centres; `scene` labels
+//! against what they describe; `frames` depth frames against the objects that they show; `twin` whole samples against a
+//! plain f64 pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
 //! border and the pixels' size cost; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
 
@@ -32,3 +32,4 @@ mod solutions;
 mod support;
 mod symmetry;
 mod twin;
+mod walls;

@@ -217,7 +217,9 @@ fn an_untouched_pad_is_the_rendered_background_byte_for_byte() {
         for optics in
             ["", "optics.phong.shininess = 3.7", "optics.phong.shininess = 0.0", "optics.phong.diffuse = 10.0"]
         {
-            let plan = plan(&untouched_job(&format!("{optics}\nsensor.preset = \"{preset}\"")));
+            let plan = plan(&untouched_job(&format!(
+                "{optics}\ncamera = {{ read_noise_levels = 0.0, defocus_mm = 0.0 }}\nsensor.preset = \"{preset}\""
+            )));
             let sample = render(&plan, 0);
             assert!(sample.impression.image.rgb == plan.simulator.background().rgb, "{preset} {optics}");
             assert!(!sample.label.contact.in_contact);

@@ -73,6 +73,12 @@ ELSEWHERE = {
     "gelsim render --depth seen --depth-unit m --plane-mm 25 --projection perspective --fov-y-deg 40 --sensor gelsight-2014"
     " --out from-perspective": ("MuJoCo's frames", "tests/pipeline/simulators.py"),
     "python tests/pipeline/simulators.py GELSIM": ("the packages of simulators", ".ci/run"),
+    "python tests/transfer/run.py GELSIM --real FOLDER": ("real presses; what it printed", "docs/transfer.md"),
+    "python tests/transfer/run.py GELSIM --real FOLDER --set gsmini_gssdk gelsight_thu --seeds 1": (
+        "real presses; what it printed",
+        "docs/transfer.md",
+    ),
+    "python tests/transfer/run.py GELSIM --self-test": ("NumPy", ".ci/run"),
     "seq 0 63 | parallel": ("two machines; there with a false ssh", "tests/pipeline/recipes.py"),
 }
 

@@ -205,7 +205,11 @@ def sensors(punch):
         for index in range(len(job)):
             theirs = job[index]
             ours = sensor.render(theirs["depth"], fidelity=rung, layers=layers, index=index, seed=3)
-            for name in ["tactile", *layers]:
+            # A depth map has nothing between its pixels, over which a job averages light at walls.
+            walls = theirs["label"]["effects"]["supersampling"]["ran"]
+            differ = (ours["tactile"] != theirs["tactile"]).mean()
+            assert differ < 0.25 if walls else differ == 0, (rung, index, differ)
+            for name in layers:
                 assert np.array_equal(ours[name], theirs[name]), (rung, index, name)
             for key in ["contact", "sensor", "camera", "fidelity"]:
                 assert ours["label"][key] == theirs["label"][key], (rung, key)

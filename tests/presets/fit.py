@@ -4,7 +4,8 @@
 
 PAD.png are images of untouched pads, one for each unit: from them come the mean colour, the pattern and how much units differ.
 PRESSES.csv is a table as `gelsim calibrate` takes it, with the background of the unit that was pressed: from them come LEDs and
-stray light. Every second press is fitted; the error is that of the others, over that background. Needs numpy and Pillow.
+stray light, the camera's noise, and on which side each channel brightens. Every second press is fitted; the error is that of
+the others, over that background. Needs numpy and Pillow.
 """
 
 import argparse
@@ -22,9 +23,13 @@ CHANNELS = "red", "green", "blue"
 COLUMNS = "file", "centre_x_px", "centre_y_px", "radius_px", "ball_radius_mm", "mm_per_px"
 
 
+def read(path):
+    return numpy.asarray(Image.open(path).convert("RGB"), dtype=float)
+
+
 def pattern(path):
     """The mean colour of a pad, the pattern's coefficients for each channel, and what they leave, in grey levels."""
-    pad = numpy.asarray(Image.open(path).convert("RGB"), dtype=float)
+    pad = read(path)
     height, width, _ = pad.shape
     y, x = numpy.mgrid[:height, :width]
     x, y = 2 * (x + 0.5) / width - 1, 2 * (y + 0.5) / height - 1
@@ -36,19 +41,61 @@ def pattern(path):
     return means, coefficients.T, left
 
 
-def halves(table, folder):
-    """The rows to fit and the rows to test on, as two tables."""
-    with open(table, newline="") as file:
-        rows = list(csv.DictReader(file))
-    names = []
-    for part, name in enumerate(("fit.csv", "test.csv")):
-        names.append(folder / name)
-        with open(names[-1], "w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-            writer.writeheader()
-            for row in rows[part::2]:
-                writer.writerow({**row, "file": (Path(table).parent / row["file"]).resolve()})
-    return names
+class Press:
+    """An image and the disc that is seen in it."""
+
+    def __init__(self, row, folder):
+        self.file = (folder / row["file"]).resolve()
+        self.row = {**row, "file": self.file}
+        self.image = read(self.file)
+        height, width, _ = self.image.shape
+        y, x = numpy.mgrid[:height, :width] + 0.5
+        self.radius = float(row["radius_px"])
+        self.x, self.y = (x - float(row["centre_x_px"])) / self.radius, (y - float(row["centre_y_px"])) / self.radius
+        self.away = numpy.hypot(self.x, self.y)
+
+
+def brightening(presses, background):
+    """Direction in which each channel brightens over the discs, degrees, and its change at the rim, grey levels."""
+    slopes = []
+    for press in presses:
+        disc = press.away <= 1
+        terms = numpy.stack([numpy.ones(disc.sum()), press.x[disc], press.y[disc]], axis=1)
+        slopes.append(numpy.linalg.lstsq(terms, (press.image - background)[disc], rcond=None)[0][1:])
+    x, y = numpy.mean(slopes, axis=0)
+    return numpy.degrees(numpy.arctan2(y, x)), numpy.hypot(x, y)
+
+
+def rough(image):
+    """What an image has beyond its mean over 9 x 9 pixels."""
+    sums = numpy.pad(image, ((5, 4), (5, 4), (0, 0)), mode="reflect").cumsum(axis=0).cumsum(axis=1)
+    return image - (sums[9:, 9:] - sums[:-9, 9:] - sums[9:, :-9] + sums[:-9, :-9]) / 81
+
+
+def noise(presses):
+    """Of each channel, as medians over presses: standard deviation of the noise and correlation of neighbours along rows, from
+    one press to the next, far from both; and the standard deviation that the discs have beyond it."""
+    images = [rough(press.image) for press in presses]
+    still = numpy.median(images, axis=0)
+    deviations, correlations, within = [], [], []
+    for k in range(len(presses) - 1):
+        difference = (images[k] - images[k + 1]) / numpy.sqrt(2)
+        far = (presses[k].away > 2) & (presses[k + 1].away > 2)
+        deviations.append(difference[far].std(axis=0))
+        pairs = far[:, 1:] & far[:, :-1]
+        products = (difference[:, 1:] * difference[:, :-1])[pairs]
+        correlations.append(products.mean(axis=0) / deviations[-1] ** 2)
+    for press, image in zip(presses, images):
+        within.append((image - still)[press.away < 0.75].std(axis=0))
+    deviation, correlation, within = (numpy.median(values, axis=0) for values in (deviations, correlations, within))
+    return deviation, correlation, numpy.sqrt(numpy.maximum(within**2 - deviation**2, 0))
+
+
+def write(table, presses):
+    with open(table, "w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(press.row for press in presses)
 
 
 def run(*command):
@@ -56,6 +103,12 @@ def run(*command):
     if result.returncode != 0:
         raise SystemExit(result.stderr)
     return result.stdout
+
+
+def error(gelsim, presses, sensor, shown):
+    """MAE over the discs dilated by 1.3."""
+    said = run(gelsim, "calibrate", "--evaluate", presses, "--sensor", sensor, "--out", shown)
+    return float(re.search(r"^mean of \d+\s+([\d.]+)", said, re.MULTILINE)[1])
 
 
 def main():
@@ -70,27 +123,35 @@ def main():
     pads = [pattern(path) for path in given.pads]
     means = numpy.array([pad[0] for pad in pads])
     coefficients = numpy.array([pad[1] for pad in pads])
+    background = read(given.background)
+    with open(given.presses, newline="") as file:
+        presses = [Press(row, Path(given.presses).parent) for row in csv.DictReader(file)]
+    fitted, tested = presses[::2], presses[1::2]
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        fitted, tested = halves(given.presses, folder)
-        sensor = folder / "sensor.toml"
+        write(folder / "fitted.csv", fitted)
+        write(folder / "tested.csv", tested)
+        sensor, preset = folder / "sensor.toml", folder / "preset.toml"
         common = "--background", given.background, "--sensor", given.preset
-        print(run(given.gelsim, "calibrate", "--leds", fitted, *common, "--out", sensor), end="")
-        errors = {}
-        for name, of in (("fitted LEDs", sensor), ("preset as it is", folder / "old.toml")):
-            if name == "preset as it is":
-                text = f'preset = "{given.preset}"\nbackground = "{Path(given.background).resolve()}"\n'
-                size = Image.open(given.background).size
-                of.write_text(text + f"resolution_px = [{size[0]}, {size[1]}]\n")
-            shown = run(given.gelsim, "calibrate", "--evaluate", tested, "--sensor", of, "--out", folder / "shown")
-            errors[name] = re.search(r"^mean of \d+\s+([\d.]+)", shown, re.MULTILINE)[1]
+        print(run(given.gelsim, "calibrate", "--leds", folder / "fitted.csv", *common, "--out", sensor), end="")
+        height, width, _ = background.shape
+        preset.write_text(
+            f'preset = "{given.preset}"\nbackground = "{Path(given.background).resolve()}"\nresolution_px = [{width}, {height}]\n'
+        )
+        by_fit = error(given.gelsim, folder / "tested.csv", sensor, folder / "fitted")
+        by_preset = error(given.gelsim, folder / "tested.csv", preset, folder / "preset")
         text = sensor.read_text()
-    print("MAE in the contact of presses that were not fitted, grey levels: " + str(errors))
-    spread = coefficients.std(axis=0, ddof=1) if len(pads) > 1 else None
+    nothing = numpy.mean([numpy.abs(press.image - background)[press.away <= 1.3].mean() for press in tested])
+    print(f"MAE in the contact of {len(tested)} presses that were not fitted, grey levels: {by_fit:.1f}", end="")
+    print(f"; the preset as it is {by_preset:.1f}; nothing pressed {nothing:.1f}")
+    for name, direction, change in zip(CHANNELS, *brightening(presses, background)):
+        print(f"{name} brightens towards {direction:.0f} degrees, by {change:.0f} grey levels at the rim")
+    for name, deviation, correlation, speckle in zip(CHANNELS, *noise(presses)):
+        print(f"{name} noise {deviation:.1f} grey levels, neighbours {correlation:.2f}; in contact {speckle:.1f} more")
     print(f"mean colour of {len(pads)} pads: {means.mean(axis=0).round(1)}, of each: {means.round(1).tolist()}")
     print(f"the pattern leaves {[pad[2].round(1).tolist() for pad in pads]} grey levels")
-    if spread is not None:
-        print(f"largest spread of a coefficient between units: {spread.max(axis=1).round(2)}")
+    if len(pads) > 1:
+        print(f"largest spread of a coefficient between units: {coefficients.std(axis=0, ddof=1).max(axis=1).round(2)}")
 
     print(re.search(r"^stray_light = .*", text, re.MULTILINE)[0])
     print(f"\n[rendered_background]\ncolor = {(means.mean(axis=0) / 255).round(3).tolist()}")

@@ -223,7 +223,9 @@ impl Case {
                      camera.exposure = [0.8, 1.2]\n\
                      camera.blue_gain = [0.9, 1.1]\n\
                      camera.shot_noise_levels = 2.0\n\
-                     camera.read_noise_levels = 1.0\n"
+                     camera.read_noise_levels = 1.0\n\
+                     camera.noise_correlation = 0.5\n\
+                     camera.speckle_levels = 2.0\n"
                 }
                 Dress::Plain | Dress::Still => "camera.exposure = 1.1\n",
             }

@@ -56,7 +56,7 @@ fn every_effect_is_on_in_the_dressed_samples() {
         let plan = Case::new("dressed", "").depth(1.0).plan(dress).expect("a plain job");
         let label = gelsim::job::sample::render(&plan, 0).label;
         let off: Vec<_> = label.effects.iter().filter(|(_, note)| !note.ran).map(|(effect, _)| effect.name()).collect();
-        let expected: &[&str] = if dress == Dress::Still { &["noise"] } else { &[] };
+        let expected: &[&str] = if dress == Dress::Still { &["speckle", "noise"] } else { &[] };
         assert_eq!(off, expected, "{dress:?}");
     }
 }

@@ -11,6 +11,7 @@ use gelsim::core::base::view::SURFACE_BORDER;
 use gelsim::core::base::view::View;
 use gelsim::core::effects::{EffectLog, EffectPolicy};
 use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::Contact;
 use gelsim::core::gelpad::elastic::layer::ElasticLayer;
 use gelsim::core::optics::normals::normals;
 use gelsim::files::mesh;
@@ -209,11 +210,24 @@ pub fn light(plan: &Plan, sample: &Sample) -> Vec<f32> {
     levels(
         plan,
         &plan.simulator.shader().shade(
-            &sample.impression.contact,
+            &at_centres(sample),
             plan.simulator.background(),
             &mut EffectLog::new(EffectPolicy::All),
         ),
     )
+}
+
+/// The pad of a sample without what was sampled between its pixels' centres.
+fn at_centres(sample: &Sample) -> Contact {
+    Contact { subpixel: None, ..sample.impression.contact.clone() }
+}
+
+/// The image of that.
+pub fn image(plan: &Plan, sample: &Sample) -> Vec<u8> {
+    let (contact, mut effects) = (at_centres(sample), EffectLog::new(EffectPolicy::All));
+    let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects);
+    let camera = sample.impression.camera;
+    plan.simulator.camera().expose(light, Some(&contact.mask), None, &camera, &mut effects).rgb
 }
 
 /// By how much quantised values are away from the levels that they stand for, beyond half a level.
@@ -268,7 +282,7 @@ fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
             );
             let expected = light_of(&expected, &plan);
             let off = apart(&light(&plan, &sample), &expected);
-            let misrounded = misrounded(&sample.impression.image.rgb, &expected);
+            let misrounded = misrounded(&image(&plan, &sample), &expected);
             println!(
                 "{object}, {rung:?}: surface {surface_um:.4} um, normals {turned:.4} degrees, light {off:.4} levels, \
                  image {misrounded:.4} beyond half a level"

@@ -5,7 +5,7 @@
 //! a rendered one goes through the same lens as everything else. Dots are drawn where the lens shows them; exposure,
 //! white balance and noise act on the sum.
 
-use crate::core::base::grid::Rect;
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
@@ -23,7 +23,6 @@ mod vignette;
 use dots::Dot;
 pub use image::Image;
 use markers::MarkerPositions;
-use noise::Noise;
 pub use params::CameraParams;
 
 /// Red, green and blue, row-major.
@@ -73,20 +72,29 @@ impl Camera {
         Self { view: *view, photograph, resting, print: dots, bare, seen, marked, untouched }
     }
 
-    /// The image of a pad whose light differs from that of the untouched one in `light`.
+    /// The image of a pad whose light differs from that of the untouched one in `light`, which is `touched` where that
+    /// mask is not 0; without a mask it is not.
     pub fn expose(
         &self,
         light: Light,
+        touched: Option<&Grid<u8>>,
         markers: Option<&MarkerPositions>,
         camera: &CameraParams,
         effects: &mut EffectLog,
     ) -> Image {
         let light = self.see(light, camera, effects);
         let mut light = self.print(light, markers, camera, effects);
+        let (noise, speckle) = (camera.noise(), camera.speckle());
 
         let jitters = camera.gains != self.resting.gains;
-        let noisy = camera.shot_noise_levels > 0.0 || camera.read_noise_levels > 0.0;
-        if jitters || noisy {
+        let touched = touched.filter(|mask| mask.data.iter().any(|value| *value != 0));
+        let need = match speckle {
+            None => Requirement::Absent("the pad has none"),
+            Some(_) if touched.is_none() => Requirement::Unneeded("nothing touches the pad"),
+            Some(_) => Requirement::Needed("the pad is touched"),
+        };
+        let speckle = if effects.enable(Effect::Speckle, need) { speckle } else { None };
+        if jitters || noise.is_some() || speckle.is_some() {
             // What differs from sample to sample, differs everywhere.
             light = self.spread(light, self.marked.as_ref().unwrap_or(&self.seen));
         }
@@ -95,18 +103,23 @@ impl Camera {
             (false, false) if light.region.is_empty() => Requirement::Unneeded("the press changed no light"),
             _ => Requirement::Needed("not all gains are 1"),
         };
+        let width = self.view.resolution_px[0];
+        if let Some((speckle, touched)) = speckle.zip(touched) {
+            effects.timed(Effect::Speckle, || match camera.lens(&self.view) {
+                Some(lens) => speckle.add(width, &mut light.planes, Some(&lens.warp_mask(touched).data)),
+                None => speckle.add(width, &mut light.planes, Some(&touched.data)),
+            });
+        }
         effects.run(Effect::Exposure, need, || scale(camera.gains, &mut light.planes));
-        let need = if noisy {
-            Requirement::Needed("every pixel is noisy")
-        } else {
-            Requirement::Absent("the camera has none")
+        let need = match noise {
+            Some(_) => Requirement::Needed("every pixel is noisy"),
+            None => Requirement::Absent("the camera has none"),
         };
-        effects.run(Effect::Noise, need, || {
-            let share = |levels: f64| (levels / 255.0) as f32;
-            let (read, shot_noise) = (share(camera.read_noise_levels), share(camera.shot_noise_levels));
-            let noise = Noise { read, shot: shot_noise, key: camera.noise_key };
-            noise.add(self.view.resolution_px[0], &mut light.planes);
-        });
+        if effects.enable(Effect::Noise, need)
+            && let Some(noise) = noise
+        {
+            effects.timed(Effect::Noise, || noise.add(width, &mut light.planes, None));
+        }
 
         let mut image = self.untouched.clone();
         if image.clipped_px > 0 {

@@ -1,7 +1,7 @@
 //! Noise of the camera: of reading a pixel, the same for all, and of counting light, larger where there is more.
 //!
 //! The variance of a value v is read^2 + shot^2 v (Janesick 2007, "Photon transfer"), its shape a normal curve, each
-//! value on its own. Valid while a pixel counts more than some ten photons. What a pixel gets is a pure function of
+//! value on its own, or correlated with its neighbours where demosaicing or compression smeared it. Valid while a pixel counts more than some ten photons. What a pixel gets is a pure function of
 //! key, channel, row and column: a counter is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly
 //! a normal curve, by the central limit), and a polynomial bends the sum the rest of the way.
 
@@ -14,28 +14,124 @@ pub struct Noise {
     pub read: f32,
     /// Of a value at full scale, by counting light; it grows with the root of the value, and is 0 below 0.
     pub shot: f32,
+    /// Factors for red, green and blue.
+    pub color: [f32; 3],
+    /// Correlation of neighbours along rows and columns, 0 to [`MOST_CORRELATION`].
+    pub correlation: f64,
     /// Which noise: another key, another sample of it.
     pub key: u64,
 }
 
+/// Largest correlation of neighbours that three pixels in a row can give: 0.7, a little less than the root of a half.
+pub const MOST_CORRELATION: f64 = 0.7;
+
 impl Noise {
-    /// Adds noise to whole pictures of `width` columns (at least 1), row-major red, green and blue.
-    pub fn add(&self, width: usize, planes: &mut [Vec<f32>; 3]) {
-        let (read, shot) = (self.read * self.read, self.shot * self.shot);
+    /// Adds noise to whole pictures of `width` columns (at least 1), row-major red, green and blue; `where_mask` of a
+    /// mask of the same size, only where that is not 0.
+    pub fn add(&self, width: usize, planes: &mut [Vec<f32>; 3], where_mask: Option<&[u8]>) {
+        let width = width.max(1);
         simd_dispatch(
             #[inline(always)]
             || {
-                for (channel, plane) in (0_u64..).zip(planes.iter_mut()) {
-                    for (row, values) in (0_u64..).zip(plane.chunks_mut(width.max(1))) {
-                        let keys = row_keys(self.key, channel, row);
-                        for (column, value) in (0_u32..).zip(values) {
+                for ((channel, plane), factor) in (0_u64..).zip(planes.iter_mut()).zip(self.color) {
+                    let (read, shot) =
+                        (factor * factor * self.read * self.read, factor * factor * self.shot * self.shot);
+                    let mut rows = Rows::new(self, channel, width);
+                    for (row, values) in plane.chunks_mut(width).enumerate() {
+                        let mask = where_mask.map(|mask| &mask[row * width..][..values.len()]);
+                        if mask.is_some_and(|mask| mask.iter().all(|touched| *touched == 0)) {
+                            continue;
+                        }
+                        let noise = rows.row(row as u64);
+                        let add = |value: &mut f32, noise: f32| {
                             let light = if *value > 0.0 { *value } else { 0.0 };
-                            *value += (read + shot * light).sqrt() * normal(mixed(column, keys));
+                            *value += (read + shot * light).sqrt() * noise;
+                        };
+                        match mask {
+                            None => values.iter_mut().zip(noise).for_each(|(value, noise)| add(value, *noise)),
+                            Some(mask) => {
+                                for ((value, noise), touched) in values.iter_mut().zip(noise).zip(mask) {
+                                    add(value, if *touched == 0 { 0.0 } else { *noise });
+                                }
+                            }
                         }
                     }
                 }
             },
         );
+    }
+}
+
+/// Rows of noise of variance 1 in one channel: white, or each value with a share of its neighbours, from which the
+/// correlation comes.
+struct Rows {
+    key: u64,
+    channel: u64,
+    /// Weight of each of the two neighbours against the value itself.
+    neighbour: f32,
+    /// Three rows that were mixed along themselves, and which.
+    mixed: [(Option<u64>, Vec<f32>); 3],
+    white: Vec<f32>,
+    row: Vec<f32>,
+}
+
+impl Rows {
+    fn new(noise: &Noise, channel: u64, width: usize) -> Self {
+        // With weights w, 1, w neighbours correlate by 2 w / (1 + 2 w^2).
+        let correlation = noise.correlation.min(MOST_CORRELATION);
+        let neighbour = match correlation > 0.0 {
+            true => (1.0 - libm::sqrt(1.0 - 2.0 * correlation * correlation)) / (2.0 * correlation),
+            false => 0.0,
+        };
+        Self {
+            key: noise.key,
+            channel,
+            neighbour: neighbour as f32,
+            mixed: [(); 3].map(|()| (None, Vec::new())),
+            white: Vec::new(),
+            row: vec![0.0; width],
+        }
+    }
+
+    /// The noise of a row of the picture.
+    #[inline(always)]
+    fn row(&mut self, row: u64) -> &[f32] {
+        let width = self.row.len();
+        if self.neighbour == 0.0 {
+            white(&mut self.row, row_keys(self.key, self.channel, row));
+            return &self.row;
+        }
+        // Rows and columns of white noise begin one before the picture's.
+        for wanted in row..row + 3 {
+            let (at, mixed) = &mut self.mixed[(wanted % 3) as usize];
+            if *at != Some(wanted) {
+                *at = Some(wanted);
+                self.white.resize(width + 2, 0.0);
+                white(&mut self.white, row_keys(self.key, self.channel, wanted));
+                mixed.resize(width, 0.0);
+                blend([&self.white, &self.white[1..], &self.white[2..]], self.neighbour, mixed);
+            }
+        }
+        let [above, here, below] = [0, 1, 2].map(|k| &self.mixed[((row + k) % 3) as usize].1[..]);
+        blend([above, here, below], self.neighbour, &mut self.row);
+        &self.row
+    }
+}
+
+/// The middle one of three with a share of both others, of variance 1 if theirs is.
+#[inline(always)]
+fn blend([before, here, after]: [&[f32]; 3], neighbour: f32, out: &mut [f32]) {
+    let scale = 1.0 / (1.0 + 2.0 * neighbour * neighbour).sqrt();
+    for (((out, before), here), after) in out.iter_mut().zip(before).zip(here).zip(after) {
+        *out = (here + neighbour * (before + after)) * scale;
+    }
+}
+
+/// White noise of one row.
+#[inline(always)]
+fn white(values: &mut [f32], keys: [u32; 2]) {
+    for (column, value) in (0_u32..).zip(values) {
+        *value = normal(mixed(column, keys));
     }
 }
 
@@ -85,10 +181,14 @@ mod tests {
     const WIDTH: usize = 640;
     const HEIGHT: usize = 384;
 
+    fn noise_of(read: f32, shot: f32, key: u64) -> Noise {
+        Noise { read, shot, color: [1.0; 3], correlation: 0.0, key }
+    }
+
     /// Noise alone: what is added to `light` everywhere.
     fn noise(read: f32, shot: f32, key: u64, light: f32) -> [Vec<f32>; 3] {
         let mut planes = [(); 3].map(|()| vec![light; WIDTH * HEIGHT]);
-        Noise { read, shot, key }.add(WIDTH, &mut planes);
+        noise_of(read, shot, key).add(WIDTH, &mut planes, None);
         planes.map(|plane| plane.iter().map(|value| value - light).collect())
     }
 
@@ -156,7 +256,7 @@ mod tests {
             assert!((found / variance - 1.0).abs() < 0.02, "{light}: {found} {variance}");
         }
         let mut still = [vec![0.3], vec![-2.0], vec![0.0]];
-        Noise { read: 0.0, shot: 0.0, key: 1 }.add(1, &mut still);
+        noise_of(0.0, 0.0, 1).add(1, &mut still, None);
         assert_eq!(still, [vec![0.3], vec![-2.0], vec![0.0]]);
     }
 
@@ -173,6 +273,39 @@ mod tests {
         for (case, found) in found.iter().enumerate() {
             // Five standard errors of the fewest pairs.
             assert!(found.iter().all(|correlation| correlation.abs() < 0.014), "case {case}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn correlated_noise_has_the_correlation_that_it_is_given_and_the_same_variance() {
+        for wanted in [0.1, 0.4, 0.6, MOST_CORRELATION] {
+            let mut planes = [(); 3].map(|()| vec![0.0; WIDTH * HEIGHT]);
+            let noise = Noise { color: [2.0, 1.0, 0.5], correlation: wanted, ..noise_of(1.0, 0.0, 5) };
+            noise.add(WIDTH, &mut planes, None);
+            for (plane, factor) in planes.iter().zip([2.0, 1.0, 0.5]) {
+                let unit: Vec<f32> = plane.iter().map(|value| value / factor).collect();
+                let variance = mean(unit.iter().map(|value| f64::from(*value).powi(2)));
+                assert!((variance - 1.0).abs() < 0.03, "{wanted}: {variance}");
+                let product = wanted * wanted;
+                for (dx, dy, expected) in [(1, 0, wanted), (0, 1, wanted), (1, 1, product), (3, 0, 0.0), (0, 3, 0.0)] {
+                    let [found, _] = correlation(&unit, &unit, dx, dy);
+                    assert!((found - expected).abs() < 0.02, "{wanted}, {dx} {dy}: {found}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_mask_decides_where_noise_is_added_and_not_which() {
+        let speckle = Noise { correlation: 0.6, ..noise_of(0.1, 0.0, 8) };
+        let mask: Vec<u8> = (0..40 * 30).map(|k| if k / 40 > 11 && k % 7 < 3 { 255 } else { 0 }).collect();
+        let [mut everywhere, mut touched] = [(); 2].map(|()| [(); 3].map(|()| vec![0.5; 40 * 30]));
+        speckle.add(40, &mut everywhere, None);
+        speckle.add(40, &mut touched, Some(&mask));
+        for (all, some) in everywhere.iter().zip(&touched) {
+            for ((all, some), mask) in all.iter().zip(some).zip(&mask) {
+                assert_eq!(some.to_bits(), if *mask == 0 { 0.5_f32 } else { *all }.to_bits());
+            }
         }
     }
 
@@ -205,14 +338,14 @@ mod tests {
 
     #[test]
     fn a_pixel_s_noise_depends_on_its_place_alone_and_on_no_processor() {
-        let noise = Noise { read: 0.01, shot: 0.02, key: 0x1234_5678_9abc_def0 };
+        let noise = noise_of(0.01, 0.02, 0x1234_5678_9abc_def0);
         let wide_view = {
             let mut planes = [(); 3].map(|()| vec![0.25; 61 * 7]);
-            noise.add(61, &mut planes);
+            noise.add(61, &mut planes, None);
             planes
         };
         let mut small_view = [(); 3].map(|()| vec![0.25; 5 * 4]);
-        scalar_only(|| noise.add(5, &mut small_view));
+        scalar_only(|| noise.add(5, &mut small_view, None));
         for (channel, plane) in small_view.iter().enumerate() {
             for (i, value) in plane.iter().enumerate() {
                 assert_eq!(value.to_bits(), wide_view[channel][i / 5 * 61 + i % 5].to_bits());
@@ -239,7 +372,7 @@ mod tests {
         for (width, size) in [(1, 1), (1, 640), (640, 640), (7, 10), (0, 0), (0, 3)] {
             for light in [0.0, -0.0, f32::MIN_POSITIVE, -1e30, 1e30] {
                 let mut planes = [(); 3].map(|()| vec![light; size]);
-                Noise { read: 1e3, shot: 1e-30, key: u64::MAX }.add(width, &mut planes);
+                noise_of(1e3, 1e-30, u64::MAX).add(width, &mut planes, None);
                 assert!(planes.iter().flatten().all(|value| value.is_finite()));
             }
         }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::lens::Lens;
+use super::noise::{self, Noise};
 use super::{Planes, defocus, vignette};
 use crate::core::base::grid::Rect;
 use crate::core::base::view::View;
@@ -25,6 +26,12 @@ pub struct CameraParams {
     pub shot_noise_levels: f64,
     /// Standard deviation of the read noise, grey levels.
     pub read_noise_levels: f64,
+    /// Factors on the noise of red, green and blue.
+    pub noise_color: [f64; 3],
+    /// Correlation of the noise of neighbouring pixels.
+    pub noise_correlation: f64,
+    /// Standard deviation of the speckle where the pad is touched, grey levels.
+    pub speckle_levels: f64,
     /// Key of the noise; known from seed and index, so not in the label.
     #[serde(skip)]
     pub noise_key: u64,
@@ -40,6 +47,9 @@ impl Default for CameraParams {
             gains: [1.0; 3],
             shot_noise_levels: 0.0,
             read_noise_levels: 0.0,
+            noise_color: [1.0; 3],
+            noise_correlation: 0.0,
+            speckle_levels: 0.0,
             noise_key: 0,
         }
     }
@@ -54,8 +64,32 @@ impl CameraParams {
             EffectPolicy::Without(Effect::Defocus) => Self { defocus_mm: 0.0, ..self },
             EffectPolicy::Without(Effect::Exposure) => Self { gains: [1.0; 3], ..self },
             EffectPolicy::Without(Effect::Noise) => Self { shot_noise_levels: 0.0, read_noise_levels: 0.0, ..self },
+            EffectPolicy::Without(Effect::Speckle) => Self { speckle_levels: 0.0, ..self },
             _ => self,
         }
+    }
+
+    /// Its noise; `None` if it has none.
+    pub(super) fn noise(&self) -> Option<Noise> {
+        let [read, shot] = [self.read_noise_levels, self.shot_noise_levels].map(share);
+        (read > 0.0 || shot > 0.0).then(|| Noise {
+            read,
+            shot,
+            color: self.noise_color.map(|factor| factor as f32),
+            correlation: self.noise_correlation,
+            key: self.noise_key,
+        })
+    }
+
+    /// The speckle of a pad that is touched; `None` if it has none.
+    pub(super) fn speckle(&self) -> Option<Noise> {
+        (self.speckle_levels > 0.0).then(|| Noise {
+            read: share(self.speckle_levels),
+            shot: 0.0,
+            color: [1.0; 3],
+            correlation: noise::MOST_CORRELATION,
+            key: noise::mix(self.noise_key),
+        })
     }
 
     /// The lens's distortion, if it has any.
@@ -87,4 +121,9 @@ impl CameraParams {
     pub(super) fn blur_px(&self, view: &View) -> [f64; 2] {
         view.mm_per_px.map(|pitch| self.defocus_mm / pitch)
     }
+}
+
+/// Grey levels as a share of full scale.
+fn share(levels: f64) -> f32 {
+    (levels / 255.0) as f32
 }

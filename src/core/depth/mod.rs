@@ -6,7 +6,7 @@
 
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
+use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Placement, Pose};
@@ -158,6 +158,29 @@ pub fn capture(object: &Clusters, placement: &Placement, view: &View, window: Wi
         || raster::raster(object, &projection, canvas, &mut overlap),
     );
     limited(overlap, margin_px, thickness_mm)
+}
+
+/// The overlap of `object` at points `offset_px` away from the pixels' centres, mm: in `region` of the view and
+/// [`SURFACE_BORDER`] around it, minus the window's height where there is no object, not limited to the pad.
+pub fn capture_between(
+    object: &Clusters,
+    pose: &Pose,
+    view: &View,
+    region: Rect,
+    offset_px: [f64; 2],
+    window: Window,
+) -> Grid<f32> {
+    let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
+    let canvas = Canvas { width, height, margin: SURFACE_BORDER, ceiling: window.above_mm as f32 };
+    let from_px = [region.x0 as f64 + offset_px[0], region.y0 as f64 + offset_px[1]];
+    let projection = Projection::new(&pose.placement(), view, object.centre_mm()).seen_from(from_px);
+    let mut overlap = Grid { width, height, data: vec![canvas.ceiling; width * height] };
+    simd_dispatch(
+        #[inline(always)]
+        || raster::raster(object, &projection, canvas, &mut overlap),
+    );
+    overlap.data.iter_mut().for_each(|above| *above = 0.0 - *above);
+    overlap
 }
 
 /// A height map in `window`, limited to a pad of `thickness_mm`. Around the view, where nothing is known, its border

@@ -56,6 +56,14 @@ impl Projection {
         projection
     }
 
+    /// The same with the picture's corner moved by so many pixels.
+    pub fn seen_from(mut self, corner_px: [f64; 2]) -> Self {
+        for (offset, px) in self.offset.iter_mut().zip(corner_px) {
+            *offset = (f64::from(*offset) - px) as f32;
+        }
+        self
+    }
+
     #[inline(always)]
     fn map(&self, k: usize, x: f32, y: f32, z: f32) -> f32 {
         let [a, b, c] = self.linear[k];

@@ -43,7 +43,7 @@ pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
     let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
     let mut contact = untouched(width, height, None, Numerics::DIRECT);
     let area = depth.touching.grown(gaussian.reach_px(), depth.overlap.width, depth.overlap.height);
-    let corner = margin - SURFACE_BORDER;
+    let corner = margin.saturating_sub(SURFACE_BORDER);
     contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
         return contact;

@@ -46,7 +46,7 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     let touching = depth.touching;
     let mut contact = untouched(width, height, None, Numerics::DIRECT);
     let area = touching.grown(blur.reach_px(), overlap.width, overlap.height);
-    let corner = margin - SURFACE_BORDER;
+    let corner = margin.saturating_sub(SURFACE_BORDER);
     contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
         return contact;

@@ -13,6 +13,7 @@ pub mod gaussian;
 pub mod material;
 pub mod mean_blur;
 pub mod none;
+pub mod subpixel;
 pub mod tangential;
 
 use crate::core::base::simd::simd_dispatch;
@@ -23,6 +24,7 @@ use gaussian::Gaussian;
 use material::Material;
 use mean_blur::MeanBlur;
 use none::NoDeformation;
+use subpixel::Subpixel;
 use tangential::TangentialMotion;
 
 /// The models of the gelpad.
@@ -77,6 +79,16 @@ impl Pad {
             Model::MeanBlur(blur) => Self::MeanBlur(*blur),
             Model::Gaussian(gaussian) => Self::Gaussian(gaussian.clone()),
             Model::Elastic(elastic) => Self::Elastic(Box::new(elastic::Pad::new(elastic, material, view))),
+        }
+    }
+
+    /// The same pad of another Young's modulus, kPa: displacements stay, pressures are in proportion.
+    pub fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
+        match self {
+            Self::None => Self::None,
+            Self::MeanBlur(blur) => Self::MeanBlur(*blur),
+            Self::Gaussian(gaussian) => Self::Gaussian(gaussian.clone()),
+            Self::Elastic(pad) => Self::Elastic(Box::new(pad.with_youngs_modulus(youngs_modulus_kpa))),
         }
     }
 
@@ -155,6 +167,8 @@ pub struct Contact {
     pub force_n: Option<f64>,
     /// Largest pressure in view, kPa, if the model knows it.
     pub peak_pressure_kpa: Option<f64>,
+    /// The surface between pixel centres, where it was sampled.
+    pub subpixel: Option<Subpixel>,
     /// What the model says of its own solution.
     pub numerics: Numerics,
 }
@@ -221,6 +235,7 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
         pressure: None,
         force_n,
         peak_pressure_kpa: force_n,
+        subpixel: None,
         numerics,
     }
 }

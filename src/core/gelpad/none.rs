@@ -18,7 +18,7 @@ pub fn press(depth: &Depth) -> Contact {
     let margin = depth.margin_px;
     let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
     let mut contact = untouched(width, height, None, Numerics::DIRECT);
-    let corner = margin - SURFACE_BORDER;
+    let corner = margin.saturating_sub(SURFACE_BORDER);
     let (surface, mask) = (&mut contact.surface, &mut contact.mask);
     contact.region = depth.touching.seen_from(corner, corner, surface.width, surface.height);
     for y in contact.region.y0..contact.region.y1 {

@@ -7,7 +7,7 @@
 use super::led::Led;
 use crate::core::base::angle::sin_cos_deg;
 use crate::core::base::grain::grain;
-use crate::core::base::grid::Rect;
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::light::quantise;
 use crate::core::base::simd::simd_dispatch;
@@ -74,10 +74,27 @@ impl BackgroundImage {
 
     /// Renders the untouched pad of a sensor without a photograph.
     pub fn rendered(look: &RenderedBackground, leds: &[Led], field_of_view_mm: [f64; 2], view: &View) -> Self {
+        Self::rendered_with(&look.noise(view), look, leds, field_of_view_mm, view)
+    }
+
+    /// The same with the noise of the coating's grain, [`RenderedBackground::noise`], which other looks may share.
+    pub fn rendered_with(
+        grain: &Grid<f32>,
+        look: &RenderedBackground,
+        leds: &[Led],
+        field_of_view_mm: [f64; 2],
+        view: &View,
+    ) -> Self {
         let [width, height] = view.resolution_px;
         let half = field_of_view_mm.map(|mm| mm / 2.0);
         let corner = half[0] * half[0] + half[1] * half[1];
-        let grain = grain(width, height, look.grain_size_mm, view, "grain");
+        let glowing = leds.iter().filter(|_| look.glow != 0.0);
+        let leds: Vec<(&Led, f64, f64)> = glowing
+            .map(|led| {
+                let (sin, cos) = sin_cos_deg(led.azimuth_deg);
+                (led, sin, cos)
+            })
+            .collect();
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
             for i in 0..width {
@@ -88,8 +105,7 @@ impl BackgroundImage {
                     let factors = pattern.at(x / half[0], y / half[1]);
                     color.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
                 }
-                for led in leds {
-                    let (sin, cos) = sin_cos_deg(led.azimuth_deg);
+                for &(led, sin, cos) in &leds {
                     let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
                     let distance = edge - (x * cos + y * sin);
                     let glow = look.glow * led.intensity * libm::exp(-distance / look.glow_reach_mm);
@@ -141,6 +157,14 @@ pub struct Pattern {
     pub green: [f64; 15],
     /// Of blue.
     pub blue: [f64; 15],
+}
+
+impl RenderedBackground {
+    /// The noise of its grain over a view: of mean 0 and standard deviation 1.
+    pub fn noise(&self, view: &View) -> Grid<f32> {
+        let [width, height] = view.resolution_px;
+        grain(width, height, self.grain_size_mm, view, "grain")
+    }
 }
 
 impl Pattern {

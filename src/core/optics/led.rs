@@ -65,7 +65,7 @@ pub struct PlacedLed {
 
 /// The pixels of a row, or of its part from a column on; places in mm from the middle of the image. They are counted
 /// from the view's first column, so that a pixel is at the same bits in every part.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Row {
     /// Centre of the view's first column.
     pub x_mm: f32,
@@ -86,6 +86,15 @@ pub struct Normals {
     pub y: Vec<f32>,
     /// Away from the camera: negative.
     pub z: Vec<f32>,
+}
+
+impl Normals {
+    /// Adds one that faces the camera, from its components along the row and down.
+    pub fn push(&mut self, [x, y]: [f32; 2]) {
+        self.x.push(x);
+        self.y.push(y);
+        self.z.push(-(1.0 - x * x - y * y).max(0.0).sqrt());
+    }
 }
 
 impl PlacedLed {

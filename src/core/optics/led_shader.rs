@@ -1,5 +1,7 @@
 //! Light of LEDs on the surface: which effects a press calls for, and where.
 
+use std::borrow::Cow;
+
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
@@ -65,7 +67,7 @@ impl Shader {
             lamps,
             flat: Vec::new(),
             relief: None,
-            darkening_per_mm: (phong.darkening.unwrap_or(light.darkening) / light.thickness_mm) as f32,
+            darkening_per_mm: light.darkening_per_mm(&phong) as f32,
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
         };
@@ -111,7 +113,7 @@ impl Shader {
             Some(relief) => (&relief.shape, &relief.at_rest),
             None => (&level, &self.flat),
         };
-        let lit = Lit { shape, displacement: &level, at_rest, visible: &[], darkening_per_mm: 0.0 };
+        let lit = Lit { shape, displacement: &level, at_rest, subpixel: None, visible: &[], darkening_per_mm: 0.0 };
         phong::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
     }
 
@@ -119,6 +121,8 @@ impl Shader {
     pub fn shade(&self, contact: &Contact, rest: &BackgroundImage, effects: &mut EffectLog) -> Light {
         let (surface, everywhere) = (&contact.surface, effects.everywhere());
         let bent = effects.timed(Effect::Shading, || self.threshold.region(contact, &self.view));
+        // Samples see bends beside their pixel.
+        let bent = contact.subpixel.as_ref().map_or(bent, |subpixel| bent.around(subpixel.region));
         let if_bent =
             |why| if bent.is_empty() { Requirement::Unneeded("the surface is flat") } else { Requirement::Needed(why) };
         let shades = effects.enable(Effect::Shading, if_bent("the surface is not flat"));
@@ -132,6 +136,11 @@ impl Shader {
         let (shape, at_rest) = match (&rough, &self.relief) {
             (Some(shape), Some(relief)) => (shape, &relief.at_rest),
             _ => (surface, &self.flat),
+        };
+
+        let between = match (&rough, &self.relief) {
+            (Some(_), Some(relief)) => contact.subpixel.as_ref().map(|between| Cow::Owned(between.over(&relief.shape))),
+            _ => contact.subpixel.as_ref().map(Cow::Borrowed),
         };
 
         let shadows = effects.timed(Effect::Shadows, || self.shadows(surface, bent, everywhere));
@@ -163,7 +172,14 @@ impl Shader {
             let visible = shadows.map(|shadows| shadows.shares(&self.view, region));
             (region, visible.unwrap_or_default())
         });
-        let lit = Lit { shape, displacement: surface, at_rest, visible: &visible, darkening_per_mm };
+        let lit = Lit {
+            shape,
+            displacement: surface,
+            at_rest,
+            subpixel: between.as_deref(),
+            visible: &visible,
+            darkening_per_mm,
+        };
         effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
     }
 

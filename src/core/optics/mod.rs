@@ -74,6 +74,13 @@ pub struct Illumination<'a> {
     pub stray_light: Option<[f64; 3]>,
 }
 
+impl Illumination<'_> {
+    /// Share of the light lost per mm of displacement.
+    fn darkening_per_mm(&self, phong: &Phong) -> f64 {
+        phong.darkening.unwrap_or(self.darkening) / self.thickness_mm
+    }
+}
+
 /// A model made ready for one sensor: everything that is the same for every sample.
 pub enum Shader {
     /// See [`Model::Phong`] and [`Model::Led`].
@@ -99,6 +106,20 @@ impl Shader {
             Model::Calibrated(calibrated) => {
                 Self::Calibrated(Box::new(calibrated::Shader::new(*calibrated, table, view)))
             }
+        }
+    }
+
+    /// True if it averages light over what is between pixel centres.
+    pub fn averages(&self) -> bool {
+        matches!(self, Self::Leds(_))
+    }
+
+    /// Share of the pixels in contact that are steeper or deeper than the presses that a calibration was fitted to; 0 with
+    /// another model.
+    pub fn share_beyond(&self, contact: &Contact) -> f64 {
+        match self {
+            Self::Leds(_) => 0.0,
+            Self::Calibrated(calibrated) => calibrated.share_beyond(contact),
         }
     }
 

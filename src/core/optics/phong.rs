@@ -13,17 +13,20 @@
 //!
 //! Valid for low relief without interreflection; light is added in display values, as in the paper.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use super::background::BackgroundImage;
 use super::coarse::Values;
-use super::led::Normals;
+use super::led::{Normals, PlacedLed, Row};
 use super::led_shader::{Flat, Shader};
 use crate::core::base::grid::Resolution;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
+use crate::core::gelpad::subpixel::Subpixel;
 
 /// Parameters of Phong shading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -132,6 +135,8 @@ pub(super) struct Lit<'a> {
     pub displacement: &'a Grid<f32>,
     /// What each LED gives at rest, to be taken off; empty if nothing is.
     pub at_rest: &'a [Flat],
+    /// Its shape between pixel centres, where light is averaged.
+    pub subpixel: Option<&'a Subpixel>,
     /// The share of each LED that is seen; empty for all of it.
     pub visible: &'a [Option<Values>],
     /// Share of the light lost per mm of displacement.
@@ -149,6 +154,33 @@ pub(super) fn shade(shader: &Shader, lit: &Lit<'_>, rest: &BackgroundImage, regi
 /// What each LED gives at a surface at rest.
 pub(super) fn at_rest(shader: &Shader, shape: &Grid<f32>, is_flat: bool) -> Vec<Flat> {
     with_power(shader.phong.shininess, AtRest { shader, shape, is_flat })
+}
+
+impl Phong {
+    /// What an LED of intensity 1 gives along a row of normals.
+    pub fn reflect(&self, led: &PlacedLed, normals: &Normals, row: Row, gain: &mut [f32]) {
+        with_power(self.shininess, AlongRow { phong: self, led, normals, row, gain });
+    }
+}
+
+struct AlongRow<'a> {
+    phong: &'a Phong,
+    led: &'a PlacedLed,
+    normals: &'a Normals,
+    row: Row,
+    gain: &'a mut [f32],
+}
+
+impl WithPower for AlongRow<'_> {
+    type Output = ();
+
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) {
+        let Self { phong: Phong { diffuse, specular, .. }, led, normals, row, gain } = self;
+        simd_dispatch(
+            #[inline(always)]
+            || led.reflect(normals, row, *diffuse as f32, *specular as f32, power, gain),
+        );
+    }
 }
 
 struct AtRest<'a> {
@@ -216,6 +248,9 @@ struct Rows {
     added: [Vec<f32>; 3],
     normals: Normals,
     gain: Vec<f32>,
+    /// What each LED gives on average over a pixel, where that is sampled.
+    means: Vec<Vec<f32>>,
+    between: Normals,
     share: Vec<f32>,
     /// Shares on a coarser grid.
     line: Vec<f32>,
@@ -241,6 +276,56 @@ pub(super) fn set_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, ro
     }
 }
 
+/// What each LED gives on average over the samples of a pixel, along row `row` of a region; nothing new elsewhere.
+#[inline(always)]
+fn average(
+    shader: &Shader,
+    subpixel: &Subpixel,
+    region: Rect,
+    row: usize,
+    rows: &mut Rows,
+    power: impl Fn(f32) -> f32 + Copy,
+) {
+    let Rows { means, between, gain, .. } = rows;
+    let y = region.y0 + row;
+    means.resize_with(shader.lamps.len(), Vec::new);
+    means.iter_mut().for_each(|mean| {
+        mean.clear();
+        mean.resize(region.width(), 0.0);
+    });
+    let Some((columns, weight)) = subpixel.row(region, y) else { return };
+    let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
+    let each = 1.0 / subpixel.surfaces.len() as f32;
+    for run in runs(weight) {
+        let run = columns.start + run.start..columns.start + run.end;
+        // In the view, and in the grid of the samples.
+        let part = Rect { x0: region.x0 + run.start, x1: region.x0 + run.end, y0: y, y1: y + 1 };
+        let there = part.seen_from(subpixel.region.x0, subpixel.region.y0, usize::MAX, usize::MAX);
+        gain.resize(run.len(), 0.0);
+        for surface in &subpixel.surfaces {
+            set_normals(shader.view.mm_per_px, surface, there, 0, between);
+            for (lamp, mean) in shader.lamps.iter().zip(&mut *means) {
+                lamp.reflect(between, shader.row(part, 0), diffuse, specular, power, gain);
+                for (mean, gain) in mean[run.clone()].iter_mut().zip(&*gain) {
+                    *mean += each * gain;
+                }
+            }
+        }
+    }
+}
+
+/// Where weights are above 0: runs of columns, joined where less than eight lie between.
+fn runs(weight: &[f32]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (column, _) in weight.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+        match runs.last_mut() {
+            Some(run) if column < run.end + 8 => run.end = column + 1,
+            _ => runs.push(column..column + 1),
+        }
+    }
+    runs
+}
+
 /// Shades row `row` of the light's region. Every loop runs along the row with nothing but arithmetic in it, so that
 /// the compiler makes eight pixels of each step.
 #[inline(always)]
@@ -255,7 +340,10 @@ fn shade_row(
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
-    let Rows { added, normals, gain, share, line } = rows;
+    if let Some(subpixel) = lit.subpixel {
+        average(shader, subpixel, region, row, rows, power);
+    }
+    let Rows { added, normals, gain, means, share, line, .. } = rows;
     set_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
@@ -278,6 +366,12 @@ fn shade_row(
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
     for (number, lamp) in shader.lamps.iter().enumerate() {
         lamp.reflect(normals, shader.row(region, row), diffuse, specular, power, gain);
+        if let Some((columns, weight)) = lit.subpixel.and_then(|subpixel| subpixel.row(region, y)) {
+            let rows = gain[columns.clone()].iter_mut().zip(&means[number][columns]).zip(weight);
+            for ((gain, mean), weight) in rows {
+                *gain += weight * (mean - *gain);
+            }
+        }
         if let Some(Some(visible)) = lit.visible.get(number) {
             visible.row(y, region.x0, line, share);
             for (gain, share) in gain.iter_mut().zip(&*share) {

@@ -74,7 +74,7 @@ impl Threshold {
         if matches!(phong.shadows, Shadows::Soft(_)) {
             low = low.min(FLATTEST_CASTER);
         }
-        let per_mm = phong.darkening.unwrap_or(light.darkening) / light.thickness_mm;
+        let per_mm = light.darkening_per_mm(phong);
         Self {
             // Slopes along x and y are compared one by one.
             slope: (low * std::f64::consts::FRAC_1_SQRT_2) as f32,

@@ -31,6 +31,13 @@ pub struct CameraDistribution {
     pub shot_noise_levels: Quantity,
     /// Standard deviation of the read noise, grey levels of 255.
     pub read_noise_levels: Quantity,
+    /// Factors on the noise of red, green and blue, 0 to 10.
+    pub noise_color: [f64; 3],
+    /// Correlation of the noise of neighbouring pixels, 0 to 0.7.
+    pub noise_correlation: Quantity,
+    /// Standard deviation of the speckle that the skin shows where it is touched, grey levels of 255; another one in each
+    /// press.
+    pub speckle_levels: Quantity,
 }
 
 impl Default for CameraDistribution {
@@ -45,7 +52,10 @@ impl Default for CameraDistribution {
             red_gain: one.clone(),
             blue_gain: one,
             shot_noise_levels: zero.clone(),
-            read_noise_levels: zero,
+            read_noise_levels: zero.clone(),
+            noise_color: [1.0; 3],
+            noise_correlation: zero.clone(),
+            speckle_levels: zero,
         }
     }
 }
@@ -65,6 +75,9 @@ impl CameraDistribution {
             ],
             shot_noise_levels: draw("shot noise", &self.shot_noise_levels),
             read_noise_levels: draw("read noise", &self.read_noise_levels),
+            noise_color: self.noise_color,
+            noise_correlation: draw("noise correlation", &self.noise_correlation),
+            speckle_levels: draw("speckle", &self.speckle_levels),
             noise_key,
         }
     }

@@ -3,6 +3,8 @@
 pub mod camera;
 pub mod markers;
 pub mod quantity;
+pub mod random;
+pub mod unit;
 
 use crate::core::gelpad::material::Material;
 use crate::core::optics::Illumination;
@@ -10,6 +12,7 @@ use crate::core::sensor::{self, Background, Markers};
 use camera::CameraDistribution;
 use markers::MarkerDistribution;
 use serde::{Deserialize, Serialize};
+use unit::Unit;
 
 use crate::core::depth::rest::Grain;
 use crate::core::optics::background::RenderedBackground;
@@ -82,6 +85,9 @@ pub struct Sensor {
     pub rendered_background: RenderedBackground,
     /// The LEDs.
     pub led: Vec<Led>,
+    /// How much units of this kind of sensor differ, and how much of that is drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
 }
 
 impl Sensor {
@@ -161,6 +167,7 @@ impl Default for Sensor {
                 led("red", 180.0, [1.0, 0.2, 0.2], 1.0),
                 led("green", 270.0, [0.15, 1.0, 0.35], 0.8),
             ],
+            unit: None,
         }
     }
 }

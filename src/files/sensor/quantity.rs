@@ -113,6 +113,25 @@ impl Quantity {
         }
     }
 
+    /// True if more than one value can be drawn.
+    pub fn varies(&self) -> bool {
+        let (min, max) = self.support();
+        min != max
+    }
+
+    /// A value in the middle of the support that stands for all; of a choice the first one.
+    pub fn typical(&self) -> f64 {
+        let (min, max) = self.support();
+        match self {
+            _ if min == max => min,
+            Self::Constant(value) => *value,
+            Self::Random(Distribution::Uniform([min, max])) => 0.5 * (min + max),
+            Self::Random(Distribution::LogUniform([min, max])) => libm::sqrt(min * max),
+            Self::Random(Distribution::Normal(normal)) => normal.mean.max(min).min(max),
+            Self::Random(Distribution::Choice(values)) => values.first().copied().unwrap_or_default(),
+        }
+    }
+
     /// What is wrong with the distribution in itself, whatever it is used for; and what would be right.
     pub fn mistake(&self) -> Option<(String, &'static str)> {
         let (min, max) = self.support();

@@ -76,7 +76,8 @@ impl SplitBy {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectOrder {
-    /// Drawn at random by weight.
+    /// Drawn at random by weight, evenly: every class of a split is among as many consecutive samples of it as it has classes,
+    /// if all weigh the same.
     #[default]
     Weighted,
     /// One object after the other, in the order of the job, again and again; weights are not used.

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::sensor::random::SensorDistribution;
 use crate::files::source::{Place, Source};
 
 /// How the job.toml of a dataset begins; a version follows. It may be as large as its objects ask for.
@@ -73,6 +74,8 @@ pub struct Document {
     pub sources: Vec<Source>,
     /// The merged tree; always a table.
     pub root: Node,
+    /// What in it is drawn at random of the sensor.
+    pub random: SensorDistribution,
 }
 
 impl Document {
@@ -80,19 +83,27 @@ impl Document {
     pub fn empty() -> Self {
         let source = Source { name: String::from("job"), text: String::new(), folder: PathBuf::new() };
         let place = Place { source: 0, start: 0, end: 0 };
-        Self { sources: vec![source], root: Node { place, value: Value::Table(Vec::new()) } }
+        Self {
+            sources: vec![source],
+            root: Node { place, value: Value::Table(Vec::new()) },
+            random: SensorDistribution::default(),
+        }
     }
 
     /// A document whose only source is the value of a command-line flag, with nothing in its tree yet.
     pub fn of_flag(flag: &str, value: &str) -> Self {
         let source = Source { name: flag.to_owned(), text: value.to_owned(), folder: PathBuf::new() };
         let place = Place { source: 0, start: 0, end: value.len() };
-        Self { sources: vec![source], root: Node { place, value: Value::Table(Vec::new()) } }
+        Self {
+            sources: vec![source],
+            root: Node { place, value: Value::Table(Vec::new()) },
+            random: SensorDistribution::default(),
+        }
     }
 
     /// Parses `text` as the first source. Syntax errors, all of them, go to `problems`.
     pub fn parse(name: &str, text: String, folder: &Path, problems: &mut Diagnostics) -> Self {
-        let mut document = Self { sources: Vec::new(), root: Self::empty().root };
+        let mut document = Self { sources: Vec::new(), ..Self::empty() };
         document.root = document.add_source(name, text, folder, problems);
         document
     }
@@ -276,6 +287,15 @@ impl Node {
         match &self.value {
             Value::Table(entries) => entries.iter().find(|entry| entry.key == segment).map(|entry| &entry.node),
             Value::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get(index)),
+            _ => None,
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn child_mut(&mut self, segment: &str) -> Option<&mut Node> {
+        match &mut self.value {
+            Value::Table(entries) => entries.iter_mut().find(|entry| entry.key == segment).map(|entry| &mut entry.node),
+            Value::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get_mut(index)),
             _ => None,
         }
     }

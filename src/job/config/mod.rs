@@ -14,6 +14,7 @@ pub mod document;
 pub mod fidelity;
 pub mod object;
 pub mod output;
+pub mod random;
 mod reader;
 pub mod scene;
 pub mod texture;
@@ -28,6 +29,7 @@ use crate::core::{gelpad, optics};
 use crate::files::input;
 use crate::files::sensor::camera::CameraDistribution;
 use crate::files::sensor::markers::MarkerDistribution;
+use crate::files::sensor::random::SensorDistribution;
 use crate::files::sensor::{self, Sensor};
 use crate::files::source::Place;
 
@@ -66,12 +68,39 @@ pub struct Job {
     pub camera: CameraDistribution,
     /// What is written.
     pub output: output::Output,
+    /// What of the sensor is drawn anew for each sample; it stands where `sensor` has a typical value.
+    #[serde(skip)]
+    pub random: SensorDistribution,
+    /// The presets of which each sample has one; `sensor`, `random`, `markers` and `camera` are those of the first.
+    #[serde(skip)]
+    pub presets: Option<random::Presets>,
 }
 
 impl Job {
+    /// Everything in it as a tree, as it would be written.
+    pub fn to_json(&self) -> serde_json::Value {
+        let mut tree =
+            serde_json::to_value(self).expect("a job has string keys, and a job leaves no single effect out");
+        random::put_back(&self.random, &mut tree["sensor"]);
+        if let Some(presets) = &self.presets {
+            presets.put_back(&mut tree);
+        }
+        tree
+    }
+
     /// Its sensor as the simulator knows it, less what is in files.
     pub fn bare_sensor(&self) -> crate::core::sensor::Sensor {
         self.sensor.to_simulated(self.markers.as_ref(), &self.camera)
+    }
+
+    /// Everything in it as text; paths as they are.
+    pub fn to_toml(&self) -> io::Result<String> {
+        if self.random.is_empty() && self.presets.is_none() {
+            return toml::to_string(self).map_err(io::Error::other);
+        }
+        let mut tree = self.to_json();
+        random::drop_nulls(&mut tree);
+        toml::to_string(&tree).map_err(io::Error::other)
     }
 
     /// The paths of all files that it names.
@@ -85,7 +114,8 @@ impl Job {
             Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
             _ => None,
         };
-        objects.chain(textures).chain(shape).chain(&mut self.sensor.background).chain(&mut self.sensor.calibration)
+        let sensor = self.sensor.background.iter_mut().chain(&mut self.sensor.calibration);
+        objects.chain(textures).chain(shape).chain(sensor).chain(&mut self.random.backgrounds)
     }
 }
 
@@ -129,6 +159,8 @@ pub struct Written {
     pub broken: bool,
     /// The sensor file or preset that the job names could be read.
     pub sensor_known: bool,
+    /// The job with the sensors of its other presets, where it names several.
+    pub others: Vec<(Job, Document)>,
 }
 
 /// Reads the job file at `path` with `overrides` laid over it.
@@ -190,13 +222,20 @@ fn read_named(
 }
 
 fn written(laid: Laid<Job>, overrides: &Overrides) -> Written {
-    let Laid { value: mut job, document, broken, sensor_known } = laid;
+    let Laid { value: mut job, document, broken, sensor_known, others, presets } = laid;
     if let Some(level) = overrides.fidelity.filter(|_| !broken) {
         job.fidelity = Some(level.into());
         job.gelpad = None;
         job.optics = None;
     }
-    Written { job, document, broken, sensor_known }
+    job.random = document.random.clone();
+    job.presets = presets;
+    let other = |(other, document): (Job, Document)| {
+        let other = Job { random: document.random.clone(), ..other };
+        (random::with_sensor_of(&job, other), document)
+    };
+    let others = others.into_iter().map(other).collect();
+    Written { job, document, broken, sensor_known, others }
 }
 
 /// A file with a `[sensor]` table, read, and where its keys stand.
@@ -209,6 +248,10 @@ pub struct Laid<T> {
     pub broken: bool,
     /// The sensor file or preset that it names could be read.
     pub sensor_known: bool,
+    /// The same with other presets, where it names several.
+    pub others: Vec<(T, Document)>,
+    /// Those presets.
+    pub presets: Option<random::Presets>,
 }
 
 /// Reads `text` as a `T` with the assignments `set` laid over it (flag and assignment each) and the sensor that it names
@@ -222,7 +265,14 @@ pub fn lay<T: DeserializeOwned + Default>(
 ) -> Laid<T> {
     let document = Document::parse(name, text, folder, problems);
     if !problems.is_empty() {
-        return Laid { value: T::default(), document, broken: true, sensor_known: false };
+        return Laid {
+            value: T::default(),
+            document,
+            broken: true,
+            sensor_known: false,
+            others: Vec::new(),
+            presets: None,
+        };
     }
     lay_over(document, set, problems)
 }
@@ -235,12 +285,35 @@ fn lay_over<T: DeserializeOwned + Default>(
     for (flag, assignment) in set {
         apply_override(&mut document, flag, assignment, problems);
     }
-    let sensor_known = lay_under_sensor(&mut document, problems);
+    let several = random::Presets::take(&mut document, problems).unwrap_or_default();
+    let (value, sensor_known) = with_sensor(&mut document, problems);
+    let mut others = Vec::new();
+    let mut presets = None;
+    if several.len() > 1 {
+        for (of_preset, mut other) in several {
+            // Places are in texts that all of them know.
+            other.sources.clone_from(&document.sources);
+            if presets.is_some() {
+                let (value, _) = with_sensor(&mut other, problems);
+                document.sources.clone_from(&other.sources);
+                others.push((value, other));
+            }
+            presets = Some(of_preset);
+        }
+    }
+    Laid { value, document, broken: false, sensor_known, others, presets }
+}
+
+/// Reads a document over the sensor that it names. The second value is false if that cannot be read.
+fn with_sensor<T: DeserializeOwned + Default>(document: &mut Document, problems: &mut Diagnostics) -> (T, bool) {
+    let sensor_known = lay_under_sensor(document, problems);
     for table in ["markers", "camera"] {
         document.move_up("sensor", table);
     }
-    let value = reader::read(&document.root, problems).unwrap_or_default();
-    Laid { value, document, broken: false, sensor_known }
+    let (random, plain) = random::take(document, problems);
+    document.random = random;
+    let value = reader::read(plain.as_ref().unwrap_or(&document.root), problems).unwrap_or_default();
+    (value, sensor_known)
 }
 
 fn apply_override(document: &mut Document, flag: &str, assignment: &str, problems: &mut Diagnostics) {

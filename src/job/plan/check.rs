@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::sensor::Sensor;
 use crate::files::sensor::quantity::Quantity;
 use crate::files::spelling::nearest;
 use crate::job::config::document::{Document, Value};
@@ -62,11 +63,30 @@ impl Check<'_> {
         !self.problems.places().any(|place| Some(place) == shown || node.holds(place))
     }
 
-    /// A number in a range; `unit` follows the numbers in the message.
+    /// A number in a range; `unit` follows the numbers in the message. If it is drawn at random, all that may be drawn.
     pub fn number(&mut self, path: &str, value: f64, range: RangeInclusive<f64>, unit: &str) {
-        if !range.contains(&value) {
+        let document = self.document;
+        if let Some(quantity) = document.random.of(path) {
+            self.quantity(path, quantity, range, unit);
+        } else if !range.contains(&value) && self.sound(path) {
             let help = allowed(&range, unit);
             self.error(path, format!("{} = {value} is out of range", key(path)), help);
+        }
+    }
+
+    /// Refuses what is drawn at random of a sensor, where there is one sensor and not one for each sample.
+    pub fn one_sensor(&mut self, sensor: &Sensor) {
+        let document = self.document;
+        let help = "write a constant: only a job draws a sensor for each sample";
+        for (path, _) in &document.random.numbers {
+            self.error(&format!("sensor.{path}"), format!("{} is drawn at random", key(path)), help);
+        }
+        if !document.random.backgrounds.is_empty() {
+            let help = "name one file: only a job draws a background for each sample";
+            self.error("sensor.background", "several background images", help);
+        }
+        if sensor.unit.as_ref().is_some_and(|unit| unit.variation != 0.0) {
+            self.error("sensor.unit.variation", "variation is drawn at random", "leave it out, or write 0.0");
         }
     }
 

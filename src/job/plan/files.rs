@@ -1,15 +1,15 @@
 //! The images that a job names: read, checked, and remembered by their hashes.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
-use super::view;
+use super::{objects, view};
 use crate::core::base::view::MOST_PX;
 use crate::core::depth::relief::Relief;
 use crate::core::depth::rest::RestSurface;
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::calibrated::Table;
-use crate::core::sensor::Background;
 use crate::files::sensor::RestShape;
 use crate::files::{hash, heights, input, png};
 use crate::job::config::Job;
@@ -57,29 +57,126 @@ fn read<T>(
     Some(content)
 }
 
-/// The background image, and a note where a photograph was resampled. `None` after a mistake.
-pub fn background(check: &mut Check<'_>, job: &mut Job) -> Option<(Background, Option<String>)> {
-    let [width, height] = view(job).resolution_px;
-    let sizes = [width, height].iter().all(|size| (1..=MOST_PX).contains(size));
+/// A photograph of the untouched pad.
+#[derive(Clone, Debug)]
+pub struct Photograph {
+    /// Name of its file.
+    pub file: String,
+    /// SHA-256 of the file in lower-case hex.
+    pub sha256: String,
+    /// What it shows.
+    pub image: Arc<BackgroundImage>,
+}
+
+/// The photographs of the untouched pad, if the job names any, and a note where one was resampled. `None` after a mistake.
+pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photograph>, Option<String>)> {
+    let size = view(job).resolution_px;
+    let size = size.iter().all(|size| (1..=MOST_PX).contains(size)).then_some(size);
+    if !job.random.backgrounds.is_empty() {
+        return several(check, job, size).map(|photographs| (photographs, None));
+    }
+    if !job.random.background_sha256.is_empty() {
+        check.error("sensor.background_sha256", "a list of hashes for one background", "write the hash alone");
+        return None;
+    }
     let Some(path) = &mut job.sensor.background else {
-        let sound = sizes && check.problems.is_empty();
-        return sound.then(|| (Background::Rendered(job.sensor.rendered_background.clone()), None));
+        return (size.is_some() && check.problems.is_empty()).then(|| (Vec::new(), None));
     };
     let sha256 = &mut job.sensor.background_sha256;
     let image = read(check, "sensor.background", "background", path, sha256, png::decode_background)?;
-    if !sizes {
-        return None;
-    }
-    let size = (width as u32, height as u32);
-    let note = (image.dimensions() != size).then(|| {
+    let [width, height] = size?;
+    let expected = (width as u32, height as u32);
+    let note = (image.dimensions() != expected).then(|| {
         let (w, h) = image.dimensions();
         format!("{path}: {w}x{h} px, resampled to the sensor's {width}x{height} px")
     });
     let image = match note {
-        Some(_) => image::imageops::resize(&image, size.0, size.1, image::imageops::FilterType::Triangle),
+        Some(_) => image::imageops::resize(&image, expected.0, expected.1, image::imageops::FilterType::Triangle),
         None => image,
     };
-    Some((Background::Photograph(Arc::new(BackgroundImage::new(width, height, image.into_raw()))), note))
+    let photograph = Photograph {
+        file: file_name(path),
+        sha256: sha256.clone().unwrap_or_default(),
+        image: Arc::new(BackgroundImage::new(width, height, image.into_raw())),
+    };
+    Some((vec![photograph], note))
+}
+
+/// Background images that a job may name: each takes 2 MB of memory at 640 x 480.
+const MOST_BACKGROUNDS: usize = 1000;
+
+/// Those of which each sample has one. They must have the sensor's own size; `job` then names every file.
+fn several(check: &mut Check<'_>, job: &mut Job, size: Option<[usize; 2]>) -> Option<Vec<Photograph>> {
+    let is_list = check.document.get("sensor.background").is_some_and(|node| node.as_str().is_none());
+    let mut named: Vec<(String, String)> = Vec::new();
+    let mut found_all = true;
+    for (i, written) in job.random.backgrounds.iter().enumerate() {
+        let place = if is_list { format!("sensor.background.{i}") } else { String::from("sensor.background") };
+        let help = "paths are relative to the file they stand in; a folder's images are background = \"FOLDER/*.png\"";
+        match objects::find(check, &place, written, help) {
+            // Absolute, so that nobody joins them to a folder again.
+            Ok(found) => named.extend(found.into_iter().map(|path| {
+                let path = std::path::absolute(&path).unwrap_or(path);
+                (place.clone(), path.to_string_lossy().into_owned())
+            })),
+            Err(_) => found_all = false,
+        }
+    }
+    if named.len() > MOST_BACKGROUNDS {
+        let message = format!("{} background images", named.len());
+        check.error("sensor.background", message, format!("allowed: up to {MOST_BACKGROUNDS}"));
+        return None;
+    }
+    let given = std::mem::take(&mut job.random.background_sha256);
+    if found_all && !given.is_empty() && given.len() != named.len() {
+        let message = format!("{} hashes for {} background images", given.len(), named.len());
+        check.error(
+            "sensor.background_sha256",
+            message,
+            "one for each image, in the order of their names; or leave it out",
+        );
+    }
+    let mut photographs = Vec::new();
+    for (i, (place, path)) in named.iter_mut().enumerate() {
+        let mut sha256 = None;
+        let Some(image) = read(check, place, "background", path, &mut sha256, png::decode_background) else { continue };
+        let sha256 = sha256.unwrap_or_default();
+        if given.get(i).is_some_and(|given| *given != sha256) {
+            let message = format!("the background {path} has changed: its SHA-256 is {sha256}");
+            check.error(&format!("sensor.background_sha256.{i}"), message, "restore the file, or remove this key");
+        }
+        let found = [image.width() as usize, image.height() as usize];
+        match size {
+            Some(size) if size == found => {
+                let image = Arc::new(BackgroundImage::new(size[0], size[1], image.into_raw()));
+                photographs.push(Photograph { file: file_name(path), sha256, image });
+            }
+            Some([width, height]) => {
+                let message = format!("{path} is {}x{} px, the sensor {width}x{height} px", found[0], found[1]);
+                let help = "where samples choose a background, all have the sensor's size; or set resolution_px";
+                check.error(place, message, help);
+            }
+            None => {}
+        }
+    }
+    if !found_all || photographs.len() != named.len() || size.is_none() {
+        return None;
+    }
+    job.sensor.background = named.first().map(|(_, path)| path.clone());
+    job.sensor.background_sha256 = photographs.first().map(|photograph| photograph.sha256.clone());
+    if photographs.len() == 1 {
+        // Nothing to choose.
+        job.random.backgrounds.clear();
+    } else {
+        job.random.backgrounds = named.into_iter().map(|(_, path)| path).collect();
+        job.random.background_sha256 = photographs.iter().map(|photograph| photograph.sha256.clone()).collect();
+    }
+    Some(photographs)
+}
+
+/// The last part of a path.
+pub fn file_name(path: &str) -> String {
+    Path::new(path).file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
 /// What was measured on the sensor, if anything was. `None` after a mistake, too.

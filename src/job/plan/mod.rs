@@ -8,16 +8,19 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::core::base::rng::{redrawn, stream};
 use crate::core::base::view::View;
 use crate::core::depth::relief::Relief;
 use crate::core::effects::EffectPolicy;
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad;
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
-use crate::core::sensor::Sensor;
+use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
 use crate::files::diagnostic::{Diagnostics, Report};
 use crate::files::hash::sha256;
+use crate::files::sensor::PRESETS;
+use crate::job::config::document::{Document, Node};
 use crate::job::config::fidelity::FidelityChoice;
 use crate::job::config::output::Output;
 use crate::job::config::{self, Job, Overrides, Written};
@@ -25,22 +28,30 @@ use crate::job::layers::OutputLayer;
 use crate::job::layout::Layout;
 
 pub mod check;
+pub mod draw;
 mod files;
 pub mod frames;
 mod objects;
 pub mod ranges;
+pub mod sensors;
 pub mod standalone;
 
 use check::Check;
-pub use objects::{Draw, Object, ids, stem};
+use draw::Draw;
+pub use files::Photograph;
+pub use objects::{Object, ids, stem};
+use sensors::SensorSampling;
 
 /// Everything a sample depends on, resolved and checked. A clone shares all that is large.
 #[derive(Clone)]
 pub struct Plan {
     /// The job with every default written out; paths are absolute here. Its tables are the distributions of the samples.
     pub(in crate::job) job: Job,
-    /// The sensor, made ready. While the fidelity is still to be chosen, at the most exact level.
+    /// The sensor, made ready. While the fidelity is still to be chosen, at the most exact level. Where samples differ in
+    /// their sensors, that of typical values; see [`crate::job::scene::Scene::simulator`].
     pub simulator: Arc<Simulator>,
+    /// What sensors are drawn from.
+    pub sensors: Arc<SensorSampling>,
     /// What samples are drawn from beside the job's tables.
     pub sampling: Arc<Sampling>,
     /// Samples, splits and shards.
@@ -53,6 +64,8 @@ pub struct Plan {
     pub sensor_file: Option<PathBuf>,
     /// The job itself names its model of the light, which then stays whatever level is tried.
     optics_named: bool,
+    /// The same with the sensors of the job's other presets, where it names several.
+    others: Vec<Self>,
 }
 
 /// What samples are drawn from: contents of the files that a job names.
@@ -107,7 +120,7 @@ impl Plan {
     }
 
     fn resolve_in(scope: Scope, written: Written, mut problems: Diagnostics) -> Result<Self, Report> {
-        let Written { mut job, document, broken, sensor_known } = written;
+        let Written { mut job, document, broken, sensor_known, others } = written;
         if broken {
             return Err(Report::new(&problems, &document.sources));
         }
@@ -129,7 +142,11 @@ impl Plan {
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
         ranges::models(&mut check, &job);
+        // Where units do not differ, how much they would is no part of the job.
+        job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = complete_sensor(&mut check, &mut job);
+        let others = others_sensors(scope, &job, others, check.problems);
+        let mut check = Check { document: &document, problems: &mut problems };
         let textures = files::textures(&mut check, &mut job);
         let mut notes = Vec::new();
         let found = match scope {
@@ -140,25 +157,37 @@ impl Plan {
                 objects::divide(&mut check, &job, &found).map(|draw| (found.objects, draw))
             }
         };
-        let (Some((objects, draw)), Some((sensor, background_note)), true) = (found, sensor, problems.is_empty())
+        let (Some((objects, draw)), Some((sensor, photographs, background_note)), true) =
+            (found, sensor, problems.is_empty())
         else {
             return Err(Report::new(&problems, &document.sources));
         };
         notes.extend(background_note);
         notes.extend(strain_note(&job));
+        notes.extend(
+            others
+                .iter()
+                .filter_map(|other| strain_note(&other.job))
+                .filter(|note| !notes.contains(note))
+                .collect::<Vec<_>>(),
+        );
         let simulator = Simulator::with_models(sensor, chosen_models(&job), job.effects);
         let classes = classes(objects.iter().map(|object| object.class.as_str()));
         let sampling = Sampling { objects, classes, draw, textures, moves_objects: job.shear.any() };
-        Ok(Self {
+        let plan = Self {
             simulator: Arc::new(simulator),
+            sensors: Arc::new(SensorSampling::new(&job, photographs)),
             sampling: Arc::new(sampling),
             layout: Layout::from_dataset(&job.dataset),
             fingerprint: fingerprint(&job),
             notes,
             sensor_file,
             optics_named,
+            others: Vec::new(),
             job,
-        })
+        };
+        let others = others.into_iter().map(|other| other.plan(&plan)).collect();
+        Ok(Self { others, ..plan })
     }
 
     /// Its job.
@@ -174,7 +203,7 @@ impl Plan {
             let absolute = std::path::absolute(&path)?.into_os_string().into_string();
             *path = absolute.map_err(|path| io::Error::other(format!("{}: not UTF-8", path.display())))?;
         }
-        toml::to_string(&job).map_err(io::Error::other)
+        job.to_toml()
     }
 
     /// Name of the dataset; empty where there is none.
@@ -232,12 +261,23 @@ impl Plan {
         job.fidelity = Some(fidelity.into());
         job.gelpad = Some(models.gelpad.clone());
         job.optics = Some(models.optics.clone());
-        Self { fingerprint: fingerprint(&job), job, ..self.with_models(models) }
+        let others = self.others.iter().map(|other| other.with_fidelity(fidelity)).collect();
+        Self { fingerprint: fingerprint(&job), job, others, ..self.with_models(models) }
+    }
+
+    /// The plan that a draw of a sample follows: this one, or where the job names several presets, that of one of them.
+    pub fn of_sample(&self, index: u64, attempt: u32) -> &Self {
+        if self.others.is_empty() {
+            return self;
+        }
+        let number = stream(self.seed(), "sensor preset", redrawn(index, attempt)).below(1 + self.others.len());
+        if number == 0 { self } else { &self.others[number - 1] }
     }
 
     fn with_simulator(&self, models: Models, policy: EffectPolicy) -> Self {
-        let simulator = Simulator::with_models(self.simulator.sensor().clone(), models, policy);
-        Self { simulator: Arc::new(simulator), ..self.clone() }
+        let simulator = Simulator::with_models(self.simulator.sensor().clone(), models.clone(), policy);
+        let others = self.others.iter().map(|other| other.with_simulator(models.clone(), policy)).collect();
+        Self { simulator: Arc::new(simulator), others, ..self.clone() }
     }
 
     /// Number of a class among the plan's. Every object has one; a depth frame whose class nobody named has none.
@@ -251,14 +291,71 @@ impl Plan {
     }
 }
 
-/// The sensor of a job with what its files hold, and a note where a photograph was resampled. `None` after a mistake.
-fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Option<String>)> {
-    let background = files::background(check, job);
+/// A sensor of another preset, found sound.
+struct OtherSensor {
+    job: Job,
+    sensor: Sensor,
+    sampling: SensorSampling,
+}
+
+impl OtherSensor {
+    /// A plan with this sensor, in all else like `first`.
+    fn plan(self, first: &Plan) -> Plan {
+        let job = config::random::with_sensor_of(&first.job, self.job);
+        let simulator = Simulator::with_models(self.sensor, chosen_models(&job), job.effects);
+        Plan { simulator: Arc::new(simulator), sensors: Arc::new(self.sampling), job, ..first.clone() }
+    }
+}
+
+/// The sensors of the job's other presets; what is wrong with them goes to `problems`.
+fn others_sensors(
+    scope: Scope,
+    first: &Job,
+    others: Vec<(Job, Document)>,
+    problems: &mut Diagnostics,
+) -> Vec<OtherSensor> {
+    let mut found = Vec::new();
+    for (mut job, document) in others {
+        let name = document.get("sensor.preset").and_then(Node::as_str);
+        if !PRESETS.iter().any(|(known, _)| Some(*known) == name) {
+            // Said where it was read.
+            continue;
+        }
+        let mut check = Check { document: &document, problems: &mut *problems };
+        fill(&mut job);
+        let (own, expected) = (job.sensor.resolution_px, first.sensor.resolution_px);
+        if own != expected {
+            let names = [&first.sensor.name, &job.sensor.name];
+            let message = format!("`{}` has {expected:?} px, `{}` {own:?} px", names[0], names[1]);
+            check.error("sensor.preset", message, "set resolution_px, which then holds for all of them");
+        }
+        ranges::sensor(&mut check, &job);
+        ranges::pad_surface(&mut check, &job);
+        if scope == Scope::Dataset {
+            ranges::scene(&mut check, &job, true);
+        }
+        ranges::camera(&mut check, &job);
+        job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
+        if let Some((sensor, photographs, _)) = complete_sensor(&mut check, &mut job) {
+            let sampling = SensorSampling::new(&job, photographs);
+            found.push(OtherSensor { job, sensor, sampling });
+        }
+    }
+    found
+}
+
+/// The sensor of a job with what its files hold, its photographs, and a note where one was resampled. `None` after a
+/// mistake.
+fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Vec<Photograph>, Option<String>)> {
+    let backgrounds = files::backgrounds(check, job);
     let calibration = files::calibration(check, job);
     let rest_surface = files::rest_surface(check, job);
-    let (background, note) = background?;
-    let sensor = Sensor { background, calibration: calibration.map(Arc::new), rest_surface, ..job.bare_sensor() };
-    Some((sensor, note))
+    let (photographs, note) = backgrounds?;
+    let mut sensor = Sensor { calibration: calibration.map(Arc::new), rest_surface, ..job.bare_sensor() };
+    if let Some(photograph) = photographs.first() {
+        sensor.background = Background::Photograph(Arc::clone(&photograph.image));
+    }
+    Some((sensor, photographs, note))
 }
 
 /// Writes out the defaults that depend on other keys.
@@ -298,7 +395,7 @@ pub fn view(job: &Job) -> View {
 /// A word of warning where the elastic pad is pressed beyond what its theory holds for.
 fn strain_note(job: &Job) -> Option<String> {
     let deepest = job.indentation.depth_mm.as_ref()?.support().1;
-    let thickness = job.sensor.gelpad_thickness_mm;
+    let [thickness, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
     let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
     (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
         format!(
@@ -309,16 +406,21 @@ fn strain_note(job: &Job) -> Option<String> {
 }
 
 /// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
-/// object's in the labels; contents are known by their hashes. The number of samples decides no sample's bytes, so that
+/// object's in the labels, as is that of a background; contents are known by their hashes. The number of samples decides no sample's bytes, so that
 /// it may be raised later.
 pub fn fingerprint(job: &Job) -> String {
     let mut job = job.clone();
     job.dataset.samples = None;
     let meshes = job.object.iter().map(|object| object.path.as_deref().map(stem)).collect::<Vec<_>>();
+    let names = |paths: &mut dyn Iterator<Item = &String>| paths.map(|path| files::file_name(path)).collect::<Vec<_>>();
+    let background = names(&mut job.sensor.background.iter()).pop();
+    let backgrounds = names(&mut job.random.backgrounds.iter());
     job.paths_mut().for_each(String::clear);
+    job.sensor.background = background;
+    job.random.backgrounds = backgrounds;
     for (object, stem) in job.object.iter_mut().zip(meshes) {
         object.path = stem;
     }
-    let text = serde_json::to_string(&job).expect("a job has string keys, and a job leaves no single effect out");
+    let text = job.to_json().to_string();
     sha256(format!("gelsim {}\n{text}", env!("CARGO_PKG_VERSION")).as_bytes())
 }

@@ -8,6 +8,7 @@ use glob::Pattern;
 use rayon::prelude::*;
 
 use super::check::Check;
+use super::draw::{Draw, Weighted};
 use crate::core::base::rng::stream;
 use crate::core::mesh::clusters::Clusters;
 use crate::files::mesh;
@@ -29,33 +30,6 @@ pub struct Object {
     pub weight: f64,
     /// Its geometry.
     pub clusters: Arc<Clusters>,
-}
-
-/// How the objects of one split are drawn.
-#[derive(Clone, Debug)]
-pub enum Draw {
-    /// At random: object numbers with the running sum of their weights.
-    Weighted(Vec<(usize, f64)>),
-    /// One after the other.
-    InTurn(Vec<usize>),
-}
-
-impl Draw {
-    /// Where there is nothing to draw from.
-    pub const NOTHING: [Self; 3] = [const { Self::InTurn(Vec::new()) }; 3];
-
-    /// The object of the sample at `position` of the split; `unit` gives a random number in [0, 1).
-    pub fn pick(&self, position: u64, unit: impl FnOnce() -> f64) -> usize {
-        match self {
-            Self::InTurn(objects) => objects[(position % objects.len() as u64) as usize],
-            Self::Weighted(objects) => {
-                let total = objects.last().map_or(0.0, |(_, sum)| *sum);
-                let at = unit() * total;
-                let found = objects.partition_point(|(_, sum)| *sum <= at);
-                objects[found.min(objects.len() - 1)].0
-            }
-        }
-    }
 }
 
 /// The objects of a job, as far as they could be read.
@@ -86,7 +60,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
                 check.missing(&path("path"), "a mesh file: .obj, .stl or .ply");
                 unread += 1;
             }
-            Some(written) => match find(check, &path("path"), written) {
+            Some(written) => match find(check, &path("path"), written, FOLDER_OF_MESHES) {
                 Ok(found) => files.extend(found.into_iter().map(|path| (i, path))),
                 Err(count) => unread += count,
             },
@@ -165,8 +139,12 @@ pub fn stem(path: &str) -> String {
     Path::new(path).file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// The files that `written` names: itself if it exists, else as a pattern. After a mistake, how many it may stand for.
-fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf>, usize> {
+const FOLDER_OF_MESHES: &str =
+    "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
+
+/// The files that `written` names: itself if it exists, else as a pattern; `help` is for who names none. After a mistake,
+/// how many it may stand for.
+pub(super) fn find(check: &mut Check<'_>, place: &str, written: &str, help: &str) -> Result<Vec<PathBuf>, usize> {
     // Nobody knows; enough for every split.
     const MANY: usize = Split::ALL.len();
     let folder = check.document.folder(place);
@@ -177,7 +155,6 @@ fn find(check: &mut Check<'_>, place: &str, written: &str) -> Result<Vec<PathBuf
             return no_text(&path).map_or(Ok(vec![path]), |odd| refuse_name(check, place, &odd));
         }
         let what = if path.is_dir() { "is a folder" } else { "does not exist" };
-        let help = "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
         check.error(place, format!("{} {what}", path.display()), help);
         return Err(if path.is_dir() { MANY } else { 1 });
     }
@@ -265,16 +242,10 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
             groups
         }
     };
-    Some(groups.map(|group| match job.dataset.object_order {
-        ObjectOrder::InTurn => Draw::InTurn(group),
-        ObjectOrder::Weighted => {
-            let mut sum = 0.0;
-            let with_sums = group.into_iter().map(|i| {
-                sum += objects[i].weight;
-                (i, sum)
-            });
-            Draw::Weighted(with_sums.collect())
-        }
+    let of = |i: &usize| (*i, objects[*i].class.as_str(), objects[*i].weight);
+    Some(std::array::from_fn(|split| match job.dataset.object_order {
+        ObjectOrder::InTurn => Draw::InTurn(groups[split].clone()),
+        ObjectOrder::Weighted => Draw::Weighted(Weighted::new(split, groups[split].iter().map(of))),
     }))
 }
 
@@ -313,13 +284,5 @@ mod tests {
         assert_eq!(apportion(3, [0.98, 0.01, 0.01]), [1, 1, 1]);
         assert_eq!(apportion(5, [1.0, 0.0, 0.0]), [5, 0, 0]);
         assert_eq!(apportion(20, [0.5, 0.25, 0.25]), [10, 5, 5]);
-    }
-
-    #[test]
-    fn weights_are_frequencies() {
-        let draw = Draw::Weighted(vec![(4, 1.0), (7, 4.0)]);
-        let picks = (0..100).filter(|i| draw.pick(0, || f64::from(*i) / 100.0) == 4).count();
-        assert_eq!(picks, 25);
-        assert_eq!(Draw::InTurn(vec![3, 5]).pick(7, || 0.0), 5);
     }
 }

@@ -2,14 +2,19 @@
 
 use super::check::Check;
 use super::chosen_models;
+use super::sensors::support;
 use crate::core::camera::lens;
+use crate::core::camera::noise::MOST_CORRELATION;
 use crate::core::fidelity::Models;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::optics::calibrated::Calibrated;
 use crate::core::{gelpad, optics};
+use crate::files::diagnostic::Diagnostics;
 use crate::files::sensor::RestShape;
 use crate::files::sensor::markers::MarkerDistribution;
+use crate::files::sensor::unit::Unit;
 use crate::job::config::Job;
+use crate::job::config::document::Document;
 use crate::job::config::fidelity::FidelityChoice;
 use crate::job::layers::OutputLayer;
 
@@ -114,6 +119,49 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
             check.number(&path(&format!("color.{k}")), led.color[k], 0.0..=1.0, "");
         }
     }
+    if let Some(unit) = &sensor.unit {
+        self::unit(check, job, unit);
+    }
+}
+
+/// `[sensor.unit]`, and that no unit's numbers are out of range.
+fn unit(check: &mut Check<'_>, job: &Job, unit: &Unit) {
+    let mut share = |key: &str, value: f64, most: f64| {
+        check.number(&format!("sensor.unit.{key}"), value, 0.0..=most, "");
+    };
+    share("variation", unit.variation, 1.0);
+    share("led_intensity", unit.led_intensity, 0.49);
+    share("gelpad_thickness", unit.gelpad_thickness, 0.49);
+    share("gelpad_youngs_modulus", unit.gelpad_youngs_modulus, 0.49);
+    for (k, value) in unit.background_color.iter().enumerate() {
+        share(&format!("background_color.{k}"), *value, 0.49);
+    }
+    share("led_azimuth_deg", unit.led_azimuth_deg, 90.0);
+    share("led_elevation_deg", unit.led_elevation_deg, 45.0);
+    if let Some(pattern) = &unit.background_pattern {
+        for (channel, deviations) in [("red", &pattern.red), ("green", &pattern.green), ("blue", &pattern.blue)] {
+            for (k, deviation) in deviations.iter().enumerate() {
+                share(&format!("background_pattern.{channel}.{k}"), *deviation, 10.0);
+            }
+        }
+    }
+    if !check.sound("sensor") {
+        return;
+    }
+    let document = Document::empty();
+    for end in 0..2 {
+        let mut extreme = job.clone();
+        let values = extreme.sensor.numbers_mut().into_iter().map(|(path, value)| support(job, &path, *value)[end]);
+        let values: Vec<f64> = values.collect();
+        extreme.sensor.unit = None;
+        extreme.sensor.numbers_mut().into_iter().zip(values).for_each(|((_, number), value)| *number = value);
+        let mut problems = Diagnostics::default();
+        self::sensor(&mut Check { document: &document, problems: &mut problems }, &extreme);
+        for problem in problems.sorted() {
+            let message = format!("a unit may be out of range: {}", problem.message);
+            check.error("sensor.unit.variation", message, problem.help.unwrap_or_default());
+        }
+    }
 }
 
 /// `[pose]` and `[indentation]`; the pad's thickness is only sure if `sensor_known`.
@@ -126,9 +174,13 @@ pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
     check.quantity("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");
     match &job.indentation.depth_mm {
         None => check.missing("indentation.depth_mm", "for example depth_mm = [0.2, 1.5] under [indentation]"),
-        Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") => {
-            let thickness = job.sensor.gelpad_thickness_mm;
-            check.quantity("indentation.depth_mm", depth, 0.0..=thickness, "mm, the thickness of the gelpad");
+        Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") && check.sound("sensor.unit") => {
+            let [thickness, _] = support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
+            let unit = match thickness == job.sensor.gelpad_thickness_mm {
+                true => "mm, the thickness of the gelpad",
+                false => "mm, the smallest thickness of the gelpad",
+            };
+            check.quantity("indentation.depth_mm", depth, 0.0..=thickness, unit);
             if depth.support().1 == thickness {
                 let message = format!("depth_mm may be {thickness}, which presses the pad flat to the shell");
                 check.error("indentation.depth_mm", message, format!("stay below the pad's thickness, {thickness} mm"));
@@ -317,5 +369,10 @@ pub fn camera(check: &mut Check<'_>, job: &Job) {
     check.quantity("camera.red_gain", &camera.red_gain, 0.01..=100.0, "");
     check.quantity("camera.blue_gain", &camera.blue_gain, 0.01..=100.0, "");
     check.quantity("camera.shot_noise_levels", &camera.shot_noise_levels, 0.0..=255.0, "grey levels");
+    for factor in camera.noise_color {
+        check.number("camera.noise_color", factor, 0.0..=10.0, "");
+    }
+    check.quantity("camera.noise_correlation", &camera.noise_correlation, 0.0..=MOST_CORRELATION, "");
+    check.quantity("camera.speckle_levels", &camera.speckle_levels, 0.0..=255.0, "grey levels");
     check.quantity("camera.read_noise_levels", &camera.read_noise_levels, 0.0..=255.0, "grey levels");
 }

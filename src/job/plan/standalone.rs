@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::check::Check;
 use super::{files, ranges};
-use crate::core::sensor::Sensor;
+use crate::core::sensor::{Background, Sensor};
 use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::sensor;
 use crate::job::config::{self, Job, Overrides, Written};
@@ -41,11 +41,15 @@ pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
 
 /// The sensor of a job that was read, its files found. `None` after a mistake.
 pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
+    check.one_sensor(&job.sensor);
     ranges::sensor(check, job);
-    let background = files::background(check, job);
+    let backgrounds = files::backgrounds(check, job);
     let calibration = files::calibration(check, job);
-    let (background, _) = background.filter(|_| check.problems.is_empty())?;
-    let sensor = Sensor { background, calibration: calibration.map(Arc::new), ..job.bare_sensor() };
+    let (photographs, _) = backgrounds.filter(|_| check.problems.is_empty())?;
+    let mut sensor = Sensor { calibration: calibration.map(Arc::new), ..job.bare_sensor() };
+    if let Some(photograph) = photographs.first() {
+        sensor.background = Background::Photograph(Arc::clone(&photograph.image));
+    }
     Some(Standalone { written: job.sensor.clone(), sensor })
 }
 
@@ -72,12 +76,13 @@ impl Sensor {
 fn resolved(written: Written, mut problems: Diagnostics) -> Result<Sensor, Report> {
     let Written { mut job, document, .. } = written;
     let mut check = Check { document: &document, problems: &mut problems };
+    check.one_sensor(&job.sensor);
     ranges::sensor(&mut check, &job);
     ranges::pad_surface(&mut check, &job);
     ranges::camera(&mut check, &job);
     let found = super::complete_sensor(&mut check, &mut job);
     match found.filter(|_| problems.is_empty()) {
-        Some((sensor, _)) => Ok(sensor),
+        Some((sensor, ..)) => Ok(sensor),
         None => Err(Report::new(&problems, &document.sources)),
     }
 }

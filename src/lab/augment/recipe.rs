@@ -97,9 +97,13 @@ fn resolve(
     laid: config::Laid<Augment>,
     mut problems: Diagnostics,
 ) -> Result<Recipe, Report> {
-    let config::Laid { value: written, document, sensor_known, .. } = laid;
+    let config::Laid { value: written, document, sensor_known, presets, .. } = laid;
     let mut check = Check { document: &document, problems: &mut problems };
     check.number("seed", written.seed as f64, 0.0..=MOST_SEED, "");
+    check.one_sensor(&written.sensor);
+    if presets.is_some() {
+        check.error("sensor.preset", "several presets", "name one: real images come from one sensor");
+    }
     check_not_empty(&mut check, &written);
     let (set, mut report) = input::read(&mut check, &written.input);
     let size = set.as_ref().map(|set| set.size);
@@ -139,7 +143,7 @@ fn resolve(
     let mut renderer = None;
     if let Some(paired) = &written.paired {
         let before = std::mem::take(&mut problems);
-        let counterparts = Written { job, document: document.clone(), broken: false, sensor_known };
+        let counterparts = Written { job, document: document.clone(), broken: false, sensor_known, others: Vec::new() };
         let plan = match Plan::resolve_objects(counterparts, before) {
             Ok(plan) => plan,
             Err(found) => return Err(with_mixing(found.and(report), &document, &written, size)),

@@ -9,7 +9,6 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::pixels::Pixels;
-use super::run::Request;
 use super::train::{self, Settings};
 use super::validate::{FOLDS, folds};
 use super::{Geometry, Session, fit};
@@ -32,10 +31,14 @@ const CONTACT_FRACTIONS: [f64; 5] = [0.88, 0.91, 0.94, 0.97, 1.0];
 /// Pixels of a press that are looked at.
 const PIXELS: usize = 1500;
 
-/// What the request leaves open of `session`'s geometry: the thickness by the stand-in, then the fraction by networks that are
-/// fitted in a hurry.
-pub fn choose(session: &Session, request: &Request) -> Geometry {
-    let Request { thickness_mm, contact_over_disc, settings, .. } = *request;
+/// What is open of `session`'s geometry: the thickness by the stand-in, then the fraction by networks that are fitted in a
+/// hurry. What is given stays.
+pub fn choose(
+    session: &Session,
+    thickness_mm: Option<f64>,
+    contact_over_disc: Option<f64>,
+    settings: &Settings,
+) -> Geometry {
     let places = session.places(PIXELS);
     let on = |geometry: Geometry, resolution: Resolution, sky: bool| {
         let elastic = Model::Elastic(Elastic { resolution, ..Elastic::default() });
@@ -60,7 +63,7 @@ pub fn choose(session: &Session, request: &Request) -> Geometry {
         let tried = CONTACT_FRACTIONS.map(|contact_over_disc| Geometry { contact_over_disc, ..geometry });
         geometry = best(&tried, geometry, |tried| {
             let (pixels, impossible) = on(tried, Resolution::Half, true);
-            quick_error(session, &pixels, &settings) + impossible
+            quick_error(session, &pixels, settings) + impossible
         });
     }
     geometry

@@ -1,5 +1,6 @@
 //! Simulates presses that a sensor file never saw, from circle and ball alone: `gelsim calibrate --evaluate`.
 
+use crate::core::camera::CameraParams;
 use crate::core::sensor::Sensor;
 use crate::core::simulator::Simulator;
 use std::path::Path;
@@ -51,8 +52,9 @@ pub fn evaluate(table: &Path, sensor: &Sensor, fidelity: Fidelity) -> Result<Vec
     if !problems.is_empty() {
         return Err(table.report(&problems));
     }
-    // The presses are of a smooth, flat pad.
-    let sensor = Sensor { rest_surface: None, coating: None, ..sensor.clone() };
+    // The presses are of a smooth, flat pad; noise would be an error of its own.
+    let still = CameraParams { shot_noise_levels: 0.0, read_noise_levels: 0.0, speckle_levels: 0.0, ..sensor.camera };
+    let sensor = Sensor { rest_surface: None, coating: None, camera: still, ..sensor.clone() };
     let models = fidelity.models(sensor.calibration.is_some());
     let simulator = Simulator::with_models(sensor, models, EffectPolicy::WhereNeeded);
     let radii_mm = table.presses.iter().filter_map(|press| press.ball_radius_mm);

@@ -7,8 +7,8 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::pixels::Pixels;
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::optics::led::Led;
+use crate::core::optics::calibrated::beyond::Beyond;
+use crate::core::optics::led::{Led, Normals, PlacedLed, Row};
 use crate::core::optics::phong::Phong;
 
 /// How many LEDs are fitted: one for each colour.
@@ -29,8 +29,17 @@ pub struct FittedLeds {
     pub leds: Vec<Led>,
     /// See [`crate::files::sensor::Sensor::stray_light`].
     pub stray_light: [f64; 3],
-    /// Root of the mean square of what they leave unexplained, as a fraction of full scale.
+    /// Change of each channel with the displacement that they leave unexplained, as a share of the background per mm.
+    pub per_mm: [f64; 3],
+    /// Root of the mean square of what the LEDs leave unexplained, as a fraction of full scale.
     pub rms: f64,
+}
+
+impl FittedLeds {
+    /// What light follows them beyond the presses.
+    pub fn beyond(&self) -> Beyond {
+        Beyond { leds: self.leds.clone(), stray_light: self.stray_light, per_mm: self.per_mm }
+    }
 }
 
 /// Azimuth and elevation of each LED, degrees.
@@ -47,9 +56,9 @@ struct Sums {
 }
 
 /// Fits three LEDs. `None` without pixels.
-pub fn fit_leds(pixels: &[Pixels]) -> Option<FittedLeds> {
+pub fn fit_leds<'a>(pixels: impl IntoIterator<Item = &'a Pixels>) -> Option<FittedLeds> {
     let mut all = Pixels::default();
-    pixels.iter().for_each(|pixels| all.append(pixels));
+    pixels.into_iter().for_each(|pixels| all.append(pixels));
     if all.is_empty() {
         return None;
     }
@@ -59,11 +68,13 @@ pub fn fit_leds(pixels: &[Pixels]) -> Option<FittedLeds> {
         levels.sort_by(f64::total_cmp);
         levels[levels.len() / 50]
     });
-    let error = |directions: &Directions| fitted(&sums(&all, &sample, directions), darkest).0;
+    let normals = normals(&all, &sample);
+    let sums = |directions: &Directions| sums(&all, &sample, &normals, directions);
+    let error = |directions: &Directions| fitted(&sums(directions), darkest).0;
     let starts = [0.0, 30.0, 60.0, 90.0].map(|turn| [0.0, 120.0, 240.0].map(|azimuth| [azimuth + turn, 30.0]));
     let found = starts.map(|start| descended(start, &error));
     let (_, directions) = found.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let sums = sums(&all, &sample, &directions);
+    let sums = sums(&directions);
     let (left, channels) = fitted(&sums, darkest);
     let count: f64 = sums.iter().map(|sums| sums.count).sum();
     let stray_light = channels.map(|(stray, _)| rounded(stray));
@@ -79,7 +90,34 @@ pub fn fit_leds(pixels: &[Pixels]) -> Option<FittedLeds> {
             ..Led::default()
         }
     });
-    Some(FittedLeds { leds: leds.collect(), stray_light, rms: (left / count.max(1.0)).sqrt() })
+    let per_mm = per_mm(&all, &sample, &normals, &directions, channels);
+    Some(FittedLeds { leds: leds.collect(), stray_light, per_mm, rms: (left / count.max(1.0)).sqrt() })
+}
+
+/// How the rest that the LEDs leave grows with the displacement, by least squares.
+fn per_mm(
+    pixels: &Pixels,
+    sample: &[usize],
+    normals: &Normals,
+    directions: &Directions,
+    channels: [(f64, [f64; LEDS]); 3],
+) -> [f64; 3] {
+    let changes = directions.map(|direction| changes(direction, normals));
+    let (mut products, mut squares) = ([0.0; 3], [0.0; 3]);
+    for (number, &k) in sample.iter().enumerate() {
+        let height_mm = f64::from(pixels.inputs[k][0]);
+        for (channel, (stray, strengths)) in channels.iter().enumerate() {
+            if pixels.clipped[k][channel] != 0.0 {
+                continue;
+            }
+            let rest = f64::from(pixels.background[k][channel]);
+            let light: f64 = strengths.iter().zip(&changes).map(|(strength, of_led)| strength * of_led[number]).sum();
+            let left = f64::from(pixels.change[k][channel]) - (rest - stray) * light;
+            products[channel] += left * rest * height_mm;
+            squares[channel] += (rest * height_mm) * (rest * height_mm);
+        }
+    }
+    std::array::from_fn(|channel| rounded(products[channel] / squares[channel].max(1e-9)))
 }
 
 /// Which LED is the red one, which the green and which the blue: as gives the largest sum of the strengths in their colours.
@@ -119,24 +157,29 @@ fn descended(start: Directions, error: &impl Fn(&Directions) -> f64) -> (f64, Di
     (least, best)
 }
 
+/// The normals of a sample of the pixels, and a flat pad's after them.
+fn normals(pixels: &Pixels, sample: &[usize]) -> Normals {
+    let mut normals = Normals::default();
+    sample.iter().for_each(|k| normals.push(pixels.normals[*k]));
+    normals.push([0.0; 2]);
+    normals
+}
+
+/// What an LED in this direction gives at each normal beyond what it gives at the last one, which is a flat pad's.
+fn changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec<f64> {
+    let led = PlacedLed::new(&Led { azimuth_deg, elevation_deg, ..Led::default() }, false);
+    let mut gain = vec![0.0; normals.x.len()];
+    Phong::default().reflect(&led, normals, Row::default(), &mut gain);
+    let flat = gain.last().copied().unwrap_or_default();
+    gain.into_iter().map(|gain| f64::from(gain) - f64::from(flat)).collect()
+}
+
 /// The sums of each channel.
-fn sums(pixels: &Pixels, sample: &[usize], directions: &Directions) -> [Sums; 3] {
-    let phong = Phong::default();
-    let to_led = directions.map(|[azimuth, elevation]| {
-        let ((sin_a, cos_a), (sin_e, cos_e)) = (sin_cos_deg(azimuth), sin_cos_deg(elevation));
-        [cos_a * cos_e, sin_a * cos_e, -sin_e]
-    });
-    let reflected = |n: [f64; 3], l: [f64; 3]| {
-        let towards = n[0] * l[0] + n[1] * l[1] + n[2] * l[2];
-        let mirrored = l[2] - 2.0 * towards * n[2];
-        phong.diffuse * towards.max(0.0) + phong.specular * fifth_power(mirrored.max(0.0))
-    };
-    let flat = to_led.map(|l| reflected([0.0, 0.0, -1.0], l));
+fn sums(pixels: &Pixels, sample: &[usize], normals: &Normals, directions: &Directions) -> [Sums; 3] {
+    let changes = directions.map(|direction| changes(direction, normals));
     let mut all = [Sums::default(); 3];
-    for &k in sample {
-        let [nx, ny] = pixels.normals[k].map(f64::from);
-        let n = [nx, ny, -(1.0 - nx * nx - ny * ny).max(0.0).sqrt()];
-        let changes: [f64; LEDS] = std::array::from_fn(|l| reflected(n, to_led[l]) - flat[l]);
+    for (number, &k) in sample.iter().enumerate() {
+        let changes = changes.each_ref().map(|of_led| of_led[number]);
         for (channel, sums) in all.iter_mut().enumerate() {
             if pixels.clipped[k][channel] != 0.0 {
                 continue;
@@ -151,11 +194,6 @@ fn sums(pixels: &Pixels, sample: &[usize], directions: &Directions) -> [Sums; 3]
         }
     }
     all
-}
-
-/// The paper's shininess, and that of [`Phong::default`].
-fn fifth_power(x: f64) -> f64 {
-    (x * x) * (x * x) * x
 }
 
 /// For each channel the stray light and strengths that leave least, and what all of them leave.
@@ -207,6 +245,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::base::angle::sin_cos_deg;
     use crate::core::base::rng::stream;
 
     #[test]
@@ -214,6 +253,7 @@ mod tests {
         let truth: Directions = [[262.0, 21.0], [8.0, 33.0], [75.0, 45.0]];
         let strengths = [[2.5, 0.3, 0.0], [0.0, 1.9, 0.2], [0.1, 0.4, 3.1]];
         let stray = [0.05, 0.2, 0.1];
+        let per_mm = [0.0, -0.02, 0.03];
         let mut random = stream(3, "calibration", 0);
         let mut pixels = Pixels::default();
         for _ in 0..4000 {
@@ -221,26 +261,28 @@ mod tests {
             let (sin, cos) = sin_cos_deg(azimuth);
             let normal = [(slope * cos) as f32, (slope * sin) as f32];
             let rest = [0.3, 0.4, 0.35].map(|level: f64| (level + 0.1 * (random.unit() - 0.5)) as f32);
+            let height_mm = random.unit() - 0.5;
             let one = Pixels {
                 normals: vec![normal],
-                inputs: vec![Default::default()],
+                inputs: vec![std::array::from_fn(|k| if k == 0 { height_mm as f32 } else { 0.0 })],
                 change: vec![[1.0; 3]],
                 clipped: vec![[0.0; 3]],
                 background: vec![[1.0; 3]],
             };
             // Of a white background the features are the reflected light itself.
-            let light = sums(&one, &[0], &truth)[0].with_change;
+            let light = sums(&one, &[0], &super::normals(&one, &[0]), &truth)[0].with_change;
             pixels.append(&Pixels {
                 change: vec![std::array::from_fn(|c| {
                     let added: f64 = (0..LEDS).map(|l| strengths[l][c] * light[l]).sum();
-                    (added * (f64::from(rest[c]) - stray[c])) as f32
+                    (added * (f64::from(rest[c]) - stray[c]) + per_mm[c] * f64::from(rest[c]) * height_mm) as f32
                 })],
                 background: vec![rest],
                 ..one
             });
         }
-        let found = fit_leds(&[pixels]).expect("pixels");
-        assert!(found.rms < 2e-3, "{found:?}");
+        let found = fit_leds([&pixels]).expect("pixels");
+        assert!(found.rms < 1e-2, "{found:?}");
+        assert!(found.per_mm.iter().zip(per_mm).all(|(found, truth)| (found - truth).abs() < 0.01), "{found:?}");
         for (led, ([azimuth, elevation], strengths)) in found.leds.iter().zip(truth.iter().zip(strengths)) {
             let turned = (led.azimuth_deg - azimuth + 180.0).rem_euclid(360.0) - 180.0;
             assert!(turned.abs() < 3.0 && (led.elevation_deg - elevation).abs() < 5.0, "{led:?}");
@@ -251,14 +293,8 @@ mod tests {
     }
 
     #[test]
-    fn the_lobe_is_that_of_the_optics_model() {
-        assert_eq!(Phong::default().shininess, 5.0);
-        assert!((fifth_power(0.7) - libm::pow(0.7, 5.0)).abs() < 1e-15);
-    }
-
-    #[test]
     fn pads_that_nothing_changed_have_dark_leds_and_no_pixels_none() {
-        assert_eq!(fit_leds(&[]), None);
+        assert_eq!(fit_leds([]), None);
         let flat = Pixels {
             normals: vec![[0.0; 2]; 9],
             inputs: vec![Default::default(); 9],
@@ -266,7 +302,7 @@ mod tests {
             clipped: vec![[0.0; 3]; 9],
             background: vec![[0.5; 3]; 9],
         };
-        let found = fit_leds(&[flat]).expect("pixels");
+        let found = fit_leds([&flat]).expect("pixels");
         assert!(found.leds.iter().all(|led| led.intensity == 0.0) && found.rms == 0.0, "{found:?}");
     }
 }

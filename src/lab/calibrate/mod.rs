@@ -20,6 +20,7 @@ use crate::core::optics::calibrated::{Colors, Table};
 use crate::files::sensor::Sensor;
 use crate::lab::presses::Circle;
 
+pub mod camera;
 pub mod choose;
 pub mod detect;
 pub mod evaluate;
@@ -30,6 +31,7 @@ pub mod page;
 pub mod pixels;
 pub mod run;
 pub mod session;
+pub mod surfaces;
 pub mod taxim;
 pub mod train;
 pub mod validate;
@@ -82,6 +84,8 @@ impl Geometry {
 pub struct Surfaces {
     /// One for each press.
     pub contacts: Vec<Contact>,
+    /// How deep each was pressed, mm.
+    pub depths_mm: Vec<f64>,
     /// True for a press whose contact is larger than any of such a ball; its surface is the deepest press's.
     pub too_large: Vec<bool>,
 }
@@ -105,13 +109,13 @@ impl Session {
         let press = |observation: &Observation| {
             let ball = balls.of_radius(observation.ball_radius_mm);
             let contact_mm = observation.circle.radius_px * self.camera.mm_per_px[0] * geometry.contact_over_disc;
-            let depth_mm = ball.depth_mm(contact_mm);
-            let contact =
-                ball.press(&pad, &self.camera, observation.circle.centre_px, depth_mm.unwrap_or(ball.deepest_mm()));
-            (contact, depth_mm.is_none())
+            let found = ball.depth_mm(contact_mm);
+            let depth_mm = found.unwrap_or(ball.deepest_mm());
+            (ball.press(&pad, &self.camera, observation.circle.centre_px, depth_mm), (depth_mm, found.is_none()))
         };
-        let (contacts, too_large) = self.observations.par_iter().map(press).unzip();
-        Surfaces { contacts, too_large }
+        let (contacts, depths): (Vec<_>, Vec<_>) = self.observations.par_iter().map(press).unzip();
+        let (depths_mm, too_large) = depths.into_iter().unzip();
+        Surfaces { contacts, depths_mm, too_large }
     }
 
     /// Places in the picture of each press, up to `most` of each, to learn from.
@@ -150,7 +154,7 @@ impl Session {
 pub fn fit(session: &Session, pixels: &[&Pixels], settings: &Settings, seed: u64) -> Response {
     let mut all = Pixels::default();
     pixels.iter().for_each(|pixels| all.append(pixels));
-    train::fit(&all, session.place_mm(), settings, seed)
+    train::fit(&all, pixels::range(pixels), session.place_mm(), settings, seed)
 }
 
 /// A table with a fitted model.

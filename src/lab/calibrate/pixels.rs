@@ -9,6 +9,7 @@ use crate::core::base::rng::Stream;
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
 use crate::core::gelpad::Contact;
+use crate::core::optics::calibrated::beyond::Range;
 use crate::core::optics::calibrated::response::{INPUTS, Response, SECTORS};
 use crate::core::optics::coarse::Coarse;
 use crate::core::optics::normals::normals;
@@ -101,6 +102,36 @@ impl Pixels {
     }
 }
 
+/// Fraction of a press's pixels that may be steeper or deeper than it is said to be: at a rim a few are by chance.
+const BY_CHANCE: f64 = 0.005;
+/// Presses that must have been as steep or as deep, so that one whose circle is wrong does not decide.
+const WITNESSES: usize = 2;
+
+/// How far presses go together: steepest and deepest that at least two of them were.
+pub fn range(presses: &[&Pixels]) -> Range {
+    // The value that the given fraction of the pixels exceeds, then the second largest of the presses'.
+    let reached = |value: &dyn Fn(&Pixels, usize) -> f32| {
+        let mut each: Vec<f32> = presses
+            .iter()
+            .map(|press| {
+                let mut values: Vec<f32> = (0..press.len()).map(|k| value(press, k)).collect();
+                values.sort_by(|a, b| b.total_cmp(a));
+                values.get((BY_CHANCE * values.len() as f64) as usize).copied().unwrap_or_default()
+            })
+            .collect();
+        each.sort_by(|a, b| b.total_cmp(a));
+        each.get(WITNESSES.min(each.len().max(1)) - 1).copied().unwrap_or_default().max(0.0)
+    };
+    let steepest = reached(&|press, k| {
+        let [x, y] = press.normals[k];
+        (x * x + y * y).sqrt()
+    });
+    Range {
+        steepest: steepest.clamp(1e-3, 1.0),
+        heights_mm: [-reached(&|press, k| -press.inputs[k][0]), reached(&|press, k| press.inputs[k][0])],
+    }
+}
+
 /// Up to `most` pixels of a press, drawn at random: those near its contact and those of its halo. Those that are
 /// saturated in the background say nothing.
 pub fn places(observation: &Observation, background: &RgbImage, most: usize, random: &mut Stream) -> Vec<usize> {
@@ -118,4 +149,34 @@ pub fn places(observation: &Observation, background: &RgbImage, most: usize, ran
     let mut drawn = random.some_of(near, wanted(NEAR));
     drawn.extend(random.some_of(far, wanted(1.0 - NEAR)));
     drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_range_is_what_two_presses_reached_and_neither_one_of_them_nor_a_few_pixels_decide() {
+        let press = |steepest: f32, heights_mm: [f32; 2]| {
+            let mut pixels = Pixels::default();
+            for k in 0..1000 {
+                let share = k as f32 / 999.0;
+                pixels.normals.push([0.6 * steepest * share, -0.8 * steepest * share]);
+                let mut inputs = [0.0; INPUTS];
+                inputs[0] = heights_mm[0] + share * (heights_mm[1] - heights_mm[0]);
+                pixels.inputs.push(inputs);
+                pixels.change.push([0.0; 3]);
+            }
+            // By chance.
+            (pixels.normals[0], pixels.inputs[0][0]) = ([0.0, 1.0], 9.0);
+            pixels
+        };
+        let presses =
+            [press(0.3, [-0.1, 0.2]), press(0.9, [-0.5, 2.0]), press(0.5, [-0.2, 0.6]), press(0.4, [0.0, 0.5])];
+        let Range { steepest, heights_mm: [low, high] } = range(&presses.each_ref());
+        assert!((steepest - 0.5).abs() < 0.01 && (high - 0.6).abs() < 0.01 && (low + 0.2).abs() < 0.01);
+        let level = range(&[&press(0.0, [0.0; 2]), &press(0.0, [0.0; 2])]);
+        assert_eq!(level, Range { steepest: 1e-3, heights_mm: [-0.0, 0.0] });
+        assert_eq!(range(&[]), level);
+    }
 }

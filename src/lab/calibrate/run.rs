@@ -3,6 +3,7 @@
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
+use super::camera::{MeasuredCamera, measure};
 use super::choose::choose;
 use super::leds::{FittedLeds, fit_leds};
 use super::outliers::outlier_reasons;
@@ -43,6 +44,8 @@ pub struct Calibration {
     pub table: Table,
     /// LEDs that come nearest to it, for the optics models `phong` and `led`.
     pub leds: FittedLeds,
+    /// The camera, where enough of the images is away from the presses.
+    pub camera: Option<MeasuredCamera>,
     /// Each press by a model of the others.
     pub held_out: Vec<HeldOut>,
     /// What speaks against each press.
@@ -65,7 +68,9 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
     if session.observations.len() < super::session::FEWEST {
         return None;
     }
-    let mut geometry = choose(&session, request);
+    let chosen =
+        |session: &Session| choose(session, request.thickness_mm, request.contact_over_disc, &request.settings);
+    let mut geometry = chosen(&session);
     let (mut pixels, mut held_out, mut odd) = learn(&session, geometry, request);
     if request.drops_bad && odd.iter().any(|odd| !odd.is_empty()) {
         drop_bad(&mut session, &mut odd, &mut dropped);
@@ -73,18 +78,20 @@ pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
         if session.observations.len() < super::session::FEWEST {
             return None;
         }
-        geometry = choose(&session, request);
+        geometry = chosen(&session);
         (pixels, held_out, odd) = learn(&session, geometry, request);
     }
     for (doubts, odd) in doubts.iter_mut().zip(odd) {
         doubts.extend(odd);
     }
     let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), &request.settings, 100);
+    let leds = fit_leds(&pixels)?;
     Some(Calibration {
-        leds: fit_leds(&pixels)?,
+        table: table(response, geometry).with_beyond(leds.beyond()),
+        leds,
+        camera: measure(&session),
         session,
         geometry,
-        table: table(response, geometry),
         held_out,
         outlier_reasons: doubts,
         dropped,
@@ -101,13 +108,18 @@ fn learn(session: &Session, geometry: Geometry, request: &Request) -> (Vec<Pixel
     (pixels, held_out, odd)
 }
 
-/// Fits the LEDs alone, on a pad whose thickness and contact are not chosen: the sensor's thickness, and the usual contact, if the
-/// request has none. `None` without pixels.
-pub fn run_leds(session: &Session, request: &Request) -> Option<FittedLeds> {
-    let geometry = Geometry {
-        thickness_mm: request.thickness_mm.unwrap_or(session.sensor.gelpad_thickness_mm),
-        contact_over_disc: request.contact_over_disc.unwrap_or(Geometry::USUAL_CONTACT),
-    };
+impl Request {
+    /// The geometry where none is chosen: the sensor's thickness, and the usual contact, if the request has none.
+    pub fn geometry(&self, session: &Session) -> Geometry {
+        Geometry {
+            thickness_mm: self.thickness_mm.unwrap_or(session.sensor.gelpad_thickness_mm),
+            contact_over_disc: self.contact_over_disc.unwrap_or(Geometry::USUAL_CONTACT),
+        }
+    }
+}
+
+/// Fits the LEDs alone, on this pad. `None` without pixels.
+pub fn run_leds(session: &Session, geometry: Geometry) -> Option<FittedLeds> {
     let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
     let surfaces = session.surfaces(geometry, &half);
     fit_leds(&session.pixels(&session.places(PIXELS), &surfaces, false))

@@ -8,6 +8,7 @@ use nalgebra::DMatrix;
 
 use super::pixels::Pixels;
 use crate::core::base::rng::{Stream, stream};
+use crate::core::optics::calibrated::beyond::Range;
 use crate::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
 
 /// Outputs are counted in fractions of full scale of this size while training, which suits the rate.
@@ -43,21 +44,12 @@ impl Default for Settings {
 struct Scales {
     height_mm: f32,
     place_mm: f32,
-    heights_mm: [f32; 2],
-    steepest: f32,
 }
 
-/// Fits a model. `seed` is where its networks start; `place_mm` half the longer side of the view.
-pub fn fit(pixels: &Pixels, place_mm: f64, settings: &Settings, seed: u64) -> Response {
-    let heights = pixels.inputs.iter().map(|input| input[0]);
-    let heights_mm = heights.fold([0.0_f32; 2], |[low, high], w| [low.min(w), high.max(w)]);
-    let steepest = pixels.normals.iter().map(|[x, y]| x * x + y * y).fold(0.0, f32::max).sqrt();
-    let scales = Scales {
-        height_mm: heights_mm[1].max(1e-3),
-        place_mm: place_mm as f32,
-        heights_mm,
-        steepest: steepest.clamp(1e-3, 1.0),
-    };
+/// Fits a model that holds within `range`. `seed` is where its networks start; `place_mm` half the longer side of the view.
+pub fn fit(pixels: &Pixels, range: Range, place_mm: f64, settings: &Settings, seed: u64) -> Response {
+    let deepest_mm = pixels.inputs.iter().map(|input| input[0]).fold(0.0, f32::max);
+    let scales = Scales { height_mm: deepest_mm.max(1e-3), place_mm: place_mm as f32 };
     let networks = (0..settings.networks as u64).map(|k| Network::fitted(pixels, &scales, settings, 64 * seed + k));
     let networks: Vec<Network> = networks.collect();
     let weight = UNIT / networks.len().max(1) as f32;
@@ -68,7 +60,7 @@ pub fn fit(pixels: &Pixels, place_mm: f64, settings: &Settings, seed: u64) -> Re
         from_hidden.chain((0..=INPUTS).map(sum)).collect()
     };
     let outputs = (0..OUTPUTS).map(output).collect();
-    let Scales { height_mm, place_mm, heights_mm, steepest } = scales;
+    let (Scales { height_mm, place_mm }, Range { steepest, heights_mm }) = (scales, range);
     Response { height_mm, place_mm, heights_mm, steepest, hidden, outputs }
 }
 
@@ -271,7 +263,7 @@ mod tests {
             pixels.change.push([unit() - 0.5, unit() - 0.5, unit()]);
             pixels.clipped.push([0.0, 0.0, f32::from(u8::from(k % 3 == 0))]);
         }
-        let scales = Scales { height_mm: 0.7, place_mm: 1.3, heights_mm: [0.0, 1.0], steepest: 1.0 };
+        let scales = Scales { height_mm: 0.7, place_mm: 1.3 };
         let mut network = Network::start(4, &mut random);
         network.outer.iter_mut().for_each(|weight| *weight = 0.3 * random.normal() as f32);
         let mut batch = Batch::new(64);

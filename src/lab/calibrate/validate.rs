@@ -3,6 +3,7 @@
 use image::RgbImage;
 use rayon::prelude::*;
 
+use super::leds::fit_leds;
 use super::train::Settings;
 use super::{Geometry, Session, Surfaces, fit, picture, pixels, table};
 use crate::core::base::rng::stream;
@@ -47,6 +48,10 @@ pub fn cross_validate(
             let others: Vec<&pixels::Pixels> =
                 pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
             let table = table(fit(session, &others, settings, part as u64), geometry);
+            let table = match fit_leds(others.iter().copied()) {
+                Some(leds) => table.with_beyond(leds.beyond()),
+                None => table,
+            };
             Shader::new(Calibrated::default(), Some(&table), &session.camera)
         })
         .collect();

@@ -29,6 +29,7 @@ use distribution::{Distances, Tally};
 use images::{Entry, SensorImages, Unusable};
 use pairs::{Group, Side};
 use score::{Score, Scores, score};
+use verdict::{Scenes, verdict};
 
 /// Images of a set that is not paired: more do not change what it looks like.
 const MOST_OF_A_SET: usize = 1000;
@@ -57,7 +58,7 @@ pub struct SensorRow {
     pub means: Option<Means>,
     /// Its images as sets: those of its pairs, or all.
     pub distances: Distances,
-    /// Which way the simulated set is off, in words.
+    /// Which way the simulated set is off, in words; without pairs only how it differs, since the presses do, too.
     pub verdict: String,
 }
 
@@ -164,7 +165,7 @@ fn paired(
         return Err(wrong);
     }
     let distances = Distances::between(&real_tally, &sim_tally);
-    let verdict = verdict::verdict(&distances);
+    let verdict = verdict(&distances, Scenes::Same);
     Ok(SensorRow { sensor: real.name.clone(), means: Means::from_rows(&images[first..]), distances, verdict })
 }
 
@@ -193,7 +194,7 @@ fn apart(name: String, real: &Side, sim: &Side, notes: &mut Vec<String>) -> Resu
         }
     };
     let distances = Distances::between(&real, &sim);
-    let verdict = verdict::verdict(&distances);
+    let verdict = verdict(&distances, Scenes::Different);
     Ok(SensorRow { sensor: name, means: None, distances, verdict })
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::distribution::Distances;
 use super::score::Score;
-use super::{Comparison, Means};
+use super::{Comparison, Means, SensorRow};
 use crate::dataset::encode::json;
 
 /// Columns of the CSV.
@@ -44,15 +44,35 @@ pub fn table(comparison: &Comparison, per_image: bool) -> String {
     let mut text = String::new();
     match &comparison.total {
         Some(total) => scores(&mut text, comparison, total, per_image, width),
-        None => text += "no two images belong together: only what the sets look like is compared\n",
+        None => text += "no two images belong together: only the sets are compared\n",
     }
     sets(&mut text, comparison, width);
     for row in &comparison.sensors {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{}: simulated against real: {}", row.sensor, row.verdict);
     }
+    text += &unpaired(comparison);
     // Empty cells at a line's end.
     text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
+}
+
+/// What the sentences of sets without pairs do not say, and how to have it said.
+fn unpaired(comparison: &Comparison) -> String {
+    let apart: Vec<_> = comparison.sensors.iter().filter(|row| row.means.is_none()).collect();
+    if apart.is_empty() {
+        return String::new();
+    }
+    let counts =
+        apart.iter().map(|SensorRow { sensor, distances: Distances { real_images, sim_images, .. }, .. }| {
+            format!("{sensor}: {real_images} real images against {sim_images} simulated ones of other presses")
+        });
+    let counts: Vec<String> = counts.collect();
+    format!(
+        "\n{}.\nWhere, how deep and how often was pressed differs, too: this is no measure of the simulator. For one, simulate \
+         the presses of REAL\n(gelsim calibrate --evaluate REAL/annotations.csv --sensor SENSOR.toml --out SIM), or name the \
+         simulated images as their\nreal counterparts.\n",
+        counts.join("\n")
+    )
 }
 
 fn scores(text: &mut String, comparison: &Comparison, total: &Means, per_image: bool, width: usize) {

@@ -11,17 +11,41 @@ const AMPLITUDE: f64 = 0.15;
 /// Amplitude below which grain counts as absent.
 const ABSENT: f64 = 0.25;
 
+/// What of the two sets is of the same presses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scenes {
+    /// Both show the same presses: what differs is the simulation's fault.
+    Same,
+    /// Each shows presses of its own: part of what differs is the presses'.
+    Different,
+}
+
+impl Scenes {
+    /// How much something is off, and which way.
+    fn off(self, amount: &str, way: &str) -> String {
+        match self {
+            Self::Same => format!("{amount} too {way}"),
+            Self::Different => format!("{amount} {way}er"),
+        }
+    }
+}
+
 /// What a person would see first: colours, contrast, edges, grain, coarser structure.
-pub fn verdict(distances: &Distances) -> String {
+pub fn verdict(distances: &Distances, scenes: Scenes) -> String {
     let mut parts = Vec::new();
     for (name, channel) in ["red", "green", "blue"].iter().zip(&distances.channels) {
         let shift = channel.mean_shift;
         if shift.abs() >= SHIFT {
-            parts.push(format!("{name} {:.1} levels too {}", shift.abs(), if shift > 0.0 { "bright" } else { "dark" }));
+            let amount = format!("{name} {:.1} levels", shift.abs());
+            parts.push(scenes.off(&amount, if shift > 0.0 { "bright" } else { "dark" }));
         }
     }
     let known: Vec<f64> = distances.channels.iter().filter_map(|channel| channel.deviation_ratio).collect();
     let contrast = (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64);
+    let deviation = |what: &str, ratio: f64, bearable: f64, [low, high]: [&str; 2]| {
+        let amount = format!("{what} {:.0} %", 100.0 * (ratio - 1.0).abs());
+        ((ratio - 1.0).abs() >= bearable).then(|| scenes.off(&amount, if ratio < 1.0 { low } else { high }))
+    };
     parts.extend(contrast.and_then(|ratio| deviation("contrast", ratio, TOLERANCE, ["low", "high"])));
     parts.extend(distances.slopes.edge_ratio.and_then(|ratio| deviation("edges", ratio, TOLERANCE, ["soft", "hard"])));
     // Grain is the finest octave; what is coarser is told together where it is off the same way.
@@ -35,7 +59,7 @@ pub fn verdict(distances: &Distances) -> String {
             ["weak", "strong"],
         ),
     }));
-    parts.extend(coarser.chunk_by(|a, b| way(a) == way(b)).filter_map(structure));
+    parts.extend(coarser.chunk_by(|a, b| way(a) == way(b)).filter_map(|octaves| structure(octaves, scenes)));
     match parts.is_empty() {
         true => String::from("no difference in colour, contrast, edges or grain that is worth a word"),
         false => parts.join(", "),
@@ -56,7 +80,7 @@ fn way(octave: &Octave) -> i32 {
 }
 
 /// Octaves that are off the same way.
-fn structure(octaves: &[Octave]) -> Option<String> {
+fn structure(octaves: &[Octave], scenes: Scenes) -> Option<String> {
     let ([finest, ..], [.., coarsest]) = (octaves, octaves) else { return None };
     let way = way(finest);
     let percents = octaves.iter().map(|octave| 100.0 * (amplitude(octave) - 1.0).abs());
@@ -67,13 +91,7 @@ fn structure(octaves: &[Octave]) -> Option<String> {
     };
     let (from, to) = (1.0 / finest.cycles_per_px[1], 1.0 / coarsest.cycles_per_px[0]);
     let direction = if way < 0 { "weak" } else { "strong" };
-    (way != 0).then(|| format!("structure of {from:.0} to {to:.0} px {range} % too {direction}"))
-}
-
-fn deviation(what: &str, ratio: f64, bearable: f64, [low, high]: [&str; 2]) -> Option<String> {
-    let off = ratio - 1.0;
-    (off.abs() >= bearable)
-        .then(|| format!("{what} {:.0} % too {}", 100.0 * off.abs(), if off < 0.0 { low } else { high }))
+    (way != 0).then(|| scenes.off(&format!("structure of {from:.0} to {to:.0} px {range} %"), direction))
 }
 
 #[cfg(test)]
@@ -99,19 +117,27 @@ mod tests {
 
     #[test]
     fn the_sentence_names_what_is_off_and_which_way() {
-        let found = verdict(&distances([0.4, 2.04, -3.1], 0.9, 0.8, &[-2.0, 0.0, 0.2, -0.5, -0.4, -0.01]));
+        let off = distances([0.4, 2.04, -3.1], 0.9, 0.8, &[-2.0, 0.0, 0.2, -0.5, -0.4, -0.01]);
+        let found = verdict(&off, Scenes::Same);
         let expected = "green 2.0 levels too bright, blue 3.1 levels too dark, contrast 10 % too low, \
                         edges 20 % too soft, almost no grain above 0.25 cycles/px, \
                         structure of 8 to 16 px 26 % too strong, structure of 16 to 64 px 37 to 44 % too weak";
         assert_eq!(found, expected);
+        // Of other scenes nothing is too much or too little.
+        let expected = "green 2.0 levels brighter, blue 3.1 levels darker, contrast 10 % lower, edges 20 % softer, \
+                        almost no grain above 0.25 cycles/px, structure of 8 to 16 px 26 % stronger, \
+                        structure of 16 to 64 px 37 to 44 % weaker";
+        assert_eq!(verdict(&off, Scenes::Different), expected);
     }
 
     #[test]
     fn what_is_alike_is_said_to_be() {
-        assert!(verdict(&distances([0.4, -0.4, 0.0], 1.04, 0.96, &[0.1, -0.1])).starts_with("no difference"));
+        assert!(
+            verdict(&distances([0.4, -0.4, 0.0], 1.04, 0.96, &[0.1, -0.1]), Scenes::Same).starts_with("no difference")
+        );
         let mut unknown = distances([0.0; 3], 1.0, 1.0, &[]);
         unknown.slopes.edge_ratio = None;
         unknown.channels.iter_mut().for_each(|channel| channel.deviation_ratio = None);
-        assert!(verdict(&unknown).starts_with("no difference"));
+        assert!(verdict(&unknown, Scenes::Same).starts_with("no difference"));
     }
 }

@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-use crate::core::base::view::View;
 use crate::job::sample::Sample;
 use crate::lab::metrics::{image, surface};
 
@@ -21,7 +20,7 @@ pub struct Errors {
 
 impl Errors {
     /// Compares a sample with the reference's.
-    pub fn new(sample: &Sample, exact: &Sample, camera: &View) -> Self {
+    pub fn new(sample: &Sample, exact: &Sample) -> Self {
         let (image, exact_image) = (&sample.impression.image, &exact.impression.image);
         let fraction = |own: f64, exact: f64| (exact > 0.0).then(|| (own - exact).abs() / exact);
         let (contact, exact_contact) = (&sample.label.contact, &exact.label.contact);
@@ -30,7 +29,7 @@ impl Errors {
                 &sample.impression.contact.surface,
                 &exact.impression.contact.surface,
                 &exact.impression.contact.mask,
-                camera.mm_per_px,
+                sample.label.sensor.mm_per_px,
             ),
             image_mae: image::mae(&image.rgb, &exact_image.rgb),
             image_square: image::psnr_db(&image.rgb, &exact_image.rgb)

@@ -4,6 +4,8 @@
 //! level's, and its CPU time is taken on one thread. Further studies say how far the reference itself can be trusted (a
 //! grid twice as fine, solver tolerances), and what other models and leaving out an effect would do.
 
+use std::sync::Arc;
+
 use serde::Serialize;
 
 use crate::core::base::clock::Seconds;
@@ -124,8 +126,8 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     for level in Fidelity::ALL {
         progress(level.name());
         compared.push(match level {
-            Fidelity::Reference => reference.compared(level.name(), &reference, plan),
-            _ => Measured::new(&plan.with_fidelity(level), &samples).compared(level.name(), &reference, plan),
+            Fidelity::Reference => reference.compared(level.name(), &reference),
+            _ => Measured::new(&plan.with_fidelity(level), &samples).compared(level.name(), &reference),
         });
     }
     let everything: Vec<usize> = (0..samples.len()).collect();
@@ -148,7 +150,7 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
             .map(|(name, gelpad)| {
                 progress(&name);
                 let models = Models { gelpad, optics: exact.simulator.models().optics.clone() };
-                Measured::new(&exact.with_models(models), &few).compared(&name, &exact_few, plan)
+                Measured::new(&exact.with_models(models), &few).compared(&name, &exact_few)
             })
             .collect();
         rows(&measured, &(0..few.len()).collect::<Vec<_>>())
@@ -190,6 +192,8 @@ impl Measured {
             (sample.impression.depth.overlap, sample.impression.contact.pressure) = (Grid::default(), None);
             // The quicker of two runs: the first one may have found caches cold.
             let again = render(plan, *index).seconds;
+            // Nor is what is known of its sensor.
+            sample.simulator = Arc::clone(&plan.simulator);
             let first = sample.seconds;
             seconds.push(if again.simulation() < first.simulation() { again } else { first });
             samples.push(sample);
@@ -197,9 +201,9 @@ impl Measured {
         Self { samples, seconds }
     }
 
-    fn compared(&self, name: &str, reference: &Self, plan: &Plan) -> Compared {
+    fn compared(&self, name: &str, reference: &Self) -> Compared {
         let pairs = self.samples.iter().zip(&reference.samples);
-        let errors = pairs.map(|(sample, exact)| Errors::new(sample, exact, plan.simulator.view())).collect();
+        let errors = pairs.map(|(sample, exact)| Errors::new(sample, exact)).collect();
         Compared { name: name.to_owned(), errors, seconds: self.seconds.clone() }
     }
 }

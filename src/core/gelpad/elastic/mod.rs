@@ -8,6 +8,7 @@
 
 use crate::core::base::grid::Resolution;
 use std::cell::RefCell;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -89,7 +90,8 @@ pub fn linear_error_mm(depth_mm: f64, thickness_mm: f64) -> f64 {
     depth_mm * (0.04 * strain + 0.08 * strain * strain)
 }
 
-/// The model made ready for a sensor.
+/// The model made ready for a sensor. A clone shares all that is large.
+#[derive(Clone)]
 pub struct Pad {
     elastic: Elastic,
     youngs_modulus_kpa: f64,
@@ -100,8 +102,8 @@ pub struct Pad {
     coarse_mm_per_px: [f64; 2],
     layer: ElasticLayer,
     softest: f64,
-    kernel: Grid<f32>,
-    lengths: Lengths,
+    kernel: Arc<Grid<f32>>,
+    lengths: Arc<Lengths>,
     /// The same on every second pixel, if that is fine enough to be of help.
     coarser: Option<Box<Pad>>,
 }
@@ -151,11 +153,17 @@ impl Pad {
             coarse_mm_per_px,
             layer,
             softest: layer.softest(),
-            kernel: kernel::kernel(layer, coarse_mm_per_px, reach_mm, window),
+            kernel: Arc::new(kernel::kernel(layer, coarse_mm_per_px, reach_mm, window)),
             // A coarser grid may have a pixel more than counted here, depending on how it is come by.
-            lengths: Lengths::new(2 * window[0].max(window[1]) + 16),
+            lengths: Arc::new(Lengths::new(2 * window[0].max(window[1]) + 16)),
             coarser: elastic.coarser().map(|coarser| Box::new(Self::new(&coarser, material, view))),
         }
+    }
+
+    /// The same pad of another Young's modulus, kPa: displacements do not depend on it.
+    pub fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
+        let coarser = self.coarser.as_ref().map(|coarser| Box::new(coarser.with_youngs_modulus(youngs_modulus_kpa)));
+        Self { youngs_modulus_kpa, coarser, ..self.clone() }
     }
 
     /// Displacement around one pressed pixel of the solver's grid, mm, for Young's modulus 1: lags from 0 up along x and

@@ -1,7 +1,8 @@
 //! Light as it was measured on a real sensor, by `gelsim calibrate`.
 //!
 //! The photograph of the untouched pad, plus what the measured [`Response`] (or Taxim's table) says that the press
-//! changes. Valid for the sensor that was measured; deeper and steeper presses than it was fitted on are taken for as
+//! changes. Valid for the sensor that was measured. Beyond the slopes and depths that it was fitted to the light goes on
+//! by LEDs fitted to the same presses ([`Beyond`]); with a table that has none, deeper and steeper presses are taken for as
 //! deep and as steep ones.
 
 use serde::{Deserialize, Serialize};
@@ -18,11 +19,13 @@ use crate::core::base::view::View;
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::gelpad::Contact;
 
+pub mod beyond;
 mod kernel;
 mod nodes;
 pub mod response;
 pub mod taxim;
 
+use beyond::{Beyond, Continuation, Range, Run};
 use kernel::Kernel;
 use nodes::{Between, Nodes, Rows};
 use response::{DEGREES, FLATTEST_CASTER, Response, TERMS};
@@ -56,6 +59,9 @@ pub struct Table {
     pub contact_over_disc: f64,
     /// How colour follows from the surface.
     pub colors: Colors,
+    /// What it follows beyond the presses that the colours were fitted to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beyond: Option<Beyond>,
 }
 
 /// How colour follows from the surface.
@@ -70,12 +76,27 @@ pub enum Colors {
 
 impl Table {
     /// The newest version that is known.
-    pub const NEWEST: u32 = 1;
+    pub const NEWEST: u32 = 2;
+    /// The oldest, which has nothing beyond the presses.
+    pub const OLDEST: u32 = 1;
 
-    /// One that this gelsim writes.
+    /// One that this gelsim writes, of the oldest version that holds it.
     pub fn new(colors: Colors, contact_over_disc: f64) -> Self {
         let generator = env!("CARGO_PKG_VERSION").to_owned();
-        Self { calibration_version: Self::NEWEST, generator, contact_over_disc, colors }
+        Self { calibration_version: Self::OLDEST, generator, contact_over_disc, colors, beyond: None }
+    }
+
+    /// The same with what the light follows beyond the presses.
+    pub fn with_beyond(self, beyond: Beyond) -> Self {
+        Self { calibration_version: Self::NEWEST, beyond: Some(beyond), ..self }
+    }
+
+    /// How far the presses went that it was fitted to; `None` where that is not known.
+    pub fn range(&self) -> Option<Range> {
+        match &self.colors {
+            Colors::Response(response) => Some(Range::from(response)),
+            Colors::Taxim(_) => None,
+        }
     }
 }
 
@@ -84,6 +105,8 @@ pub struct Shader {
     view: View,
     threshold: Threshold,
     colors: Ready,
+    /// How far the presses went that the table was fitted to, if that is known.
+    range: Option<Range>,
 }
 
 /// Colours made ready for one view.
@@ -95,20 +118,26 @@ enum Ready {
 impl Shader {
     /// Prepares what `table` says for a view; without one, nothing changes the picture.
     pub fn new(parameters: Calibrated, table: Option<&Table>, view: &View) -> Self {
-        let network = |response: Response| {
-            let (network, largest) = Network::new(response, parameters, view);
+        let network = |response: Response, beyond: Option<&Beyond>| {
+            let (network, largest) = Network::new(response, beyond, parameters, view);
             (threshold(&network.response, &largest), Ready::Response(Box::new(network)))
         };
-        let (threshold, colors) = match table.map(|table| &table.colors) {
-            Some(Colors::Response(response)) => network(response.clone()),
-            Some(Colors::Taxim(taxim)) => {
+        let (threshold, colors) = match table.map(|table| (&table.colors, &table.beyond)) {
+            Some((Colors::Response(response), beyond)) => network(response.clone(), beyond.as_ref()),
+            Some((Colors::Taxim(taxim), _)) => {
                 let lookup = Lookup::new(taxim, view.resolution_px);
                 let slope = lookup.unseen_slope(255.0 * BOUND) * std::f64::consts::FRAC_1_SQRT_2;
                 (Threshold { slope: slope as f32, height_mm: f32::MAX }, Ready::Taxim(Box::new(lookup)))
             }
-            None => network(Response::default()),
+            None => network(Response::default(), None),
         };
-        Self { view: *view, threshold, colors }
+        Self { view: *view, threshold, colors, range: table.and_then(Table::range) }
+    }
+
+    /// Share of the pixels in contact that are steeper or deeper than the presses that the table was fitted to; 0 where that
+    /// is not known.
+    pub fn share_beyond(&self, contact: &Contact) -> f64 {
+        self.range.map_or(0.0, |range| range.share_beyond(contact, &self.view))
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
@@ -149,7 +178,12 @@ impl Shader {
             let mut light = rest.light(region);
             match &self.colors {
                 _ if region.is_empty() => {}
-                Ready::Response(network) => network.add(&mut light, surface, &hidden, &self.view),
+                Ready::Response(network) => {
+                    let beyond = network.beyond.as_ref().filter(|_| {
+                        everywhere || self.range.is_some_and(|range| !range.holds(contact, region, &self.view))
+                    });
+                    network.add(&mut light, surface, &hidden, beyond.map(|beyond| (beyond, rest)), &self.view);
+                }
                 Ready::Taxim(lookup) => add_taxim(lookup, &mut light, surface, &self.view),
             }
             light
@@ -164,11 +198,12 @@ struct Network {
     coarse: Coarse,
     /// The constant terms at rest, red, green and blue, at all nodes.
     at_rest: [Grid<f32>; 3],
+    beyond: Option<Continuation>,
 }
 
 impl Network {
     /// Prepares a response, and says how large each of its coefficients is at rest, anywhere in view.
-    fn new(response: Response, parameters: Calibrated, view: &View) -> (Self, Vec<f32>) {
+    fn new(response: Response, beyond: Option<&Beyond>, parameters: Calibrated, view: &View) -> (Self, Vec<f32>) {
         let kernel = Kernel::new(&response);
         let coarse = Coarse::spaced(parameters.spacing_mm, view.mm_per_px);
         let [width, height] = coarse.size(view.resolution_px);
@@ -177,11 +212,20 @@ impl Network {
         let size = |plane: &Vec<f32>| plane.iter().fold(0.0, |largest: f32, value| largest.max(value.abs()));
         let largest = outputs.iter().map(size).collect();
         let at_rest = std::array::from_fn(|channel| Grid { width, height, data: outputs[channel * TERMS].clone() });
-        (Self { response, kernel, coarse, at_rest }, largest)
+        let beyond = beyond.map(|beyond| Continuation::new(beyond, Range::from(&response)));
+        (Self { response, kernel, coarse, at_rest, beyond }, largest)
     }
 
-    /// Adds to the untouched pad's light what the surface changes; `shares` are those of the sky that are seen.
-    fn add(&self, light: &mut Light, surface: &Grid<f32>, shares: &[Option<Values>], view: &View) {
+    /// Adds to the untouched pad's light what the surface changes; `shares` are those of the sky that are seen, `beyond` is
+    /// for surfaces that leave the response's range.
+    fn add(
+        &self,
+        light: &mut Light,
+        surface: &Grid<f32>,
+        shares: &[Option<Values>],
+        beyond: Option<(&Continuation, &BackgroundImage)>,
+        view: &View,
+    ) {
         let region = light.region;
         let nodes = Nodes::around(region, self.coarse, view);
         let mut outputs = nodes.outputs(&self.response, &self.kernel, Some(surface), shares);
@@ -192,13 +236,16 @@ impl Network {
             }
         }
         let between = Between::new(&nodes, outputs, self.response.steepest);
-        let mut rows = Rows::default();
+        let (mut rows, mut run) = (Rows::default(), Run::default());
         simd_dispatch(
             #[inline(always)]
             || {
                 for row in 0..region.height() {
                     set_normals(view.mm_per_px, surface, region, row, &mut rows.normals);
                     between.add_row(light, row, &mut rows);
+                    if let Some((beyond, rest)) = beyond {
+                        beyond.add_row(light, row, &rows.normals, surface, rest, shares, &mut run);
+                    }
                 }
             },
         );

@@ -22,7 +22,7 @@ pub const TERMS: usize = 15;
 pub const OUTPUTS: usize = 3 * TERMS;
 
 /// Lowest and highest elevation of the sky that is looked at, degrees.
-const SKY_DEG: [f64; 2] = [5.0, 60.0];
+pub const SKY_DEG: [f64; 2] = [5.0, 60.0];
 
 /// Slope that hides none of it.
 pub const FLATTEST_CASTER: f64 = 0.04;
@@ -35,9 +35,9 @@ pub struct Response {
     pub height_mm: f32,
     /// Distance from the middle of the image that is an input of 1, mm.
     pub place_mm: f32,
-    /// Lowest and highest displacement it was fitted on, mm. Those beyond are taken for them.
+    /// Lowest and highest displacement it was fitted to, mm. Those beyond are taken for them.
     pub heights_mm: [f32; 2],
-    /// Largest length of (n_x, n_y) it was fitted on. Steeper normals are taken for as steep ones.
+    /// Largest length of (n_x, n_y) it was fitted to. Steeper normals are taken for as steep ones.
     pub steepest: f32,
     /// For each hidden unit the weights of the inputs, and its bias.
     pub hidden: Vec<[f32; INPUTS + 1]>,

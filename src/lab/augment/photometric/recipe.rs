@@ -123,8 +123,13 @@ impl PhotometricRecipe {
             .map(|(markers, pattern)| markers.print().positions(&pattern, None, &self.view));
 
         let body = Camera::new(&self.view, light, false, CameraParams::default(), None);
-        let image =
-            body.expose(Light::default(), positions.as_ref(), &shot, &mut EffectLog::new(EffectPolicy::WhereNeeded));
+        let image = body.expose(
+            Light::default(),
+            None,
+            positions.as_ref(),
+            &shot,
+            &mut EffectLog::new(EffectPolicy::WhereNeeded),
+        );
         let MarkerPattern { pitch_mm, diameter_mm, jitter_mm } =
             pattern.unwrap_or(MarkerPattern { pitch_mm: 0.0, diameter_mm: 0.0, jitter_mm: 0.0 });
         let applied = Applied {

@@ -172,7 +172,8 @@ fn noisy(levels: f64, number: u32) -> RgbImage {
         let (x, y) = ((at % width) as f64 - x0, (at / width) as f64 - y0);
         *value += 0.2 * (-(x * x + y * y) / 300.0).exp() as f32;
     }
-    Noise { read: (levels / 255.0) as f32, shot: 0.0, key: u64::from(number) }.add(width, &mut planes);
+    let read = (levels / 255.0) as f32;
+    Noise { read, shot: 0.0, color: [1.0; 3], correlation: 0.0, key: u64::from(number) }.add(width, &mut planes, None);
     RgbImage::from_fn(width as u32, height as u32, |x, y| {
         let at = y as usize * width + x as usize;
         Rgb([0, 1, 2].map(|k| quantise(planes[k][at])))

@@ -1,0 +1,333 @@
+//! The camera of a sensor, measured where nothing was pressed: noise, and what drifts between images.
+//!
+//! Away from the discs two images of presses show the same pad. Their difference, less its mean in each small block, is the
+//! noise of both, whatever the pad's grain; its variance against the level tells shot from read noise (Janesick 2007,
+//! "Photon transfer"). Medians over blocks leave dust that moved out of it.
+
+use image::RgbImage;
+use rayon::prelude::*;
+
+use super::pixels::REACH;
+use super::{Observation, Session};
+use crate::core::camera::noise::MOST_CORRELATION;
+use crate::files::sensor::camera::CameraDistribution;
+use crate::files::sensor::quantity::{Distribution, Normal, Quantity};
+
+/// Side of a block, px.
+const BLOCK_PX: usize = 8;
+/// Grey levels that are told apart.
+const BINS: usize = 16;
+/// Blocks that a bin of levels must have to count.
+const FEWEST_BLOCKS: usize = 12;
+/// What rounding to whole levels adds to the variance of an image.
+const ROUNDING: f64 = 1.0 / 12.0;
+/// Levels between which a pixel is neither black nor white.
+const USABLE: [u8; 2] = [3, 252];
+/// Median of a variance of 63 free values over its mean: less than 1, since its distribution is skew.
+const MEDIAN_OVER_MEAN: f64 = 0.989;
+/// Fraction of an image that must be away from its disc for its brightness to be known.
+const FEWEST_FAR: f64 = 0.02;
+/// Drift of brightness that is too small to be written.
+const UNSEEN_DRIFT: f64 = 5e-4;
+
+/// A camera as its images show it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredCamera {
+    /// Standard deviation of the read noise of each channel, grey levels.
+    pub read_noise_levels: [f64; 3],
+    /// Standard deviation of the shot noise of each channel where it is white, grey levels.
+    pub shot_noise_levels: [f64; 3],
+    /// Correlation of the noise of a pixel with that of its neighbour to the right, and below.
+    pub correlation: [f64; 2],
+    /// Standard deviation between the images of the brightness of red, green and blue, as a fraction.
+    pub drift: [f64; 3],
+    /// Standard deviation between the images of the brightness of green, as a fraction; and of red and blue over green.
+    pub gains: [f64; 3],
+}
+
+impl MeasuredCamera {
+    /// The keys of a sensor file that say it; what was not measured stays.
+    pub fn distribution(&self, rest: CameraDistribution) -> CameraDistribution {
+        let mean = |levels: [f64; 3]| Quantity::Constant(rounded(rms(levels), 1e3));
+        let factor = |std: f64| {
+            let std = rounded(std, 1e4);
+            let end = |sign: f64| Some(rounded(1.0 + 3.0 * sign * std, 1e4));
+            let normal = Normal { mean: 1.0, std, min: end(-1.0), max: end(1.0) };
+            match std > UNSEEN_DRIFT {
+                true => Quantity::Random(Distribution::Normal(normal)),
+                false => Quantity::Constant(1.0),
+            }
+        };
+        let [green, red, blue] = self.gains;
+        let neighbours = 0.5 * (self.correlation[0] + self.correlation[1]);
+        CameraDistribution {
+            exposure: factor(green),
+            red_gain: factor(red),
+            blue_gain: factor(blue),
+            shot_noise_levels: mean(self.shot_noise_levels),
+            read_noise_levels: mean(self.read_noise_levels),
+            noise_color: self.noise_color(),
+            noise_correlation: Quantity::Constant(rounded(neighbours.clamp(0.0, MOST_CORRELATION), 1e2)),
+            ..rest
+        }
+    }
+}
+
+impl MeasuredCamera {
+    /// The noise of each channel at half brightness over that of all, 1 without any.
+    fn noise_color(&self) -> [f64; 3] {
+        let of =
+            |channel: usize| self.read_noise_levels[channel].hypot(self.shot_noise_levels[channel] * 0.5_f64.sqrt());
+        let channels = [0, 1, 2].map(of);
+        let all = rms(channels);
+        channels.map(|channel| if all > 0.0 { rounded(channel / all, 1e2) } else { 1.0 })
+    }
+}
+
+/// To what a measurement knows: so many parts of 1.
+fn rounded(value: f64, parts: f64) -> f64 {
+    (parts * value).round() / parts
+}
+
+fn rms(values: [f64; 3]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / 3.0).sqrt()
+}
+
+/// Measures the camera; `None` where the images show too little away from the discs.
+pub fn measure(session: &Session) -> Option<MeasuredCamera> {
+    let known: Vec<(&Observation, [f64; 3])> = session
+        .observations
+        .iter()
+        .filter_map(|observation| Some((observation, brightness(observation, &session.background)?)))
+        .collect();
+    let pairs: Vec<_> = known.windows(2).collect();
+    let blocks: Vec<Block> =
+        pairs.par_iter().map(|pair| blocks(pair[0], pair[1])).collect::<Vec<_>>().into_iter().flatten().collect();
+    let noise: Option<Vec<[f64; 2]>> = (0..3).map(|channel| noise(&blocks, channel)).collect();
+    let noise = noise?;
+    let correlation = |way: usize| {
+        let noisy = blocks.iter().flat_map(|block| (0..3).map(move |channel| (block, channel)));
+        let values = noisy.filter(|(block, channel)| block.variance[*channel] > ROUNDING);
+        median(values.map(|(block, channel)| block.correlation[channel][way]).collect()).unwrap_or_default()
+    };
+    let drift = |of: &dyn Fn(&[f64; 3]) -> f64| spread(known.iter().map(|(_, gains)| libm::log(of(gains))).collect());
+    Some(MeasuredCamera {
+        read_noise_levels: [0, 1, 2].map(|channel| noise[channel][0]),
+        shot_noise_levels: [0, 1, 2].map(|channel| noise[channel][1]),
+        correlation: [0, 1].map(correlation),
+        drift: [0, 1, 2].map(|channel| drift(&|gains| gains[channel])),
+        gains: [
+            drift(&|[_, green, _]| *green),
+            drift(&|[red, green, _]| red / green),
+            drift(&|[_, green, blue]| blue / green),
+        ],
+    })
+}
+
+fn is_far(observation: &Observation, x: usize, y: usize) -> bool {
+    let [cx, cy] = observation.circle.centre_px;
+    libm::hypot(x as f64 - cx, y as f64 - cy) > REACH * observation.circle.radius_px
+}
+
+fn is_usable(level: u8) -> bool {
+    (USABLE[0]..=USABLE[1]).contains(&level)
+}
+
+/// By what factor each channel of an image is brighter than the background, away from its disc.
+fn brightness(observation: &Observation, background: &RgbImage) -> Option<[f64; 3]> {
+    let mut sums = [[0.0; 2]; 3];
+    let mut far = 0_u64;
+    for (x, y, rest) in background.enumerate_pixels() {
+        if !is_far(observation, x as usize, y as usize) {
+            continue;
+        }
+        far += 1;
+        for (channel, sums) in sums.iter_mut().enumerate() {
+            let (level, rest) = (observation.image.get_pixel(x, y).0[channel], rest.0[channel]);
+            if is_usable(level) && is_usable(rest) {
+                let (level, rest) = (f64::from(level), f64::from(rest));
+                *sums = [sums[0] + level * rest, sums[1] + rest * rest];
+            }
+        }
+    }
+    let all = f64::from(background.width()) * f64::from(background.height());
+    let known = far as f64 >= FEWEST_FAR * all && sums.iter().all(|[product, square]| *product > 0.0 && *square > 0.0);
+    known.then(|| sums.map(|[product, square]| product / square))
+}
+
+/// What a block of two images says of the noise of one, by channel.
+struct Block {
+    level: [f64; 3],
+    variance: [f64; 3],
+    correlation: [[f64; 2]; 3],
+}
+
+/// The blocks that are away from both discs and neither black nor white.
+fn blocks(
+    (first, first_gains): (&Observation, [f64; 3]),
+    (second, second_gains): (&Observation, [f64; 3]),
+) -> Vec<Block> {
+    let (width, height) = (first.image.width() as usize, first.image.height() as usize);
+    let corners = |x: usize, y: usize| [(x, y), (x + BLOCK_PX, y), (x, y + BLOCK_PX), (x + BLOCK_PX, y + BLOCK_PX)];
+    let is_clear =
+        |x: usize, y: usize| corners(x, y).iter().all(|(x, y)| is_far(first, *x, *y) && is_far(second, *x, *y));
+    let mut found = Vec::new();
+    for y in (0..height.saturating_sub(BLOCK_PX)).step_by(BLOCK_PX) {
+        for x in (0..width.saturating_sub(BLOCK_PX)).step_by(BLOCK_PX) {
+            if is_clear(x, y) {
+                found.extend(block([&first.image, &second.image], [first_gains, second_gains], [x, y]));
+            }
+        }
+    }
+    found
+}
+
+fn block(images: [&RgbImage; 2], gains: [[f64; 3]; 2], [x0, y0]: [usize; 2]) -> Option<Block> {
+    const COUNT: f64 = (BLOCK_PX * BLOCK_PX) as f64;
+    let mut block = Block { level: [0.0; 3], variance: [0.0; 3], correlation: [[0.0; 2]; 3] };
+    for (channel, (first, second)) in gains[0].into_iter().zip(gains[1]).enumerate() {
+        let (mut difference, mut level) = ([[0.0; BLOCK_PX]; BLOCK_PX], 0.0);
+        for (down, row) in difference.iter_mut().enumerate() {
+            for (across, difference) in row.iter_mut().enumerate() {
+                let at = |image: &RgbImage| image.get_pixel((x0 + across) as u32, (y0 + down) as u32).0[channel];
+                let levels = images.map(at);
+                if !levels.into_iter().all(is_usable) {
+                    return None;
+                }
+                let [a, b] = levels.map(f64::from);
+                *difference = a / first - b / second;
+                level += 0.5 * (a + b) / COUNT;
+            }
+        }
+        let mean = difference.as_flattened().iter().sum::<f64>() / COUNT;
+        difference.as_flattened_mut().iter_mut().for_each(|value| *value -= mean);
+        let square = difference.as_flattened().iter().map(|value| value * value).sum::<f64>();
+        let products = |dx: usize, dy: usize| -> f64 {
+            let places = (0..BLOCK_PX - dy).flat_map(|y| (0..BLOCK_PX - dx).map(move |x| (x, y)));
+            let count = ((BLOCK_PX - dy) * (BLOCK_PX - dx)) as f64;
+            places.map(|(x, y)| difference[y][x] * difference[y + dy][x + dx]).sum::<f64>() / count
+        };
+        block.level[channel] = level;
+        // Of two images, and less what rounding adds.
+        block.variance[channel] = 0.5 * square / (COUNT - 1.0) - ROUNDING;
+        // The mean that was taken off takes a little of the correlation with it.
+        let relative = |product: f64| if square > 0.0 { product * COUNT / square + 1.0 / COUNT } else { 0.0 };
+        block.correlation[channel] = [relative(products(1, 0)), relative(products(0, 1))];
+    }
+    Some(block)
+}
+
+/// Read and shot noise of a channel, grey levels: a line through the medians of the variances at each level.
+fn noise(blocks: &[Block], channel: usize) -> Option<[f64; 2]> {
+    let mut bins: [Vec<(f64, f64)>; BINS] = Default::default();
+    for block in blocks {
+        let (level, variance) = (block.level[channel], block.variance[channel]);
+        bins[((level / 256.0 * BINS as f64) as usize).min(BINS - 1)].push((level / 255.0, variance));
+    }
+    // Sums of 1, x, x^2, y and x y, each block with the same weight.
+    let mut sums = [0.0; 5];
+    for bin in bins.iter().filter(|bin| bin.len() >= FEWEST_BLOCKS) {
+        let count = bin.len() as f64;
+        let x = bin.iter().map(|(level, _)| level).sum::<f64>() / count;
+        let middle = median(bin.iter().map(|(_, variance)| *variance).collect())?;
+        let y = (middle + ROUNDING) / MEDIAN_OVER_MEAN - ROUNDING;
+        for (sum, term) in sums.iter_mut().zip([1.0, x, x * x, y, x * y]) {
+            *sum += count * term;
+        }
+    }
+    let [count, x, xx, y, xy] = sums;
+    if count == 0.0 {
+        return None;
+    }
+    let spread = xx - x * x / count;
+    let slope = if spread > 1e-6 * count { (xy - x * y / count) / spread } else { 0.0 };
+    let start = (y - slope * x) / count;
+    // Neither can be below 0: then the other alone is fitted.
+    let [read, shot] = match (start >= 0.0, slope >= 0.0) {
+        (true, true) => [start, slope],
+        (false, _) => [0.0, xy / xx],
+        (true, false) => [y / count, 0.0],
+    };
+    Some([read, shot].map(|variance| variance.max(0.0).sqrt()))
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// Standard deviation of what is normal but for some outliers.
+fn spread(values: Vec<f64>) -> f64 {
+    let Some(middle) = median(values.clone()) else { return 0.0 };
+    1.4826 * median(values.iter().map(|value| (value - middle).abs()).collect()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+    use crate::core::base::rng::stream;
+    use crate::core::base::view::View;
+    use crate::files::sensor::Sensor;
+    use crate::lab::presses::Circle;
+
+    /// Images of a pad with a bright and a dark side, grain and a spot under the disc.
+    fn session(read: f64, shot: f64, drift: f64, disc_px: f64) -> Session {
+        let pad =
+            |x: u32, y: u32| [30 + x, 200 - x, 60 + y].map(|level| f64::from(level) + f64::from((7 * x + 3 * y) % 5));
+        let circle = Circle { centre_px: [80.0, 60.0], radius_px: disc_px };
+        let picture = |k: u64, gain: f64| {
+            let mut random = stream(k, "camera", 0);
+            RgbImage::from_fn(160, 120, |x, y| {
+                Rgb(pad(x, y).map(|level| {
+                    let light = gain * level;
+                    let noise = (read * read + shot * shot * light / 255.0).sqrt() * random.normal();
+                    (light + noise).round().clamp(0.0, 255.0) as u8
+                }))
+            })
+        };
+        let observation = |k: u64| {
+            let gain = 1.0 + drift * (k as f64 - 4.0) / 4.0;
+            let mut image = picture(k, gain);
+            (0..20).for_each(|at| image.put_pixel(70 + at, 60, Rgb([255; 3])));
+            Observation { file: format!("{k}"), image, circle, ball_radius_mm: 4.0 }
+        };
+        Session {
+            sensor: Sensor::default(),
+            camera: View { resolution_px: [160, 120], mm_per_px: [0.1; 2] },
+            background: picture(99, 1.0),
+            observations: (0..9).map(observation).collect(),
+        }
+    }
+
+    #[test]
+    fn noise_and_drift_that_were_put_in_are_found() {
+        let found = measure(&session(1.2, 3.0, 0.04, 6.0)).expect("most of the image is away from the disc");
+        let close = |found: f64, truth: f64, by: f64| assert!((found - truth).abs() < by, "{found} for {truth}");
+        for channel in 0..3 {
+            close(found.read_noise_levels[channel], 1.2, 0.3);
+            close(found.shot_noise_levels[channel], 3.0, 0.3);
+            // Steps of a hundredth from -0.04 to 0.04: half of them within 0.02.
+            close(found.drift[channel], 1.4826 * 0.02, 0.003);
+        }
+        found.correlation.into_iter().for_each(|correlation| close(correlation, 0.0, 0.03));
+        close(found.gains[1], 0.0, 0.002);
+        let camera =
+            found.distribution(CameraDistribution { vignette: Quantity::Constant(0.25), ..Default::default() });
+        assert_eq!((camera.vignette, camera.red_gain), (Quantity::Constant(0.25), Quantity::Constant(1.0)));
+        assert!(matches!(camera.exposure, Quantity::Random(Distribution::Normal(_))), "{:?}", camera.exposure);
+        camera.noise_color.into_iter().for_each(|factor| close(factor, 1.0, 0.1));
+    }
+
+    #[test]
+    fn a_camera_without_noise_has_none_and_one_that_shows_discs_alone_is_not_measured() {
+        let quiet = measure(&session(0.0, 0.0, 0.0, 6.0)).expect("most of the image is away from the disc");
+        assert!(
+            quiet.read_noise_levels.iter().chain(&quiet.shot_noise_levels).all(|levels| *levels < 0.05),
+            "{quiet:?}"
+        );
+        assert_eq!(quiet.distribution(CameraDistribution::default()).exposure, Quantity::Constant(1.0));
+        assert_eq!(measure(&session(1.0, 1.0, 0.0, 40.0)), None);
+    }
+}
