@@ -69,7 +69,7 @@ with tempfile.TemporaryDirectory() as root:
     wheels = Path(sys.argv[2]) if len(sys.argv) > 2 else root / "wheels"
     pip = python, "-m", "pip", "--quiet", "--disable-pip-version-check"
     # What `pip install .` does, in two steps; optimised less, for what is compared are bytes.
-    hurried = {"CARGO_PROFILE_RELEASE_OPT_LEVEL": "1"}
+    hurried = {"CARGO_PROFILE_RELEASE_OPT_LEVEL": "1", "CARGO_PROFILE_RELEASE_LTO": "off"}
     succeed(*pip, "wheel", "--no-deps", "--wheel-dir", wheels, ".", env=os.environ | hurried)
     succeed(*pip, "install", *wheels.glob("gelsim-*.whl"))
 

@@ -22,7 +22,7 @@ edition = "2024"
 gelsim = {{ path = {str(ROOT)!r}, default-features = false }}
 
 [profile.dev]
-opt-level = 1
+opt-level = 0
 debug = false
 """
 

@@ -1,7 +1,8 @@
-"""Jobs and sensors of the Python module in worker processes and beside other threads, and how quick they are.
+"""Jobs and sensors of the Python module in worker processes and beside other threads, or how quick they are.
 
     python workers.py GELSIM [PYTHON_WITH_TORCH]    from the project's root, where the wheel and numpy are installed, for the
                                                     second interpreter, too
+    python workers.py GELSIM --speed                the speed alone, of a wheel as `pip install .` makes it
 """
 
 import json
@@ -212,8 +213,10 @@ if __name__ == "__main__":
         for name in ["sphere.obj", "gear.obj"]:
             (Path(root) / name).write_bytes(Path("objects", name).read_bytes())
         job = gelsim.Job.load(path)
-        throughput(path, native)
-        maps()
+        if sys.argv[2:] == ["--speed"]:
+            throughput(path, native)
+            maps()
+            sys.exit()
         other_threads(path)
         forks_while_rendering(job)
         for torch in sys.argv[2:]:
