@@ -52,7 +52,7 @@ pub mod dataset;
 #[doc(hidden)]
 pub mod lab;
 
-#[cfg(feature = "command")]
+#[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
 

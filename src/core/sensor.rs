@@ -10,6 +10,7 @@ use crate::core::gelpad::material::Material;
 use crate::core::optics::background::{BackgroundImage, RenderedBackground};
 use crate::core::optics::calibrated::Table;
 use crate::core::optics::led::Led;
+use crate::core::optics::residual::LightResidual;
 
 /// A camera-based tactile sensor.
 ///
@@ -38,6 +39,8 @@ pub struct Sensor {
     /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
     /// that image. Without it nothing is scaled.
     pub stray_light: Option<[f64; 3]>,
+    /// Light that the LEDs leave unexplained, for the same models.
+    pub light_residual: Option<Arc<LightResidual>>,
     /// Calibrated optics, for the optics model `calibrated`.
     pub calibration: Option<Arc<Table>>,
     /// Dots printed on the pad.

@@ -170,6 +170,7 @@ impl Simulator {
             photograph: sensor.has_photograph(),
             darkening: sensor.darkening,
             stray_light: sensor.stray_light,
+            residual: sensor.light_residual.as_deref(),
         };
         // What decides the light of the untouched pad; then what decides that of a pressed one beside it.
         let same_leds = same_rest.filter(|like| {
@@ -179,7 +180,8 @@ impl Simulator {
                 (Some(a), Some(b)) => Arc::ptr_eq(a, b),
                 _ => false,
             };
-            a.leds == b.leds && a.stray_light == b.stray_light && a.has_photograph() == b.has_photograph() && same_table
+            let same_light = a.leds == b.leds && a.stray_light == b.stray_light && a.light_residual == b.light_residual;
+            same_light && a.has_photograph() == b.has_photograph() && same_table
         });
         let same_shader = same_leds.filter(|like| {
             let (a, b) = (&like.sensor, &sensor);

@@ -216,6 +216,10 @@ pub struct BackgroundLabel {
     pub grain: f64,
     /// Size of the grain, mm.
     pub grain_size_mm: f64,
+    /// Specks of dust per cm^2.
+    pub dust_per_cm2: f64,
+    /// Size of the specks, mm.
+    pub dust_size_mm: f64,
     /// The 15 coefficients of red, then of green, then of blue by which the colour varies over the pad; empty if it does
     /// not.
     pub pattern: Vec<f64>,
@@ -392,6 +396,8 @@ fn background(plan: &Plan, scene: &Scene, sensor: &Sensor) -> BackgroundLabel {
             vignette: look.vignette,
             grain: look.grain,
             grain_size_mm: look.grain_size_mm,
+            dust_per_cm2: look.dust_per_cm2,
+            dust_size_mm: look.dust_size_mm,
             pattern: look.pattern.iter().flat_map(|own| [own.red, own.green, own.blue]).flatten().collect(),
         },
         Background::Photograph(_) => BackgroundLabel {
@@ -403,6 +409,8 @@ fn background(plan: &Plan, scene: &Scene, sensor: &Sensor) -> BackgroundLabel {
             vignette: 0.0,
             grain: 0.0,
             grain_size_mm: 0.0,
+            dust_per_cm2: 0.0,
+            dust_size_mm: 0.0,
             pattern: Vec::new(),
         },
     }

@@ -177,6 +177,8 @@ const NUMBERS: &[&str] = &[
     "sensor.rendered_background.vignette",
     "sensor.rendered_background.grain",
     "sensor.rendered_background.grain_size_mm",
+    "sensor.rendered_background.dust_per_cm2",
+    "sensor.rendered_background.dust_size_mm",
     "sensor.led.0.azimuth_deg",
     "sensor.led.0.elevation_deg",
     "sensor.led.0.color.2",

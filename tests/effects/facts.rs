@@ -57,6 +57,30 @@ fn light_is_only_lost_to_shadows_darkening_ink_and_vignette() {
 }
 
 #[test]
+fn specks_of_dust_stay_where_they_are_and_are_more_where_the_pad_has_more() {
+    let pad = |density: f64, resolution: &str| {
+        let dust = format!("grain = 0.0, dust_per_cm2 = {density:?}, dust_size_mm = 0.2");
+        plan(&format!(
+            "dataset = {{ name = 'dust', samples = 1 }}\nsensor.resolution_px = {resolution}\n\
+             object = [{{ path = 'objects/sphere.obj' }}]\n{}",
+            EVEN.replace("grain = 0.0", &dust)
+        ))
+    };
+    let changed = |plan: &Plan| plan.simulator.background().rgb.iter().map(|value| *value != 102).collect::<Vec<_>>();
+    let share = |pixels: &[bool]| pixels.iter().filter(|pixel| **pixel).count() as f64 / pixels.len() as f64;
+    let (none, few, many) =
+        (changed(&pad(0.0, "[160, 120]")), changed(&pad(5.0, "[160, 120]")), changed(&pad(40.0, "[160, 120]")));
+    assert_eq!(share(&none), 0.0);
+    assert!(few.iter().zip(&many).all(|(few, many)| many >= few), "specks of the sparser pad are gone");
+    assert!(share(&few) > 0.002 && share(&few) < 0.02 && share(&many) > 4.0 * share(&few), "{}", share(&few));
+    // The same specks in another resolution.
+    let finer = share(&changed(&pad(40.0, "[320, 240]")));
+    assert!((finer / share(&many) - 1.0).abs() < 0.1, "{finer} and {}", share(&many));
+    let darkest = *pad(40.0, "[160, 120]").simulator.background().rgb.iter().min().expect("pixels");
+    assert!((70..100).contains(&darkest), "{darkest}");
+}
+
+#[test]
 fn a_vignette_takes_its_share_in_the_corners_and_nothing_in_the_middle() {
     let kept = image(UNTOUCHED, &format!("{EVEN}camera.vignette = 0.5"));
     let (corner, middle) = (f64::from(kept[0]) / 255.0, f64::from(kept[3 * (36 * 96 + 48)]) / 255.0);

@@ -56,6 +56,15 @@ fn sensor() -> impl Strategy<Value = String> {
             line("resolution_px", &["[24, 18]", "[32, 24]", "[48, 36]", "[30, 40]", "[40, 18]"]),
             line("field_of_view_mm", &["", "", "[60.0, 45.0]"]),
             line("stray_light", &["", "", "[0.1, 0.3, 0.0]", "[0.4, 0.4, 1.0]"]),
+            line(
+                "light_residual",
+                &[
+                    "",
+                    "",
+                    "{ steepest = 0.5, heights_mm = [-0.1, 0.8], red = [1, 0, 0, 2, 0, 0, 0, -2, 0, 0.3, 0, 1], \
+                       green = [0, -0.5, 1, 0, 0, 0, 1, 0, 0, -0.1, 1, 0], blue = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0] }",
+                ],
+            ),
             prop_oneof![3 => Just(String::new()), 1 => Just(format!("background = '{photograph}'\n"))].boxed(),
         ],
     );

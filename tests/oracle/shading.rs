@@ -20,6 +20,22 @@ pub fn phong(slope: [f64; 2], led: &Led, constants: &Phong) -> f64 {
     constants.diffuse * along.max(0.0) + constants.specular * mirrored.max(0.0).powf(constants.shininess)
 }
 
+/// What the sensor's residual adds to a channel for a surface of this slope and displacement.
+fn unexplained(slope: [f64; 2], displacement: f64, sensor: &Sensor, channel: usize) -> f64 {
+    let Some(residual) = sensor.light_residual.as_deref() else { return 0.0 };
+    let length = (slope[0] * slope[0] + slope[1] * slope[1] + 1.0).sqrt();
+    let [mut x, mut y] = slope.map(|s| -s / length);
+    let steep = x.hypot(y);
+    if steep > residual.steepest {
+        (x, y) = (x * residual.steepest / steep, y * residual.steepest / steep);
+    }
+    let w = displacement.clamp(residual.heights_mm[0], residual.heights_mm[1]);
+    let c = [&residual.red, &residual.green, &residual.blue][channel];
+    let slopes = c[0] * y + c[1] * x + c[2] * y * y + c[3] * x * y + c[4] * x * x;
+    let bends = c[5] * y * y * y + c[6] * x * y * y + c[7] * x * x * y + c[8] * x * x * x;
+    slopes + bends + c[9] * w + c[10] * w * y + c[11] * w * x
+}
+
 /// What the method gives for a place on the pad, 1 = full scale.
 pub fn brightness(slope: [f64; 2], displacement: f64, sensor: &Sensor, constants: &Phong, rest: [f64; 3]) -> [f64; 3] {
     let kept = 1.0 - constants.darkening.unwrap_or(sensor.darkening) * displacement / sensor.gelpad_thickness_mm;
@@ -32,6 +48,7 @@ pub fn brightness(slope: [f64; 2], displacement: f64, sensor: &Sensor, constants
             (phong(slope, led, constants) - flat) * led.color[k] * led.intensity
         };
         let scale = sensor.stray_light.map_or(1.0, |stray| (rest[k] - stray[k]).max(0.0));
-        (constants.ambient * rest[k] + scale * sensor.led.iter().map(gain).sum::<f64>()) * kept
+        let added = sensor.led.iter().map(gain).sum::<f64>() + unexplained(slope, displacement, sensor, k);
+        (constants.ambient * rest[k] + scale * added) * kept
     })
 }

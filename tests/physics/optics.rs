@@ -8,6 +8,7 @@ use gelsim::core::gelpad::mean_blur::MeanBlur;
 use gelsim::core::optics::background::BackgroundImage;
 use gelsim::core::optics::led::Led;
 use gelsim::core::optics::phong::{Equation, Phong};
+use gelsim::core::optics::residual::LightResidual;
 use gelsim::files::png;
 use gelsim::files::sensor::{PRESETS, Sensor};
 use gelsim::job::sample::render;
@@ -20,6 +21,15 @@ use crate::oracle::shading::{brightness, phong};
 use crate::plan::plan;
 
 const PAPERS_LEDS: [(f64, f64); 4] = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
+
+/// Every term, and limits that steep planes and deep places exceed.
+const RESIDUAL: LightResidual = LightResidual {
+    steepest: 0.4,
+    heights_mm: [-0.1, 1.55],
+    red: [0.25, -0.5, 0.5, 0.25, -0.25, 0.5, 0.25, -0.5, 0.25, 0.125, -0.25, 0.5],
+    green: [0.5, 0.25, -0.5, 0.125, 0.5, -0.25, 0.5, 0.25, -0.25, -0.125, 0.5, -0.25],
+    blue: [0.25, 0.5, 0.25, -0.5, 0.25, 0.125, -0.5, 0.5, 0.5, 0.25, 0.25, 0.25],
+};
 
 fn without_darkening() -> Phong {
     Phong { darkening: Some(0.0), ..Phong::default() }
@@ -51,12 +61,18 @@ fn a_tilted_plane_under_one_led_has_the_closed_forms_brightness() {
         {
             for (k, (towards_x, towards_y)) in sideways.into_iter().enumerate() {
                 // The third channel's stray light is more than all that the background has.
-                for (darkening, stray_light) in [(0.0, None), (0.35, None), (0.0, Some([0.1, 0.0, 0.5]))] {
+                for (darkening, stray_light, residual) in [
+                    (0.0, None, None),
+                    (0.35, None, Some(RESIDUAL)),
+                    (0.0, Some([0.1, 0.0, 0.5]), None),
+                    (0.0, Some([0.1, 0.0, 0.5]), Some(RESIDUAL)),
+                ] {
                     let mut light = led(45.0 * k as f64, elevation);
                     light.color = [1.0, 0.5, 0.125];
                     light.intensity = 0.75;
                     let mut sensor = sensor([12, 9], 1.0 / 32.0, vec![light]);
                     sensor.stray_light = stray_light;
+                    sensor.light_residual = residual.map(Box::new);
                     let camera = camera_of(&sensor);
                     let rest = grey(&camera, 102);
                     let constants = Phong { shininess, darkening: Some(darkening), ..Phong::default() };

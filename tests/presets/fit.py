@@ -4,12 +4,13 @@
 
 PAD.png are images of untouched pads, one for each unit: from them come the mean colour, the pattern and how much units differ.
 PRESSES.csv is a table as `gelsim calibrate` takes it, with the background of the unit that was pressed: from them come LEDs and
-stray light, the camera's noise, and on which side each channel brightens. Every second press is fitted; the error is that of
+stray light, what these leave unexplained, the camera's noise, and on which side each channel brightens. Every second press is fitted; the error is that of
 the others, over that background. Needs numpy and Pillow.
 """
 
 import argparse
 import csv
+import json
 import re
 import subprocess
 import tempfile
@@ -91,6 +92,34 @@ def noise(presses):
     return deviation, correlation, numpy.sqrt(numpy.maximum(within**2 - deviation**2, 0))
 
 
+def terms(normals, heights_mm):
+    """What a sensor's [light_residual] is a sum of."""
+    x, y, w = normals[..., 0], normals[..., 1], heights_mm
+    return numpy.stack([y, x, y**2, x * y, x**2, y**3, x * y**2, x**2 * y, x**3, w, w * y, w * x], axis=-1)
+
+
+def residual(presses, surfaces, shown, background, stray):
+    """What the LEDs leave unexplained within the discs dilated by 1.5, by least squares."""
+    normals = [numpy.load(surfaces / f"{number:09d}.normal.npy") for number in range(len(presses))]
+    heights = [numpy.load(surfaces / f"{number:09d}.surface.npy") for number in range(len(presses))]
+    near = [press.away <= 1.5 for press in presses]
+    steepest = max(numpy.hypot(normal[mask][:, 0], normal[mask][:, 1]).max() for normal, mask in zip(normals, near))
+    lowest, highest = min(mm.min() for mm in heights), max(mm.max() for mm in heights)
+    left = [(press.image - read(shown / press.file.name))[mask] / 255 for press, mask in zip(presses, near)]
+    every = numpy.concatenate([terms(normal[mask], mm[mask]) for normal, mm, mask in zip(normals, heights, near)])
+    lit = numpy.concatenate([numpy.maximum(background[mask] / 255 - stray, 0) for mask in near])
+    left = numpy.concatenate(left)
+    lines = [f"steepest = {steepest:.3f}", f"heights_mm = [{lowest:.3f}, {highest:.3f}]"]
+    for channel, name in enumerate(CHANNELS):
+        scaled = every * lit[:, channel : channel + 1]
+        sizes = numpy.sqrt((scaled**2).mean(axis=0))
+        # A little of what keeps terms small that the presses hardly determine.
+        products = (scaled / sizes).T @ (scaled / sizes) / len(scaled) + 1e-3 * numpy.eye(len(sizes))
+        found = numpy.linalg.solve(products, (scaled / sizes).T @ left[:, channel] / len(scaled)) / sizes
+        lines.append(f"{name} = {(found.round(3) + 0.0).tolist()}")
+    return "[light_residual]\n" + "\n".join(lines) + "\n"
+
+
 def write(table, presses):
     with open(table, "w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
@@ -133,7 +162,17 @@ def main():
         write(folder / "tested.csv", tested)
         sensor, preset = folder / "sensor.toml", folder / "preset.toml"
         common = "--background", given.background, "--sensor", given.preset
-        print(run(given.gelsim, "calibrate", "--leds", folder / "fitted.csv", *common, "--out", sensor), end="")
+        surfaces = folder / "surfaces"
+        fit = run(given.gelsim, "calibrate", "--leds", folder / "fitted.csv", *common, "--surfaces", surfaces, "--out", sensor)
+        print(fit, end="")
+        # Of the preset only what is not fitted.
+        by_leds = folder / "by-leds.toml"
+        by_leds.write_text(re.sub(r"\[light_residual\]\n(?:\w.*\n|[ \]].*\n)*", "", sensor.read_text()))
+        leds_alone = error(given.gelsim, folder / "tested.csv", by_leds, folder / "leds")
+        error(given.gelsim, folder / "fitted.csv", by_leds, folder / "left")
+        stray = numpy.array(json.loads(re.search(r"^stray_light = (.*)", sensor.read_text(), re.MULTILINE)[1]))
+        rest = residual(fitted, surfaces, folder / "left", background, stray)
+        sensor.write_text(by_leds.read_text() + "\n" + rest)
         height, width, _ = background.shape
         preset.write_text(
             f'preset = "{given.preset}"\nbackground = "{Path(given.background).resolve()}"\nresolution_px = [{width}, {height}]\n'
@@ -143,7 +182,7 @@ def main():
         text = sensor.read_text()
     nothing = numpy.mean([numpy.abs(press.image - background)[press.away <= 1.3].mean() for press in tested])
     print(f"MAE in the contact of {len(tested)} presses that were not fitted, grey levels: {by_fit:.1f}", end="")
-    print(f"; the preset as it is {by_preset:.1f}; nothing pressed {nothing:.1f}")
+    print(f"; LEDs alone {leds_alone:.1f}; the preset as it is {by_preset:.1f}; nothing pressed {nothing:.1f}")
     for name, direction, change in zip(CHANNELS, *brightening(presses, background)):
         print(f"{name} brightens towards {direction:.0f} degrees, by {change:.0f} grey levels at the rim")
     for name, deviation, correlation, speckle in zip(CHANNELS, *noise(presses)):
@@ -160,6 +199,7 @@ def main():
         print(f"{name} = {(line.round(3) + 0.0).tolist()}")
     for led in re.findall(r"^\[\[led\]\]\n(?:\w.*\n)+", text, re.MULTILINE):
         print("\n" + led.strip())
+    print("\n" + rest, end="")
 
 
 main()

@@ -10,7 +10,7 @@ use super::shapes::{Random, Shape};
 use super::sound;
 
 /// Keys with values at the ends of their ranges, and some between.
-const KEYS: [(&str, &[&str]); 41] = [
+const KEYS: [(&str, &[&str]); 44] = [
     ("sensor.gelpad_youngs_modulus_kpa", &["1e-3", "1e9"]),
     ("sensor.darkening", &["0.0", "1.0"]),
     ("sensor.stray_light", &["[0.0, 0.0, 0.0]", "[0.4, 0.0, 1.0]"]),
@@ -25,6 +25,17 @@ const KEYS: [(&str, &[&str]); 41] = [
     ("sensor.rendered_background.vignette", &["0.0", "1.0"]),
     ("sensor.rendered_background.grain", &["0.0", "1.0"]),
     ("sensor.rendered_background.grain_size_mm", &["1e-3", "1e3"]),
+    ("sensor.rendered_background.dust_per_cm2", &["0.0", "1e3"]),
+    ("sensor.rendered_background.dust_size_mm", &["1e-3", "10.0"]),
+    (
+        "sensor.light_residual",
+        &[
+            "{ steepest = 0.01, heights_mm = [0.0, 0.0], red = [100,100,100,100,100,100,100,100,100,100,100,100], \
+             green = [0,0,0,0,0,0,0,0,0,0,0,0], blue = [0,0,0,0,0,0,0,0,0,-100,100,-100] }",
+            "{ steepest = 1.0, heights_mm = [-100.0, 100.0], red = [100,-100,100,-100,100,-100,100,-100,100,-100,100,-100], \
+             green = [1,0,0,0,0,0,0,0,0,0,0,0], blue = [0,0,0,0,0,0,0,0,0,100,100,100] }",
+        ],
+    ),
     ("sensor.grain", &["{ height_um = 100.0, size_mm = 1e-3 }", "{ height_um = 100.0, size_mm = 1e3 }"]),
     ("pose.yaw_deg", &["1e-9", "45.0", "-90.0", "3600.0"]),
     ("pose.tilt_deg", &["1e-9", "0.01", "89.9999", "90.0", "-90.0"]),

@@ -1,15 +1,10 @@
-//! How far a run has come: a bar on a terminal (a line of text without the feature `cli`), a line every few seconds in a log of
-//! JSON.
+//! How far a run has come: a bar on a terminal, a line every few seconds in a log of JSON.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-#[cfg(feature = "cli")]
-mod bar;
-#[cfg(not(feature = "cli"))]
-#[path = "line.rs"]
 mod bar;
 
 use super::log::{Format, Log};

@@ -1,7 +1,8 @@
 //! The picture of the untouched pad: a photograph, or one that the sensor renders for itself.
 //!
 //! The rendered one is a plausible look, not a measurement: diffuse light, a glow that falls off from each LED's edge
-//! of the image, a vignette, and the fine grain of the coating, which is the same in every sample. The model is ours.
+//! of the image, a vignette, the fine grain of the coating and specks of dust, which are the same in every sample. The
+//! model is ours.
 //! A `pattern` is a measurement: what real pads of a kind have in common, a polynomial of fourth degree in each channel.
 
 use super::led::Led;
@@ -10,6 +11,7 @@ use crate::core::base::grain::grain;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::light::quantise;
+use crate::core::base::rng::stream;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
 use serde::{Deserialize, Serialize};
@@ -95,6 +97,7 @@ impl BackgroundImage {
                 (led, sin, cos)
             })
             .collect();
+        let dust = look.dust(field_of_view_mm, view);
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
             for i in 0..width {
@@ -116,12 +119,16 @@ impl BackgroundImage {
                 }
                 let kept = 1.0 - look.vignette * (x * x + y * y) / corner;
                 let grain = look.grain * f64::from(grain.at(i, j));
+                let kept = kept * dust.as_ref().map_or(1.0, |dust| f64::from(dust.at(i, j)));
                 rgb.extend(color.map(|value| quantise((value * kept + grain) as f32)));
             }
         }
         Self::new(width, height, rgb)
     }
 }
+
+/// Most specks of dust that are drawn.
+const MOST_SPECKS: f64 = 20_000.0;
 
 /// Parameters of the image that an untouched pad gives where no real one is at hand.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,6 +147,10 @@ pub struct RenderedBackground {
     pub grain: f64,
     /// Size of the grain, mm.
     pub grain_size_mm: f64,
+    /// Specks of dust per cm^2 of pad, 0 to 1000.
+    pub dust_per_cm2: f64,
+    /// Size of the specks, mm: half of the width at which they are half as strong.
+    pub dust_size_mm: f64,
     /// How each channel varies over the pad, times `color`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pattern: Option<Box<Pattern>>,
@@ -165,6 +176,45 @@ impl RenderedBackground {
         let [width, height] = view.resolution_px;
         grain(width, height, self.grain_size_mm, view, "grain")
     }
+
+    /// The share of the light that specks of dust leave, or add where they shine; `None` without any. A denser pad has the
+    /// specks of a sparser one, and more.
+    fn dust(&self, field_of_view_mm: [f64; 2], view: &View) -> Option<Grid<f32>> {
+        /// Strongest speck; most are far weaker.
+        const STRONGEST: f64 = 0.3;
+        /// One in so many shines instead of taking light.
+        const SHINING: usize = 6;
+        let area_cm2 = field_of_view_mm[0] * field_of_view_mm[1] / 100.0;
+        // A view of metres shows its specks as no more than grain.
+        let count = (self.dust_per_cm2 * area_cm2).round().min(MOST_SPECKS) as usize;
+        if count == 0 {
+            return None;
+        }
+        let [width, height] = view.resolution_px;
+        let mut shares = Grid { width, height, data: vec![1.0; width * height] };
+        for number in 0..count {
+            let mut random = stream(0, "dust", number as u64);
+            let middle = [0, 1].map(|k| random.unit() * view.resolution_px[k] as f64);
+            let size_mm = self.dust_size_mm * (0.5 + random.unit());
+            let strength = STRONGEST * random.unit() * random.unit();
+            let strength = if random.below(SHINING) == 0 { strength } else { -strength };
+            // Never smaller than half a pixel: a camera blurs what is.
+            let reach: [f64; 2] = std::array::from_fn(|k| (size_mm / view.mm_per_px[k]).max(0.5));
+            let span = |k: usize| {
+                let [first, end] = [-4.0, 4.0].map(|side| middle[k] + side * reach[k]);
+                first.max(0.0) as usize..(end.ceil() as usize).min(view.resolution_px[k])
+            };
+            for y in span(1) {
+                for x in span(0) {
+                    let away = [x, y].map(|at| at as f64 + 0.5);
+                    let away: f64 = (0..2).map(|k| ((away[k] - middle[k]) / reach[k]).powi(2)).sum();
+                    shares.row_mut(y)[x] += (strength * libm::exp(-std::f64::consts::LN_2 * away)) as f32;
+                }
+            }
+        }
+        shares.data.iter_mut().for_each(|share| *share = share.max(0.0));
+        Some(shares)
+    }
 }
 
 impl Pattern {
@@ -188,6 +238,8 @@ impl Default for RenderedBackground {
             vignette: 0.22,
             grain: 0.006,
             grain_size_mm: 0.12,
+            dust_per_cm2: 0.0,
+            dust_size_mm: 0.06,
             pattern: None,
         }
     }

@@ -13,6 +13,7 @@ use super::background::BackgroundImage;
 use super::coarse::Coarse;
 use super::led::{PlacedLed, Row};
 use super::phong::{self, Equation, Lit, Phong, Shadows};
+use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::Casting;
 use super::visible::Threshold;
 use crate::core::base::light::Light;
@@ -29,6 +30,8 @@ pub struct Shader {
     darkening_per_mm: f32,
     /// Light of the background that is not the LEDs', if theirs is scaled by what is left.
     pub(super) stray_light: Option<[f32; 3]>,
+    /// Light that the LEDs leave unexplained.
+    pub(super) residual: Option<residual::Ready>,
     pub(super) view: View,
 }
 
@@ -38,6 +41,8 @@ struct Relief {
     shape: Grid<f32>,
     /// What each LED gives there, to be taken off; empty if nothing is.
     at_rest: Vec<Flat>,
+    /// What the residual gives there, to be taken off.
+    residual_at_rest: Option<Planes>,
 }
 
 impl Relief {
@@ -68,6 +73,7 @@ impl Shader {
             flat: Vec::new(),
             relief: None,
             darkening_per_mm: light.darkening_per_mm(&phong) as f32,
+            residual: light.residual.map(LightResidual::ready),
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
         };
@@ -81,6 +87,10 @@ impl Shader {
             at_rest: match relative && light.photograph {
                 true => phong::at_rest(&shader, &shape, false),
                 false => shader.flat.clone(),
+            },
+            residual_at_rest: match relative && light.photograph {
+                true => phong::residual_at_rest(&shader, &shape),
+                false => None,
             },
             shape,
         });
@@ -113,7 +123,16 @@ impl Shader {
             Some(relief) => (&relief.shape, &relief.at_rest),
             None => (&level, &self.flat),
         };
-        let lit = Lit { shape, displacement: &level, at_rest, subpixel: None, visible: &[], darkening_per_mm: 0.0 };
+        let residual_at_rest = self.relief.as_ref().and_then(|relief| relief.residual_at_rest.as_ref());
+        let lit = Lit {
+            shape,
+            displacement: &level,
+            at_rest,
+            residual_at_rest,
+            subpixel: None,
+            visible: &[],
+            darkening_per_mm: 0.0,
+        };
         phong::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
     }
 
@@ -133,9 +152,9 @@ impl Shader {
         };
         let under = |relief: &Relief| relief.under(surface);
         let rough = effects.run(Effect::Grain, need, || self.relief.as_ref().map(under)).flatten();
-        let (shape, at_rest) = match (&rough, &self.relief) {
-            (Some(shape), Some(relief)) => (shape, &relief.at_rest),
-            _ => (surface, &self.flat),
+        let (shape, at_rest, residual_at_rest) = match (&rough, &self.relief) {
+            (Some(shape), Some(relief)) => (shape, &relief.at_rest, relief.residual_at_rest.as_ref()),
+            _ => (surface, &self.flat, None),
         };
 
         let between = match (&rough, &self.relief) {
@@ -176,6 +195,7 @@ impl Shader {
             shape,
             displacement: surface,
             at_rest,
+            residual_at_rest,
             subpixel: between.as_deref(),
             visible: &visible,
             darkening_per_mm,

@@ -15,6 +15,7 @@ pub mod led;
 mod led_shader;
 pub mod normals;
 pub mod phong;
+pub mod residual;
 pub mod shadow;
 mod visible;
 
@@ -22,6 +23,7 @@ use background::BackgroundImage;
 use calibrated::{Calibrated, Table};
 use led::Led;
 use phong::Phong;
+use residual::LightResidual;
 
 /// The models of the light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,6 +74,8 @@ pub struct Illumination<'a> {
     /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
     /// that image. Without it nothing is scaled.
     pub stray_light: Option<[f64; 3]>,
+    /// Light that the LEDs leave unexplained.
+    pub residual: Option<&'a LightResidual>,
 }
 
 impl Illumination<'_> {

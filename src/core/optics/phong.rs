@@ -21,6 +21,7 @@ use super::background::BackgroundImage;
 use super::coarse::Values;
 use super::led::{Normals, PlacedLed, Row};
 use super::led_shader::{Flat, Shader};
+use super::residual::{self, Planes};
 use crate::core::base::grid::Resolution;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
@@ -135,6 +136,8 @@ pub(super) struct Lit<'a> {
     pub displacement: &'a Grid<f32>,
     /// What each LED gives at rest, to be taken off; empty if nothing is.
     pub at_rest: &'a [Flat],
+    /// What the residual gives at rest, to be taken off.
+    pub residual_at_rest: Option<&'a Planes>,
     /// Its shape between pixel centres, where light is averaged.
     pub subpixel: Option<&'a Subpixel>,
     /// The share of each LED that is seen; empty for all of it.
@@ -154,6 +157,26 @@ pub(super) fn shade(shader: &Shader, lit: &Lit<'_>, rest: &BackgroundImage, regi
 /// What each LED gives at a surface at rest.
 pub(super) fn at_rest(shader: &Shader, shape: &Grid<f32>, is_flat: bool) -> Vec<Flat> {
     with_power(shader.phong.shininess, AtRest { shader, shape, is_flat })
+}
+
+/// What the residual gives at a surface at rest, for each channel and pixel of the view.
+pub(super) fn residual_at_rest(shader: &Shader, shape: &Grid<f32>) -> Option<Planes> {
+    let residual = shader.residual.as_ref()?;
+    let [width, height] = shader.view.resolution_px;
+    let (mut normals, mut planes, no_displacement) = (Normals::default(), Planes::default(), vec![0.0; width]);
+    residual::clear(&mut planes, width * height);
+    for y in 0..height {
+        let part = Rect { x0: 0, y0: y, x1: width, y1: y + 1 };
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                set_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
+                let row = residual::part(&mut planes, y * width..(y + 1) * width);
+                residual.add(&normals, &no_displacement, 1.0, row);
+            },
+        );
+    }
+    Some(planes)
 }
 
 impl Phong {
@@ -250,6 +273,9 @@ struct Rows {
     gain: Vec<f32>,
     /// What each LED gives on average over a pixel, where that is sampled.
     means: Vec<Vec<f32>>,
+    /// What the residual gives, at pixels' centres and on average over them.
+    residual: Planes,
+    residual_means: Planes,
     between: Normals,
     share: Vec<f32>,
     /// Shares on a coarser grid.
@@ -281,18 +307,22 @@ pub(super) fn set_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, ro
 fn average(
     shader: &Shader,
     subpixel: &Subpixel,
+    heights_mm: &[f32],
     region: Rect,
     row: usize,
     rows: &mut Rows,
     power: impl Fn(f32) -> f32 + Copy,
 ) {
-    let Rows { means, between, gain, .. } = rows;
+    let Rows { means, residual_means, between, gain, .. } = rows;
     let y = region.y0 + row;
     means.resize_with(shader.lamps.len(), Vec::new);
     means.iter_mut().for_each(|mean| {
         mean.clear();
         mean.resize(region.width(), 0.0);
     });
+    if shader.residual.is_some() {
+        residual::clear(residual_means, region.width());
+    }
     let Some((columns, weight)) = subpixel.row(region, y) else { return };
     let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
     let each = 1.0 / subpixel.surfaces.len() as f32;
@@ -309,6 +339,11 @@ fn average(
                 for (mean, gain) in mean[run.clone()].iter_mut().zip(&*gain) {
                     *mean += each * gain;
                 }
+            }
+            if let Some(residual) = &shader.residual {
+                // A pixel's displacement changes little within it beside its slope.
+                let sums = residual::part(residual_means, run.clone());
+                residual.add(between, &heights_mm[run.clone()], each, sums);
             }
         }
     }
@@ -340,10 +375,11 @@ fn shade_row(
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
+    let heights_mm = &lit.displacement.row(y + SURFACE_BORDER)[region.x0 + SURFACE_BORDER..][..width];
     if let Some(subpixel) = lit.subpixel {
-        average(shader, subpixel, region, row, rows, power);
+        average(shader, subpixel, heights_mm, region, row, rows, power);
     }
-    let Rows { added, normals, gain, means, share, line, .. } = rows;
+    let Rows { added, normals, gain, means, residual, residual_means, share, line, .. } = rows;
     set_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
@@ -394,6 +430,24 @@ fn shade_row(
             blue[x] += gain[x] * color[2];
         }
     }
+    if let Some(ready) = &shader.residual {
+        residual::clear(residual, width);
+        ready.add(normals, heights_mm, 1.0, residual::part(residual, 0..width));
+        let samples = lit.subpixel.and_then(|subpixel| subpixel.row(region, y));
+        for (channel, (plane, out)) in residual.iter_mut().zip([red, green, blue]).enumerate() {
+            if let Some((columns, weight)) = &samples {
+                let rows = plane[columns.clone()].iter_mut().zip(&residual_means[channel][columns.clone()]);
+                for ((value, mean), weight) in rows.zip(*weight) {
+                    *value += weight * (mean - *value);
+                }
+            }
+            if let Some(at_rest) = lit.residual_at_rest {
+                let at_rest = &at_rest[channel][y * shader.view.resolution_px[0] + region.x0..][..width];
+                plane.iter_mut().zip(at_rest).for_each(|(value, at_rest)| *value -= at_rest);
+            }
+            out.iter_mut().zip(&*plane).for_each(|(out, value)| *out += value);
+        }
+    }
     if let Some(stray_light) = shader.stray_light {
         for (channel, plane) in planes.iter_mut().enumerate() {
             let rest_row = &rest.planes[channel][y * rest.width + region.x0..][..width];
@@ -403,9 +457,8 @@ fn shade_row(
         }
     }
     let [red, green, blue] = planes;
-    let here = &lit.displacement.row(y + SURFACE_BORDER)[region.x0 + SURFACE_BORDER..][..width];
     for x in 0..width {
-        let kept = 1.0 - lit.darkening_per_mm * here[x];
+        let kept = 1.0 - lit.darkening_per_mm * heights_mm[x];
         red[x] *= kept;
         green[x] *= kept;
         blue[x] *= kept;

@@ -3,11 +3,13 @@
 //! A normal that turns by an angle d changes the diffuse term by at most k_d d and the specular one by at most
 //! k_s alpha m^(alpha - 1) 2 d, with m = sin(e + 2 d) the largest mirrored share at a slope below d under an LED of
 //! elevation e (the mirrored ray turns twice as fast as the normal); the slope bounds the angle. Depth takes a share of
-//! the light that is proportional to it. Outside the region both together stay below [`BOUND`].
+//! the light that is proportional to it. What the LEDs leave unexplained has its own bounds. Outside the region all together
+//! stay below [`BOUND`].
 
 use super::Illumination;
 use super::led::PlacedLed;
 use super::phong::{Phong, Shadows};
+use super::residual::LightResidual;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
@@ -64,6 +66,10 @@ impl Threshold {
                     *sum += f64::from(share) * most * change;
                 }
             }
+            if let Some(residual) = light.residual {
+                let changes = residual.change_by_angle(angle).into_iter().zip(most);
+                sums.iter_mut().zip(changes).for_each(|(sum, (change, most))| *sum += most * change);
+            }
             sums.into_iter().fold(0.0, f64::max)
         };
         let (mut low, mut high) = (0.0, 0.5);
@@ -74,7 +80,7 @@ impl Threshold {
         if matches!(phong.shadows, Shadows::Soft(_)) {
             low = low.min(FLATTEST_CASTER);
         }
-        let per_mm = light.darkening_per_mm(phong);
+        let per_mm = light.darkening_per_mm(phong) + light.residual.map_or(0.0, LightResidual::change_per_mm);
         Self {
             // Slopes along x and y are compared one by one.
             slope: (low * std::f64::consts::FRAC_1_SQRT_2) as f32,

@@ -6,6 +6,8 @@ pub mod quantity;
 pub mod random;
 pub mod unit;
 
+use std::sync::Arc;
+
 use crate::core::gelpad::material::Material;
 use crate::core::optics::Illumination;
 use crate::core::sensor::{self, Background, Markers};
@@ -17,6 +19,7 @@ use unit::Unit;
 use crate::core::depth::rest::Grain;
 use crate::core::optics::background::RenderedBackground;
 use crate::core::optics::led::Led;
+use crate::core::optics::residual::LightResidual;
 
 /// The presets that are inside the binary: name and text of the sensor file.
 pub const PRESETS: [(&str, &str); 4] = [
@@ -81,6 +84,9 @@ pub struct Sensor {
     /// of the background image, pixel by pixel. Without it, by nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stray_light: Option<[f64; 3]>,
+    /// Light that the LEDs leave unexplained, as presses of a ball show it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light_residual: Option<Box<LightResidual>>,
     /// How the untouched pad looks where there is no `background`.
     pub rendered_background: RenderedBackground,
     /// The LEDs.
@@ -113,6 +119,7 @@ impl Sensor {
             leds: self.led.clone(),
             darkening: self.darkening,
             stray_light: self.stray_light,
+            light_residual: self.light_residual.as_deref().cloned().map(Arc::new),
             calibration: None,
             markers: markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() }),
             camera: camera.resting(),
@@ -128,6 +135,7 @@ impl Sensor {
             photograph: self.background.is_some(),
             darkening: self.darkening,
             stray_light: self.stray_light,
+            residual: self.light_residual.as_deref(),
         }
     }
 }
@@ -160,6 +168,7 @@ impl Default for Sensor {
             camera: None,
             darkening: 0.35,
             stray_light: None,
+            light_residual: None,
             rendered_background: RenderedBackground::default(),
             led: vec![
                 led("white", 0.0, [1.0, 1.0, 1.0], 0.5),

@@ -52,6 +52,8 @@ impl Sensor {
             ("vignette", &mut look.vignette),
             ("grain", &mut look.grain),
             ("grain_size_mm", &mut look.grain_size_mm),
+            ("dust_per_cm2", &mut look.dust_per_cm2),
+            ("dust_size_mm", &mut look.dust_size_mm),
         ] {
             numbers.push((format!("rendered_background.{key}"), number));
         }

@@ -86,6 +86,18 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     for (k, share) in sensor.stray_light.iter().flatten().enumerate() {
         check.number(&format!("sensor.stray_light.{k}"), *share, 0.0..=1.0, "");
     }
+    if let Some(residual) = &sensor.light_residual {
+        check.number("sensor.light_residual.steepest", residual.steepest, 0.01..=1.0, "");
+        for (k, mm) in residual.heights_mm.iter().enumerate() {
+            let allowed = if k == 0 { -100.0..=0.0 } else { 0.0..=100.0 };
+            check.number(&format!("sensor.light_residual.heights_mm.{k}"), *mm, allowed, "");
+        }
+        for (channel, terms) in [("red", &residual.red), ("green", &residual.green), ("blue", &residual.blue)] {
+            for (k, term) in terms.iter().enumerate() {
+                check.number(&format!("sensor.light_residual.{channel}.{k}"), *term, -100.0..=100.0, "");
+            }
+        }
+    }
     let look = &sensor.rendered_background;
     if let Some(pattern) = &look.pattern {
         for (channel, coefficients) in [("red", &pattern.red), ("green", &pattern.green), ("blue", &pattern.blue)] {
@@ -103,6 +115,8 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     check.number("sensor.rendered_background.vignette", look.vignette, 0.0..=1.0, "");
     check.number("sensor.rendered_background.grain", look.grain, 0.0..=1.0, "");
     check.number("sensor.rendered_background.grain_size_mm", look.grain_size_mm, 1e-3..=1e3, "mm");
+    check.number("sensor.rendered_background.dust_per_cm2", look.dust_per_cm2, 0.0..=1e3, "");
+    check.number("sensor.rendered_background.dust_size_mm", look.dust_size_mm, 1e-3..=10.0, "mm");
     if sensor.led.is_empty() {
         check.error("sensor.led", "the sensor has no LED", "add at least one [[sensor.led]] table");
     }

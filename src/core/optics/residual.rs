@@ -1,0 +1,151 @@
+//! Light of a real pad that its LEDs leave unexplained: a polynomial of each channel in the surface's normal and displacement.
+//!
+//! Coatings, walls of the housing and light that is reflected more than once make a real pad answer to a slope neither as
+//! Lambert's nor as Phong's surface does, and change its colour where it is pressed in. What presses of a ball show beyond
+//! the LEDs is fitted by the products of n_x and n_y up to the third degree, and by w, w n_y and w n_x, with w the
+//! displacement; a flat, unloaded pad has none of it. Beyond the steepest normal and the deepest displacement that it was
+//! fitted to it stays as it is there, while the LEDs go on. The model is ours.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use super::led::Normals;
+
+/// Terms of a channel: n_y, n_x, n_y^2, n_x n_y, n_x^2, n_y^3, n_x n_y^2, n_x^2 n_y, n_x^3, w, w n_y, w n_x.
+pub const TERMS: usize = 12;
+
+/// The degree in the normal of each term without w.
+const DEGREES: [i32; 9] = [1, 1, 2, 2, 2, 3, 3, 3, 3];
+
+/// Light that the LEDs leave unexplained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct LightResidual {
+    /// Largest length of (n_x, n_y) it was fitted to, 0.01 to 1. Steeper normals are taken for as steep ones.
+    pub steepest: f64,
+    /// Lowest and highest displacement it was fitted to, mm: -100 to 0, and 0 to 100. Those beyond are taken for them.
+    pub heights_mm: [f64; 2],
+    /// Coefficients of red for n_y, n_x, n_y^2, n_x n_y, n_x^2, n_y^3, n_x n_y^2, n_x^2 n_y, n_x^3, w, w n_y and w n_x, with
+    /// w in mm, -100 to 100; scaled by the background as the LEDs are.
+    pub red: [f64; TERMS],
+    /// The same of green.
+    pub green: [f64; TERMS],
+    /// The same of blue.
+    pub blue: [f64; TERMS],
+}
+
+impl LightResidual {
+    fn channels(&self) -> [&[f64; TERMS]; 3] {
+        [&self.red, &self.green, &self.blue]
+    }
+
+    /// A bound on the change of a channel by slopes whose angle is below `angle`, at any displacement.
+    pub fn change_by_angle(&self, angle: f64) -> [f64; 3] {
+        let deepest = self.heights_mm.map(f64::abs).into_iter().fold(0.0, f64::max);
+        self.channels().map(|terms| {
+            let of_normal: f64 =
+                terms.iter().zip(DEGREES).map(|(term, degree)| term.abs() * libm::pow(angle, f64::from(degree))).sum();
+            of_normal + (terms[10].abs() + terms[11].abs()) * deepest * angle
+        })
+    }
+
+    /// Change of a channel by the displacement alone, per mm, at most.
+    pub fn change_per_mm(&self) -> f64 {
+        self.channels().map(|terms| terms[9].abs()).into_iter().fold(0.0, f64::max)
+    }
+
+    /// What shades with it.
+    pub fn ready(&self) -> Ready {
+        Ready {
+            steepest: self.steepest as f32,
+            heights_mm: self.heights_mm.map(|mm| mm as f32),
+            terms: self.channels().map(|terms| terms.map(|term| term as f32)),
+        }
+    }
+}
+
+/// The same in the numbers of the picture.
+pub struct Ready {
+    steepest: f32,
+    heights_mm: [f32; 2],
+    terms: [[f32; TERMS]; 3],
+}
+
+/// What it adds along a row, for each channel.
+pub type Planes = [Vec<f32>; 3];
+
+impl Ready {
+    /// Adds `share` of what it gives along a row of normals and displacements (mm) to `sums`.
+    #[inline(always)]
+    pub fn add(&self, normals: &Normals, heights_mm: &[f32], share: f32, sums: [&mut [f32]; 3]) {
+        let width = heights_mm.len();
+        let (normal_x, normal_y) = (&normals.x[..width], &normals.y[..width]);
+        let [red, green, blue] = sums.map(|sum| &mut sum[..width]);
+        let [lowest, highest] = self.heights_mm;
+        for x in 0..width {
+            let (nx, ny, w) = (normal_x[x], normal_y[x], heights_mm[x]);
+            let length = (nx * nx + ny * ny).sqrt();
+            let kept = self.steepest / if length > self.steepest { length } else { self.steepest };
+            let (nx, ny) = (nx * kept, ny * kept);
+            let w = if w < highest { w } else { highest };
+            let w = if w > lowest { w } else { lowest };
+            let of = |c: &[f32; TERMS]| {
+                let by_x = c[1] + nx * (c[4] + nx * c[8]) + ny * (c[3] + nx * c[7]) + w * c[11];
+                let by_y = c[0] + ny * (c[2] + ny * c[5] + nx * c[6]) + w * c[10];
+                share * (nx * by_x + ny * by_y + w * c[9])
+            };
+            red[x] += of(&self.terms[0]);
+            green[x] += of(&self.terms[1]);
+            blue[x] += of(&self.terms[2]);
+        }
+    }
+}
+
+/// Sets the rows of `planes` to `width` zeros.
+#[inline(always)]
+pub fn clear(planes: &mut Planes, width: usize) {
+    for plane in planes {
+        plane.clear();
+        plane.resize(width, 0.0);
+    }
+}
+
+/// The same part of each plane.
+#[inline(always)]
+pub fn part(planes: &mut Planes, run: Range<usize>) -> [&mut [f32]; 3] {
+    planes.each_mut().map(|plane| &mut plane[run.clone()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::base::rng::stream;
+
+    #[test]
+    fn it_is_the_sum_of_its_terms_and_never_more_than_its_bounds() {
+        let mut random = stream(11, "residual", 0);
+        for _ in 0..2000 {
+            let mut number = |scale: f64| scale * (2.0 * random.unit() - 1.0);
+            let mut coefficients = || std::array::from_fn(|_| number(1.0));
+            let [red, green, blue] = [coefficients(), coefficients(), coefficients()];
+            let residual = LightResidual { steepest: 0.6, heights_mm: [-0.2, 1.5], red, green, blue };
+            let (nx, ny, mm) = (number(0.7), number(0.7), number(2.0));
+            let normals = Normals { x: vec![nx as f32], y: vec![ny as f32], z: vec![0.0] };
+            let mut planes = Planes::default();
+            clear(&mut planes, 1);
+            residual.ready().add(&normals, &[mm as f32], 0.5, part(&mut planes, 0..1));
+            let kept = (0.6 / nx.hypot(ny)).min(1.0);
+            let (x, y, w) = (nx * kept, ny * kept, mm.clamp(-0.2, 1.5));
+            let terms = [y, x, y * y, x * y, x * x, y.powi(3), x * y * y, x * x * y, x.powi(3), w, w * y, w * x];
+            let angle = nx.hypot(ny).min(1.0).asin();
+            let most = residual.change_by_angle(angle).map(|change| change + residual.change_per_mm() * mm.abs());
+            for ((found, coefficients), most) in planes.iter().zip(residual.channels()).zip(most) {
+                let sum: f64 = terms.iter().zip(coefficients).map(|(term, c)| term * c).sum();
+                assert!((f64::from(found[0]) - 0.5 * sum).abs() < 1e-5, "{found:?} for {sum}");
+                assert!(sum.abs() <= most, "{sum} over {most}");
+            }
+        }
+    }
+}
