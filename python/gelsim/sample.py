@@ -36,6 +36,8 @@ class Sample(TypedDict, total=False):
     markers: Markers
     reference: NDArray[np.uint8]
     """(H, W, 3): the image without contact."""
+    lamps: NDArray[np.float32]
+    """(H, W, 6): the grey image under each lamp, 0 to 1; of sensors whose lamps were measured one by one."""
     label: dict[str, Any]
     """The label's JSON; `gelsim schema label` prints its schema."""
 
@@ -51,4 +53,5 @@ class Batch(TypedDict, total=False):
     pressure: NDArray[np.float32]
     markers: list[Markers]
     reference: NDArray[np.uint8]
+    lamps: NDArray[np.float32]
     label: list[dict[str, Any]]

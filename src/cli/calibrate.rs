@@ -20,6 +20,7 @@ use crate::files::write::write_whole;
 use crate::job::plan::standalone;
 use crate::lab::calibrate::camera::{MeasuredCamera, measure};
 use crate::lab::calibrate::evaluate::{Evaluated, evaluate, picture_name};
+use crate::lab::calibrate::gelsight::{self, Left};
 use crate::lab::calibrate::leds::FittedLeds;
 use crate::lab::calibrate::page::{Page, PressPanel};
 use crate::lab::calibrate::run::{Calibration, Request, run, run_leds};
@@ -36,21 +37,25 @@ Example:
   gelsim calibrate --leds three.csv --background untouched.png --out my-sensor.toml
   gelsim calibrate --evaluate others.csv --sensor my-sensor.toml --out simulated
   gelsim calibrate --taxim taxim/calib/gelsight --out my-sensor.toml
+  gelsim calibrate --gelsight gssim/devices/series2_2EF6_4JNW.yaml --out my-sensor.toml
 
 PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible
 disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside my-sensor.toml come my-sensor.calibration.json,
 my-sensor.background.png and my-sensor.html, a page of plots and pictures. In a job: [sensor] file = \"my-sensor.toml\".")]
 pub struct Calibrate {
     /// The table of presses to learn from
-    #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim"])]
-    #[arg(conflicts_with_all = ["evaluate", "taxim"], requires = "background")]
+    #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim", "gelsight"])]
+    #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight"], requires = "background")]
     presses: Option<PathBuf>,
     /// Background image: the untouched pad
-    #[arg(long, value_name = "BG.png", conflicts_with_all = ["evaluate", "taxim"])]
+    #[arg(long, value_name = "BG.png", conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     background: Option<PathBuf>,
     /// Take over a calibration of Taxim's: a folder with polycalib.npz, dataPack.npz and params.json
     #[arg(long, value_name = "DIR", conflicts_with_all = ["evaluate", "detect", "drop_bad", "contact_over_disc"])]
     taxim: Option<PathBuf>,
+    /// Take over a calibration that GelSight publishes: the YAML file of a device, beside its flat field as PNG
+    #[arg(long, value_name = "DEVICE.yaml", conflicts_with_all = ["evaluate", "taxim", "detect", "drop_bad", "contact_over_disc"])]
+    gelsight: Option<PathBuf>,
     /// Simulate the presses of this table from circle and ball alone, and say how far they are from the images
     #[arg(long, value_name = "PRESSES.csv", requires = "sensor")]
     evaluate: Option<PathBuf>,
@@ -61,10 +66,10 @@ pub struct Calibrate {
     #[arg(long, value_name = "SENSOR.toml|DIR")]
     out: PathBuf,
     /// Fit the LEDs alone, for the optics models phong and led: three presses are enough
-    #[arg(long, conflicts_with_all = ["evaluate", "taxim", "drop_bad", "steps"])]
+    #[arg(long, conflicts_with_all = ["evaluate", "taxim", "gelsight", "drop_bad", "steps"])]
     leds: bool,
     /// Folder for the pad's surface under each press as arrays (mm), normals and contact masks: labels for the images
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["evaluate", "taxim"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     surfaces: Option<PathBuf>,
     /// Look for circles that the table lacks, and say how sure each is
     #[arg(long, conflicts_with = "evaluate")]
@@ -80,7 +85,7 @@ pub struct Calibrate {
     contact_over_disc: Option<f64>,
     /// Steps of training; fewer are quicker and less exact [default: 1500]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    #[arg(conflicts_with_all = ["evaluate", "taxim"])]
+    #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     steps: Option<u32>,
     /// Threads [default: all cores]
     #[arg(long, value_name = "T")]
@@ -144,9 +149,10 @@ impl Calibrate {
             Some(name) => standalone::sensor(name)?.written,
             None => Sensor::default(),
         };
-        match (&self.presses, &self.background, &self.taxim) {
-            (Some(presses), Some(background), _) => self.calibrate(presses, background, start),
-            (_, _, Some(folder)) => self.import(folder, start),
+        match (&self.presses, &self.background, &self.taxim, &self.gelsight) {
+            (Some(presses), Some(background), ..) => self.calibrate(presses, background, start),
+            (_, _, Some(folder), _) => self.import(folder, start),
+            (.., Some(device)) => self.import_lamps(device, start),
             _ => Err(user_error("nothing to calibrate", "see gelsim calibrate --help").into()),
         }
     }
@@ -247,6 +253,61 @@ impl Calibrate {
         Ok(())
     }
 
+    fn import_lamps(&self, device: &Path, sensor: Sensor) -> Result<(), Failure> {
+        let gelsight::Imported { name, resolution_px, field_of_view_mm, lamps, flat_field } = gelsight::import(device)?;
+        let mut about = vec![(String::from("lamps"), format!("GelSight's of {name}"))];
+        match flat_field {
+            Err(reason) => {
+                say(&format!("warning: {reason}: the flat field is taken as even, images lack the vignetting"))
+            }
+            Ok(fitted) => about.extend(lamps.iter().zip(fitted).map(|(lamp, Left { rms, most })| {
+                let left = format!("{rms:.2} grey levels RMS left by the polynomial, {most:.1} at most");
+                (format!("flat field of lamp {}", lamp.name), left)
+            })),
+        }
+        about.push((
+            String::from("gelpad"),
+            String::from("not in the calibration: thickness and stiffness are nominal"),
+        ));
+        let sensor = Sensor {
+            name: self.name(),
+            preset: None,
+            file: None,
+            resolution_px,
+            field_of_view_mm,
+            gelpad_thickness_mm: self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm),
+            background: None,
+            background_sha256: None,
+            calibration: None,
+            calibration_sha256: None,
+            darkening: 0.0,
+            stray_light: None,
+            led: Vec::new(),
+            lamp: Vec::new(),
+            unit: None,
+            ..sensor
+        };
+        let internal = |error: toml::ser::Error| Failure::running(error.to_string());
+        let mut table = toml::Table::try_from(&sensor).map_err(internal)?;
+        // The lamps show the untouched pad.
+        table.remove("rendered_background");
+        let text = toml::to_string(&table).map_err(internal)?;
+        let text = format!("{}\n{text}{}", head(&about), gelsight::tables(&lamps));
+        self.make_folder()?;
+        write(&self.out, text.as_bytes())?;
+        print(&lines(&about))?;
+        say(&format!("-> {}", self.out.display()));
+        Ok(())
+    }
+
+    /// Makes the folder of the sensor file.
+    fn make_folder(&self) -> Result<(), Failure> {
+        match self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            Some(folder) => fs::create_dir_all(folder).map_err(|error| failed(folder, &error)),
+            None => Ok(()),
+        }
+    }
+
     fn write_surfaces(&self, session: &Session, geometry: Geometry) -> Result<(), Failure> {
         let Some(folder) = &self.surfaces else { return Ok(()) };
         surfaces::write(session, geometry, folder).map_err(|(path, error)| failed(&path, &error))
@@ -281,10 +342,7 @@ impl Calibrate {
             ..sensor
         };
         let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
-        let about: String = about.iter().map(|(what, figure)| format!("# {what}: {figure}\n")).collect();
-        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
-        }
+        self.make_folder()?;
         write(&background_path, &picture)?;
         if let Some(table) = &table {
             write(&table_path, table)?;
@@ -292,7 +350,7 @@ impl Calibrate {
         if let Some((path, page)) = page {
             write(path, page.as_bytes())?;
         }
-        write(&self.out, format!("# Written by gelsim calibrate.\n{about}\n{text}").as_bytes())
+        write(&self.out, format!("{}\n{text}", head(about)).as_bytes())
     }
 }
 
@@ -377,6 +435,12 @@ fn with_camera(sensor: Sensor, found: Option<&MeasuredCamera>) -> Sensor {
     let Some(found) = found else { return sensor };
     let camera = found.distribution(sensor.camera.unwrap_or_default());
     Sensor { camera: Some(camera), ..sensor }
+}
+
+/// The comment at the head of a sensor file.
+fn head(about: &[(String, String)]) -> String {
+    let about: String = about.iter().map(|(what, figure)| format!("# {what}: {figure}\n")).collect();
+    format!("# Written by gelsim calibrate.\n{about}")
 }
 
 fn lines(summary: &[(String, String)]) -> String {

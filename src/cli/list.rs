@@ -5,6 +5,7 @@ use clap::{Args, ValueEnum};
 use super::{Failure, print};
 use crate::core::effects::Effect;
 use crate::core::fidelity::Fidelity;
+use crate::core::optics::LightSource;
 use crate::files::sensor::{PRESETS, Sensor};
 
 /// The meshes in the project's `objects` folder.
@@ -66,19 +67,20 @@ impl List {
                 let line = |(name, text)| {
                     let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
                     let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
+                    let lights = match sensor.lamp.len() {
+                        0 => format!("{} LEDs", sensor.led.len()),
+                        lamps => format!("{lamps} lamps"),
+                    };
                     Ok(format!(
-                        "{name:<14} {w}x{h} px, {x} x {y} mm, gelpad {} mm {} kPa nu {}, {} LEDs",
-                        sensor.gelpad_thickness_mm,
-                        sensor.gelpad_youngs_modulus_kpa,
-                        sensor.gelpad_poisson_ratio,
-                        sensor.led.len(),
+                        "{name:<16} {w}x{h} px, {x} x {y} mm, gelpad {} mm {} kPa nu {}, {lights}",
+                        sensor.gelpad_thickness_mm, sensor.gelpad_youngs_modulus_kpa, sensor.gelpad_poisson_ratio,
                     ))
                 };
                 PRESETS.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
             What::Levels => {
                 let line = |level: Fidelity| {
-                    let (choices, measured) = (level.models(false), level.models(true));
+                    let (choices, measured) = (level.models(LightSource::Leds), level.models(LightSource::Calibration));
                     let failed = |error: serde_json::Error| Failure::running(error.to_string());
                     let gelpad = serde_json::to_string(&choices.gelpad).map_err(failed)?;
                     let optics = serde_json::to_string(&choices.optics).map_err(failed)?;

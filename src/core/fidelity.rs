@@ -7,7 +7,9 @@ use crate::core::gelpad;
 use crate::core::gelpad::elastic::Elastic;
 use crate::core::gelpad::mean_blur::MeanBlur;
 use crate::core::optics;
+use crate::core::optics::LightSource;
 use crate::core::optics::calibrated::Calibrated;
+use crate::core::optics::lamps::Lamps;
 use crate::core::optics::phong::{Phong, Shadows, Soft};
 
 /// A fidelity level: a named choice of models, from cheap to exact.
@@ -71,8 +73,8 @@ impl Fidelity {
         }
     }
 
-    /// The models that it stands for; `measured` if the sensor has calibrated optics.
-    pub fn models(self, measured: bool) -> Models {
+    /// The models that it stands for where this is known of the sensor's light.
+    pub fn models(self, light: LightSource) -> Models {
         let elastic = |resolution, tolerance_um, max_iterations| {
             gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations })
         };
@@ -85,13 +87,16 @@ impl Fidelity {
                 Self::High => elastic(Resolution::Full, 1.0, 200),
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
-            optics: match (measured, self) {
+            optics: match (light, self) {
                 // Finer costs much, and is nothing beside the distance to the real sensor (docs/reality.md).
-                (true, _) => optics::Model::Calibrated(Calibrated::default()),
-                (false, Self::Paper) => phong(Shadows::None),
-                (false, Self::Draft) => phong(Shadows::Soft(Soft { resolution: Resolution::Quarter })),
-                (false, Self::Standard) => phong(Shadows::Soft(Soft { resolution: Resolution::Half })),
-                (false, Self::High | Self::Reference) => phong(Shadows::Soft(Soft { resolution: Resolution::Full })),
+                (LightSource::Calibration, _) => optics::Model::Calibrated(Calibrated::default()),
+                (LightSource::Lamps, _) => optics::Model::Lamps(Lamps {}),
+                (LightSource::Leds, Self::Paper) => phong(Shadows::None),
+                (LightSource::Leds, Self::Draft) => phong(Shadows::Soft(Soft { resolution: Resolution::Quarter })),
+                (LightSource::Leds, Self::Standard) => phong(Shadows::Soft(Soft { resolution: Resolution::Half })),
+                (LightSource::Leds, Self::High | Self::Reference) => {
+                    phong(Shadows::Soft(Soft { resolution: Resolution::Full }))
+                }
             },
         }
     }

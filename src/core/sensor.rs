@@ -7,8 +7,10 @@ use crate::core::camera::CameraParams;
 use crate::core::camera::markers::{MarkerPattern, MarkerPrint};
 use crate::core::depth::rest::{Grain, RestSurface};
 use crate::core::gelpad::material::Material;
+use crate::core::optics::LightSource;
 use crate::core::optics::background::{BackgroundImage, RenderedBackground};
 use crate::core::optics::calibrated::Table;
+use crate::core::optics::lamps::{self, Lamp};
 use crate::core::optics::led::Led;
 use crate::core::optics::residual::LightResidual;
 
@@ -34,6 +36,8 @@ pub struct Sensor {
     pub background: Background,
     /// The LEDs, for the optics models `phong` and `led`.
     pub leds: Vec<Led>,
+    /// The lamps, for the optics model `lamps`: none, or six.
+    pub lamps: Vec<Lamp>,
     /// Share of the light lost where the pad is pressed down to the shell, 0 to 1; an optics model may say otherwise.
     pub darkening: f64,
     /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
@@ -53,7 +57,7 @@ pub struct Sensor {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Background {
-    /// Rendered from the LEDs.
+    /// Rendered from the LEDs; on a sensor with lamps, from these alone.
     Rendered(RenderedBackground),
     /// Taken by the camera itself, of the sensor's resolution.
     Photograph(Arc<BackgroundImage>),
@@ -104,6 +108,9 @@ pub enum SensorError {
         /// What it may be.
         allowed: &'static str,
     },
+    /// It has some lamps, but not as many as the optics model `lamps` takes.
+    #[error("the sensor has {0} lamps; a sensor has none or {count}", count = lamps::COUNT)]
+    Lamps(usize),
     /// The photograph of the untouched pad has another size than the sensor's image.
     #[error("the background image has {found:?} px, the sensor {expected:?}")]
     BackgroundSize {
@@ -131,6 +138,9 @@ impl Sensor {
     pub fn background(&self) -> Arc<BackgroundImage> {
         match &self.background {
             Background::Photograph(photograph) => Arc::clone(photograph),
+            Background::Rendered(_) if !self.lamps.is_empty() => {
+                Arc::new(lamps::Shader::new(&self.lamps, &self.view()).background())
+            }
             Background::Rendered(look) => {
                 Arc::new(BackgroundImage::rendered(look, &self.leds, self.field_of_view_mm, &self.view()))
             }
@@ -141,6 +151,11 @@ impl Sensor {
     pub(in crate::core) fn leds_glow_like(&self, other: &Self) -> bool {
         let glowing = |led: &Led| (led.azimuth_deg, led.intensity, led.color);
         self.leds.iter().map(glowing).eq(other.leds.iter().map(glowing))
+    }
+
+    /// What is known of its light.
+    pub fn light_source(&self) -> LightSource {
+        LightSource::new(self.calibration.is_some(), &self.lamps)
     }
 
     /// True if the background image was taken by the camera itself.
@@ -164,6 +179,13 @@ impl Sensor {
         let value = self.gelpad.poisson_ratio;
         if !(0.0..=0.4999).contains(&value) {
             return Err(SensorError::Number { name: "gelpad.poisson_ratio", value, allowed: "0 to 0.4999" });
+        }
+        if !self.lamps.is_empty() && self.lamps.len() != lamps::COUNT {
+            return Err(SensorError::Lamps(self.lamps.len()));
+        }
+        let mut numbers = self.lamps.iter().flat_map(Lamp::numbers);
+        if let Some((_, value)) = numbers.find(|(_, value)| !value.is_finite()) {
+            return Err(SensorError::Number { name: "lamps", value, allowed: "finite" });
         }
         match &self.background {
             Background::Photograph(photograph) if [photograph.width, photograph.height] != self.resolution_px => {

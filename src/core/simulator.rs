@@ -22,6 +22,7 @@ use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::{self, Contact, Pad};
 use crate::core::optics::background::BackgroundImage;
+use crate::core::optics::lamps;
 use crate::core::optics::normals::normals;
 use crate::core::optics::{Illumination, Shader};
 use crate::core::sensor::{Background, Markers, Sensor, SensorError};
@@ -46,6 +47,8 @@ pub struct Simulator {
     /// In-plane motion of the pad, where markers show it.
     in_plane: Option<Arc<InPlane>>,
     shader: Arc<Shader>,
+    /// The grey images of the sensor's lamps, whatever the model of the light.
+    lamps: Option<Arc<lamps::Shader>>,
     camera: Arc<Camera>,
 }
 
@@ -86,6 +89,7 @@ pub struct Impression {
     /// CPU seconds that each stage took.
     pub seconds: Seconds,
     view: View,
+    lamps: Option<Arc<lamps::Shader>>,
 }
 
 impl Simulator {
@@ -96,7 +100,7 @@ impl Simulator {
     /// What makes the sensor impossible to simulate.
     pub fn new(sensor: &Sensor, fidelity: Fidelity) -> Result<Self, SensorError> {
         sensor.check()?;
-        Ok(Self::with_models(sensor.clone(), fidelity.models(sensor.calibration.is_some()), EffectPolicy::default()))
+        Ok(Self::with_models(sensor.clone(), fidelity.models(sensor.light_source()), EffectPolicy::default()))
     }
 
     /// The same with any models, and with a policy for the effects: one that leaves an effect out takes it from the
@@ -117,9 +121,13 @@ impl Simulator {
         let like = like.filter(|like| like.view == view && like.sensor.field_of_view_mm == sensor.field_of_view_mm);
 
         let same_look = like.filter(|like| like.sensor.background.looks_like(&sensor.background));
-        let same_background = same_look.filter(|like| sensor.has_photograph() || like.sensor.leds_glow_like(&sensor));
+        let same_lamps = like.filter(|like| like.sensor.lamps == sensor.lamps);
+        let same_background = same_look
+            .filter(|like| sensor.has_photograph() || (same_lamps.is_some() && like.sensor.leds_glow_like(&sensor)));
         let noise = match &sensor.background {
             Background::Photograph(_) => None,
+            // The picture is the lamps'.
+            Background::Rendered(_) if !sensor.lamps.is_empty() => None,
             Background::Rendered(look) => {
                 let known = like.filter(|like| like.sensor.background.grain_size_mm() == Some(look.grain_size_mm));
                 Some(known.and_then(|like| like.noise.clone()).unwrap_or_else(|| Arc::new(look.noise(&view))))
@@ -165,6 +173,7 @@ impl Simulator {
 
         let light = Illumination {
             leds: &sensor.leds,
+            lamps: &sensor.lamps,
             field_of_view_mm: sensor.field_of_view_mm,
             thickness_mm: sensor.gelpad.thickness_mm,
             photograph: sensor.has_photograph(),
@@ -173,7 +182,7 @@ impl Simulator {
             residual: sensor.light_residual.as_deref(),
         };
         // What decides the light of the untouched pad; then what decides that of a pressed one beside it.
-        let same_leds = same_rest.filter(|like| {
+        let same_leds = same_rest.and(same_lamps).filter(|like| {
             let (a, b) = (&like.sensor, &sensor);
             let same_table = match (&a.calibration, &b.calibration) {
                 (None, None) => true,
@@ -193,6 +202,11 @@ impl Simulator {
                 let relief = relief.as_deref().cloned();
                 Arc::new(Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief))
             }
+        };
+        let lamps = match same_lamps {
+            _ if sensor.lamps.is_empty() => None,
+            Some(like) => like.lamps.clone(),
+            None => Some(Arc::new(lamps::Shader::new(&sensor.lamps, &view))),
         };
 
         let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
@@ -227,6 +241,7 @@ impl Simulator {
             markers,
             in_plane,
             shader,
+            lamps,
             camera,
         }
     }
@@ -303,7 +318,8 @@ impl Simulator {
         seconds.camera = clock.lap();
 
         let lens = camera.lens(&self.view);
-        Impression { image, depth, contact, markers, lens, camera, effects, seconds, view: self.view }
+        let lamps = self.lamps.clone();
+        Impression { image, depth, contact, markers, lens, camera, effects, seconds, view: self.view, lamps }
     }
 
     /// The sensor.
@@ -419,6 +435,13 @@ impl Impression {
         let [width, height] = self.view.resolution_px;
         let pressure = self.contact.pressure.clone();
         Some(pressure.map_or_else(|| vec![0.0; width * height], |pressure| self.through_lens(pressure)))
+    }
+
+    /// The grey image under each of the sensor's lamps, 0 to 1, without markers and the camera's blur, exposure and noise; empty
+    /// on a sensor without lamps.
+    pub fn lamps(&self) -> Vec<Vec<f32>> {
+        let planes = self.lamps.as_ref().map_or_else(Vec::new, |lamps| lamps.grey(&self.contact.surface));
+        planes.into_iter().map(|plane| self.through_lens(plane)).collect()
     }
 
     /// Where each marker in view was printed, and where the pad carried it, px: the first pixel's centre is at (0.5, 0.5).

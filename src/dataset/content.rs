@@ -5,6 +5,7 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
+use crate::core::optics::lamps;
 use crate::job::layers::OutputLayer;
 use crate::job::sample::Sample;
 
@@ -39,6 +40,14 @@ pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
             // No job asks a model for pressure that knows none; where models are exchanged to compare them, there is none.
             let none = || vec![0.0; impression.image.width * impression.image.height];
             Content::Floats(impression.pressure_kpa().unwrap_or_else(none))
+        }
+        OutputLayer::Lamps => {
+            let planes = impression.lamps();
+            let pixels = impression.image.width * impression.image.height;
+            // No job asks a sensor without lamps for them.
+            let pixel = |at: usize| (0..lamps::COUNT).map(move |k| (k, at));
+            let value = |(k, at): (usize, usize)| planes.get(k).map_or(0.0, |plane: &Vec<f32>| plane[at]);
+            Content::Floats((0..pixels).flat_map(pixel).map(value).collect())
         }
         OutputLayer::Contact => Content::Bytes(impression.contact_mask().into()),
         OutputLayer::Reference => Content::Bytes((&sample.simulator.untouched().rgb).into()),

@@ -263,10 +263,10 @@ const MOST_HEADER: usize = 1 << 20;
 /// Largest side of a tile that is larger than its image, px: memory is taken for all of a tile.
 const MOST_TILE: usize = 1024;
 /// Most channels that an image may have.
-const MOST_CHANNELS: usize = 4;
+const MOST_CHANNELS: usize = 6;
 
 /// Width, height and channels that an image says it has. What [`planes`] does not read is refused: more than one part,
-/// deep or subsampled data, more than 4 channels or 8192 px on a side, tiles far larger than the image, compression by B44
+/// deep or subsampled data, more than 6 channels or 8192 px on a side, tiles far larger than the image, compression by B44
 /// (the crate's arithmetic overflows on damaged blocks).
 pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     let start = &bytes[..bytes.len().min(MOST_HEADER)];

@@ -28,6 +28,8 @@ pub enum OutputLayer {
     Markers,
     /// The image without any contact.
     Reference,
+    /// The grey image under each lamp; only for sensors whose lamps were measured one by one.
+    Lamps,
 }
 
 /// What is to be known of a layer to write, read, check and describe it.
@@ -68,7 +70,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 7] = [
+const TABLE: [LayerSpec; 8] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -118,6 +120,13 @@ const TABLE: [LayerSpec; 7] = [
         form: Form::Rgb,
         unit: None,
         meaning: "the image without contact, 8-bit RGB",
+    },
+    LayerSpec {
+        layer: OutputLayer::Lamps,
+        name: "lamps",
+        form: Form::Floats { channels: &["A", "B", "C", "D", "E", "F"], least: 0.0, pixel: None, steps: None },
+        unit: None,
+        meaning: "the grey image under each of the sensor's six lamps, 0 to 1",
     },
 ];
 
@@ -327,13 +336,13 @@ mod tests {
         let bytes = |layer: OutputLayer, ending| layer.spec().form.bytes_per_px(ending, Pixel::Half);
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "exr")),
-            [Some(2), Some(2), None, Some(6), Some(4), None, None]
+            [Some(2), Some(2), None, Some(6), Some(4), None, None, Some(12)]
         );
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "npy")),
-            [Some(4), Some(4), None, Some(12), Some(4), None, None]
+            [Some(4), Some(4), None, Some(12), Some(4), None, None, Some(24)]
         );
-        let png = [None, None, Some(1), None, None, None, Some(3)];
+        let png = [None, None, Some(1), None, None, None, Some(3), None];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

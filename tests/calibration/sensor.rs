@@ -10,9 +10,9 @@ use gelsim::core::base::view::View;
 use gelsim::core::effects::{EffectLog, EffectPolicy};
 use gelsim::core::fidelity::Fidelity;
 use gelsim::core::gelpad::Contact;
-use gelsim::core::optics::Shader;
 use gelsim::core::optics::background::BackgroundImage;
 use gelsim::core::optics::calibrated::{self, Calibrated, Table};
+use gelsim::core::optics::{LightSource, Shader};
 use gelsim::files::sensor::Sensor;
 use gelsim::job::label::Label;
 use gelsim::job::sample::render;
@@ -168,7 +168,7 @@ pub fn simulated(table: &Table, contact: &Contact) -> RgbImage {
 
 /// The picture of a surface by those who do not calibrate.
 pub fn uncalibrated(contact: &Contact) -> RgbImage {
-    let model = Fidelity::Standard.models(false).optics;
+    let model = Fidelity::Standard.models(LightSource::Leds).optics;
     let shader = Shader::new(&model, None, &session([]).sensor.illumination(), &CAMERA, None);
     picture(&shader.shade(contact, &rest(), &mut EffectLog::new(EffectPolicy::WhereNeeded)), &rest())
 }

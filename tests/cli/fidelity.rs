@@ -5,6 +5,7 @@ use std::fs;
 
 use gelsim::core::fidelity::Fidelity;
 use gelsim::core::gelpad::Model;
+use gelsim::core::optics::LightSource;
 use gelsim::files::diagnostic::Diagnostics;
 use gelsim::job::config::fidelity::FidelityChoice;
 use gelsim::job::config::{self, Overrides};
@@ -47,7 +48,7 @@ fn every_level_names_itself_and_its_models_in_labels_and_job() {
         folder.succeed(&format!("generate job.toml --quiet --out {name} --fidelity {name}"));
         assert_eq!(recorded(&folder, name), name);
         let job: toml::Table = folder.read(&format!("{name}/job.toml")).parse().expect("TOML");
-        let choices = level.models(false);
+        let choices = level.models(LightSource::Leds);
         assert_eq!(job["gelpad"], toml::Value::try_from(&choices.gelpad).expect("TOML"));
         assert_eq!(job["optics"], toml::Value::try_from(&choices.optics).expect("TOML"));
         for label in folder.labels(name).values() {
@@ -335,7 +336,7 @@ fn a_level_that_lacks_a_layer_is_not_chosen() {
     let folder = Folder::with_job(&job);
     folder.succeed("generate job.toml --quiet --out out");
     assert_eq!(recorded(&folder, "out"), "draft");
-    let first = Fidelity::ALL.into_iter().find(|level| level.models(false).gelpad.knows_pressure());
+    let first = Fidelity::ALL.into_iter().find(|level| level.models(LightSource::Leds).gelpad.knows_pressure());
     assert_eq!(first, Some(Fidelity::Draft));
 }
 
@@ -414,7 +415,7 @@ fn the_list_of_levels_tells_what_each_chooses_from_cheap_to_exact() {
         let (name, gelpad) = line.split_once(" gelpad ").expect("a model");
         assert_eq!(name.trim_end(), level.name());
         let model: Model = serde_json::from_str(gelpad).expect("the model as a job has it");
-        assert_eq!(model, level.models(false).gelpad);
+        assert_eq!(model, level.models(LightSource::Leds).gelpad);
     }
 }
 

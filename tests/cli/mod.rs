@@ -12,6 +12,7 @@ mod effects;
 mod fidelity;
 mod finalize;
 mod formats;
+mod gelsight;
 mod generate;
 mod grow;
 mod health;

@@ -52,7 +52,7 @@ fn sensor() -> impl Strategy<Value = String> {
     let head = table(
         "sensor",
         vec![
-            line("preset", &["'gelsight-2014'", "'gelsight-2017'", "'gelsight-mini'", "'digit'"]),
+            line("preset", &["'gelsight-2014'", "'gelsight-2017'", "'gelsight-mini'", "'digit'", "'gelsight-series2'"]),
             line("resolution_px", &["[24, 18]", "[32, 24]", "[48, 36]", "[30, 40]", "[40, 18]"]),
             line("field_of_view_mm", &["", "", "[60.0, 45.0]"]),
             line("stray_light", &["", "", "[0.1, 0.3, 0.0]", "[0.4, 0.4, 1.0]"]),
@@ -207,6 +207,9 @@ pub fn job() -> impl Strategy<Value = String> {
     let tables = (optics(), sensor(), object(), scene(), texture(), markers(), camera());
     (gelpad(), 0..1_u64 << 40, tables).prop_map(
         |(gelpad, seed, (optics, sensor, object, scene, texture, markers, camera))| {
+            // Lamps have no parameters; LEDs are there for Phong's equation only where the job adds them.
+            let lamps = sensor.contains("gelsight-series2") && !sensor.contains("[sensor.led]");
+            let optics = if lamps { String::new() } else { optics };
             let dataset = format!("[dataset]\nname = 'random'\nsamples = 2\nseed = {seed}\n");
             [gelpad, dataset, optics, sensor, object, scene, texture, markers, camera].concat()
         },

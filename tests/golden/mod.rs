@@ -61,7 +61,7 @@ macro_rules! fine {
     };
 }
 
-const CASES: [Case; 20] = [
+const CASES: [Case; 21] = [
     Case {
         name: "gelsight_2014_sphere",
         object: "sphere",
@@ -153,6 +153,12 @@ const CASES: [Case; 20] = [
             "[64, 48]",
             "indentation.depth_mm = 2.5\npose.yaw_deg = 40.0\npose.tilt_deg = 8.0\npose.tilt_azimuth_deg = 0.0"
         ),
+    },
+    Case {
+        name: "gelsight_series2_gear",
+        object: "gear",
+        show: Show::Image,
+        job: fine!("gelsight-series2", "[64, 54]", "indentation.depth_mm = 0.8\npose.yaw_deg = 5.0"),
     },
     Case {
         name: "surface_under_a_thin_ridge",
@@ -309,6 +315,7 @@ mod found {
         digit_letter,
         digit_prism_corner,
         depth_of_a_tilted_bolt,
+        gelsight_series2_gear,
         surface_under_a_thin_ridge,
         contact_of_a_key,
         normals_under_a_torus,

@@ -2,7 +2,7 @@
 //!
 //! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
 //! and light against closed forms; `presets` the light of presets against figures of real sensors; `walls` light between pixel centres; `scene` labels
-//! against what they describe; `frames` depth frames against the objects that they show; `twin` whole samples against a
+//! against what they describe; `lamps` light of measured lamps against the published formula; `frames` depth frames against the objects that they show; `twin` whole samples against a
 //! plain f64 pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
 //! border and the pixels' size cost; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
@@ -21,6 +21,7 @@ mod inplane;
 mod interreflection;
 mod kernel;
 mod ladder;
+mod lamps;
 mod optics;
 mod oracle;
 mod presets;

@@ -233,6 +233,10 @@ fn an_untouched_pad_is_the_rendered_background_byte_for_byte() {
         for optics in
             ["", "optics.phong.shininess = 3.7", "optics.phong.shininess = 0.0", "optics.phong.diffuse = 10.0"]
         {
+            if preset == "gelsight-series2" && !optics.is_empty() {
+                // It has lamps and no LED.
+                continue;
+            }
             let plan = plan(&untouched_job(&format!(
                 "{optics}\ncamera = {{ read_noise_levels = 0.0, defocus_mm = 0.0 }}\nsensor.preset = \"{preset}\""
             )));

@@ -37,7 +37,7 @@ fn name(folder: &Path) -> String {
 }
 
 fn shader(session: &Session, table: Option<&Table>) -> optics::Shader {
-    let optics = Fidelity::Standard.models(table.is_some()).optics;
+    let optics = Fidelity::Standard.models(optics::LightSource::new(table.is_some(), &[])).optics;
     optics::Shader::new(&optics, table, &session.sensor.illumination(), &session.camera, None)
 }
 

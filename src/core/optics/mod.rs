@@ -11,6 +11,7 @@ use crate::core::gelpad::Contact;
 pub mod background;
 pub mod calibrated;
 pub mod coarse;
+pub mod lamps;
 pub mod led;
 mod led_shader;
 pub mod normals;
@@ -21,6 +22,7 @@ mod visible;
 
 use background::BackgroundImage;
 use calibrated::{Calibrated, Table};
+use lamps::{Lamp, Lamps};
 use led::Led;
 use phong::Phong;
 use residual::LightResidual;
@@ -37,6 +39,31 @@ pub enum Model {
     /// What `gelsim calibrate` measured on a real sensor; the sensor's `calibration` names the file. The default where
     /// there is one.
     Calibrated(Calibrated),
+    /// One grey image under each of the sensor's lamps, as its maker measured them, and their composite in colour; the
+    /// sensor's `lamp` tables hold them. The default where there are any.
+    Lamps(Lamps),
+}
+
+/// What is known of a sensor's light: it decides the model that fidelity levels choose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightSource {
+    /// Its LEDs.
+    Leds,
+    /// Lamps, each measured on its own.
+    Lamps,
+    /// A calibration.
+    Calibration,
+}
+
+impl LightSource {
+    /// Of a sensor that may have a calibration and lamps.
+    pub fn new(has_calibration: bool, lamps: &[Lamp]) -> Self {
+        match (has_calibration, lamps) {
+            (true, _) => Self::Calibration,
+            (false, []) => Self::Leds,
+            (false, _) => Self::Lamps,
+        }
+    }
 }
 
 impl Model {
@@ -46,6 +73,7 @@ impl Model {
             Self::Phong(_) => "phong",
             Self::Led(_) => "led",
             Self::Calibrated(_) => "calibrated",
+            Self::Lamps(_) => "lamps",
         }
     }
 
@@ -53,7 +81,7 @@ impl Model {
     pub fn phong(&self) -> Option<&Phong> {
         match self {
             Self::Phong(phong) | Self::Led(phong) => Some(phong),
-            Self::Calibrated(_) => None,
+            Self::Calibrated(_) | Self::Lamps(_) => None,
         }
     }
 }
@@ -63,6 +91,8 @@ impl Model {
 pub struct Illumination<'a> {
     /// The LEDs.
     pub leds: &'a [Led],
+    /// The lamps.
+    pub lamps: &'a [Lamp],
     /// Width and height of the pad's window that the image shows, mm.
     pub field_of_view_mm: [f64; 2],
     /// Thickness of the pad, mm.
@@ -91,6 +121,8 @@ pub enum Shader {
     Leds(Box<led_shader::Shader>),
     /// See [`Model::Calibrated`].
     Calibrated(Box<calibrated::Shader>),
+    /// See [`Model::Lamps`].
+    Lamps(Box<lamps::Shader>),
 }
 
 impl Shader {
@@ -110,6 +142,7 @@ impl Shader {
             Model::Calibrated(calibrated) => {
                 Self::Calibrated(Box::new(calibrated::Shader::new(*calibrated, table, view)))
             }
+            Model::Lamps(_) => Self::Lamps(Box::new(lamps::Shader::new(light.lamps, view))),
         }
     }
 
@@ -122,7 +155,7 @@ impl Shader {
     /// another model.
     pub fn share_beyond(&self, contact: &Contact) -> f64 {
         match self {
-            Self::Leds(_) => 0.0,
+            Self::Leds(_) | Self::Lamps(_) => 0.0,
             Self::Calibrated(calibrated) => calibrated.share_beyond(contact),
         }
     }
@@ -131,7 +164,7 @@ impl Shader {
     pub fn untouched(&self, rest: &BackgroundImage) -> Light {
         match self {
             Self::Leds(leds) => leds.untouched(rest),
-            Self::Calibrated(_) => rest.light(Rect::whole(rest.width, rest.height)),
+            Self::Calibrated(_) | Self::Lamps(_) => rest.light(Rect::whole(rest.width, rest.height)),
         }
     }
 
@@ -140,6 +173,7 @@ impl Shader {
         match self {
             Self::Leds(leds) => leds.shade(contact, rest, effects),
             Self::Calibrated(calibrated) => calibrated.shade(contact, rest, effects),
+            Self::Lamps(lamps) => lamps.shade(contact, rest, effects),
         }
     }
 }

@@ -9,7 +9,7 @@ pub mod unit;
 use std::sync::Arc;
 
 use crate::core::gelpad::material::Material;
-use crate::core::optics::Illumination;
+use crate::core::optics::{Illumination, LightSource};
 use crate::core::sensor::{self, Background, Markers};
 use camera::CameraDistribution;
 use markers::MarkerDistribution;
@@ -18,15 +18,17 @@ use unit::Unit;
 
 use crate::core::depth::rest::Grain;
 use crate::core::optics::background::RenderedBackground;
+use crate::core::optics::lamps::Lamp;
 use crate::core::optics::led::Led;
 use crate::core::optics::residual::LightResidual;
 
 /// The presets that are inside the binary: name and text of the sensor file.
-pub const PRESETS: [(&str, &str); 4] = [
+pub const PRESETS: [(&str, &str); 5] = [
     ("gelsight-2014", include_str!("../../../configs/sensors/gelsight-2014.toml")),
     ("gelsight-2017", include_str!("../../../configs/sensors/gelsight-2017.toml")),
     ("gelsight-mini", include_str!("../../../configs/sensors/gelsight-mini.toml")),
     ("digit", include_str!("../../../configs/sensors/digit.toml")),
+    ("gelsight-series2", include_str!("../../../configs/sensors/gelsight-series2.toml")),
 ];
 
 /// A sensor. What a sensor file leaves out is as in the preset it names, or as in `gelsight-2014`.
@@ -87,10 +89,13 @@ pub struct Sensor {
     /// Light that the LEDs leave unexplained, as presses of a ball show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_residual: Option<Box<LightResidual>>,
-    /// How the untouched pad looks where there is no `background`.
+    /// How the untouched pad looks where there is no `background`. Not used where there are lamps, which show it.
     pub rendered_background: RenderedBackground,
     /// The LEDs.
     pub led: Vec<Led>,
+    /// Lamps whose light was measured one by one, none or six: what the optics model `lamps` knows of this sensor.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lamp: Vec<Lamp>,
     /// How much units of this kind of sensor differ, and how much of that is drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -117,6 +122,7 @@ impl Sensor {
             coating: self.grain,
             background: Background::Rendered(self.rendered_background.clone()),
             leds: self.led.clone(),
+            lamps: self.lamp.clone(),
             darkening: self.darkening,
             stray_light: self.stray_light,
             light_residual: self.light_residual.as_deref().cloned().map(Arc::new),
@@ -126,10 +132,16 @@ impl Sensor {
         }
     }
 
+    /// What is known of its light.
+    pub fn light_source(&self) -> LightSource {
+        LightSource::new(self.calibration.is_some(), &self.lamp)
+    }
+
     /// Its light, beside the background image.
     pub fn illumination(&self) -> Illumination<'_> {
         Illumination {
             leds: &self.led,
+            lamps: &self.lamp,
             field_of_view_mm: self.field_of_view_mm,
             thickness_mm: self.gelpad_thickness_mm,
             photograph: self.background.is_some(),
@@ -176,6 +188,7 @@ impl Default for Sensor {
                 led("red", 180.0, [1.0, 0.2, 0.2], 1.0),
                 led("green", 270.0, [0.15, 1.0, 0.35], 0.8),
             ],
+            lamp: Vec::new(),
             unit: None,
         }
     }
@@ -225,7 +238,7 @@ pub struct UnknownPreset {
 }
 
 impl sensor::Sensor {
-    /// A sensor that gelsim knows: `gelsight-2014`, `gelsight-2017`, `gelsight-mini` or `digit`.
+    /// A sensor that gelsim knows: `gelsight-2014`, `gelsight-2017`, `gelsight-mini`, `digit` or `gelsight-series2`.
     ///
     /// # Errors
     ///
@@ -262,6 +275,6 @@ mod tests {
             assert_eq!((sensor.name.as_str(), sensor.check()), (name, Ok(())));
         }
         let error = sensor::Sensor::preset("digits").expect_err("no such sensor");
-        assert!(error.to_string().contains("gelsight-mini, digit"), "{error}");
+        assert!(error.to_string().contains("gelsight-mini, digit, gelsight-series2"), "{error}");
     }
 }

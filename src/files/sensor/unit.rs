@@ -82,7 +82,8 @@ impl Sensor {
                 spreads.push(Spread { path, deviation: deviation * unit.variation, relative });
             }
         };
-        let rendered = self.background.is_none();
+        // Lamps show the pad as it was measured.
+        let rendered = self.background.is_none() && self.lamp.is_empty();
         for i in 0..self.led.len() {
             if !(rendered && self.stray_light.is_some()) {
                 add(format!("led.{i}.intensity"), unit.led_intensity, true);

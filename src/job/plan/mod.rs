@@ -15,6 +15,7 @@ use crate::core::effects::EffectPolicy;
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad;
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
+use crate::core::optics::LightSource;
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
 use crate::files::diagnostic::{Diagnostics, Report};
@@ -253,7 +254,7 @@ impl Plan {
 
     /// The same with the models of a fidelity level, whatever gelpad the job chose; a light that the job names stays.
     pub fn with_fidelity(&self, fidelity: Fidelity) -> Self {
-        let mut models = fidelity.models(self.simulator.sensor().calibration.is_some());
+        let mut models = fidelity.models(self.simulator.sensor().light_source());
         if self.optics_named {
             models.optics = self.simulator.models().optics.clone();
         }
@@ -329,6 +330,12 @@ fn others_sensors(
             let message = format!("`{}` has {expected:?} px, `{}` {own:?} px", names[0], names[1]);
             check.error("sensor.preset", message, "set resolution_px, which then holds for all of them");
         }
+        // A job has one model of the light.
+        if (job.sensor.light_source() == LightSource::Lamps) != (first.sensor.light_source() == LightSource::Lamps) {
+            let names = [&first.sensor.name, &job.sensor.name];
+            let message = format!("of `{}` and `{}` one has lamps, the other LEDs", names[0], names[1]);
+            check.error("sensor.preset", message, "name presets with LEDs only, or with lamps only");
+        }
         ranges::sensor(&mut check, &job);
         ranges::pad_surface(&mut check, &job);
         if scope == Scope::Dataset {
@@ -361,7 +368,7 @@ fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Vec<
 /// Writes out the defaults that depend on other keys.
 fn fill(job: &mut Job) {
     job.fidelity.get_or_insert(Fidelity::default().into());
-    let models = level(job).models(job.sensor.calibration.is_some());
+    let models = level(job).models(job.sensor.light_source());
     job.gelpad.get_or_insert(models.gelpad);
     job.optics.get_or_insert(models.optics);
     job.sensor.preset = None;
@@ -383,7 +390,7 @@ pub fn level(job: &Job) -> Fidelity {
 }
 
 fn chosen_models(job: &Job) -> Models {
-    let models = level(job).models(job.sensor.calibration.is_some());
+    let models = level(job).models(job.sensor.light_source());
     Models { gelpad: job.gelpad.clone().unwrap_or(models.gelpad), optics: job.optics.clone().unwrap_or(models.optics) }
 }
 

@@ -8,6 +8,7 @@ use crate::core::camera::noise::MOST_CORRELATION;
 use crate::core::fidelity::Models;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::optics::calibrated::Calibrated;
+use crate::core::optics::lamps;
 use crate::core::{gelpad, optics};
 use crate::files::diagnostic::Diagnostics;
 use crate::files::sensor::RestShape;
@@ -117,7 +118,7 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     check.number("sensor.rendered_background.grain_size_mm", look.grain_size_mm, 1e-3..=1e3, "mm");
     check.number("sensor.rendered_background.dust_per_cm2", look.dust_per_cm2, 0.0..=1e3, "");
     check.number("sensor.rendered_background.dust_size_mm", look.dust_size_mm, 1e-3..=10.0, "mm");
-    if sensor.led.is_empty() {
+    if sensor.led.is_empty() && sensor.lamp.is_empty() {
         check.error("sensor.led", "the sensor has no LED", "add at least one [[sensor.led]] table");
     }
     for (i, led) in sensor.led.iter().enumerate() {
@@ -131,6 +132,17 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
         check.number(&path("intensity"), led.intensity, 0.0..=100.0, "");
         for k in 0..3 {
             check.number(&path(&format!("color.{k}")), led.color[k], 0.0..=1.0, "");
+        }
+    }
+    if !matches!(sensor.lamp.len(), 0 | lamps::COUNT) {
+        let message = format!("the sensor has {} lamps", sensor.lamp.len());
+        check.error("sensor.lamp", message, format!("write {} [[sensor.lamp]] tables, or none", lamps::COUNT));
+    }
+    for (i, lamp) in sensor.lamp.iter().enumerate() {
+        for (key, value) in lamp.numbers() {
+            let least = if key.starts_with("color") { 0.0 } else { -100.0 };
+            let most = if key.starts_with("color") { 1.0 } else { 100.0 };
+            check.number(&format!("sensor.lamp.{i}.{key}"), value, least..=most, "");
         }
     }
     if let Some(unit) = &sensor.unit {
@@ -251,11 +263,23 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
                 check.number(&path("darkening"), darkening, 0.0..=1.0, "");
             }
         }
-        None if job.sensor.calibration.is_none() && check.sound("sensor") => {
-            let help = "name the file that `gelsim calibrate` wrote: [sensor] file = \"...\"; or choose phong or led";
-            check.error("optics", "nothing was measured on this sensor", help);
-        }
-        None => {}
+        None if !check.sound("sensor") => {}
+        None => match &optics {
+            optics::Model::Lamps(_) if job.sensor.lamp.is_empty() => {
+                let help = "take a sensor that has them, such as [sensor] preset = \"gelsight-series2\"; or choose phong or led";
+                check.error("optics", "this sensor has no lamps", help);
+            }
+            optics::Model::Calibrated(_) if job.sensor.calibration.is_none() => {
+                let help =
+                    "name the file that `gelsim calibrate` wrote: [sensor] file = \"...\"; or choose phong or led";
+                check.error("optics", "nothing was measured on this sensor", help);
+            }
+            _ => {}
+        },
+    }
+    if optics.phong().is_some() && job.sensor.led.is_empty() && !job.sensor.lamp.is_empty() {
+        let message = format!("this sensor has lamps and no LED, which `{}` needs", optics.name());
+        check.error("optics", message, "leave `optics` out, or add [[sensor.led]] tables");
     }
     if let optics::Model::Calibrated(Calibrated { spacing_mm }) = &optics {
         check.number("optics.calibrated.spacing_mm", *spacing_mm, 0.0..=10.0, "mm");
@@ -272,6 +296,11 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
                 &path,
                 "this sensor has no printed markers",
                 "leave `markers` out, or add a [markers] table",
+            ),
+            OutputLayer::Lamps if job.sensor.lamp.is_empty() => check.error(
+                &path,
+                "this sensor has no lamps that were measured one by one",
+                "leave `lamps` out, or take a sensor that has them, such as gelsight-series2",
             ),
             OutputLayer::Pressure if !gelpad.knows_pressure() => {
                 let message = format!("the gelpad model `{}` knows no pressure", gelpad.name());

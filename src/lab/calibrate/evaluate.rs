@@ -55,7 +55,7 @@ pub fn evaluate(table: &Path, sensor: &Sensor, fidelity: Fidelity) -> Result<Vec
     // The presses are of a smooth, flat pad; noise would be an error of its own.
     let still = CameraParams { shot_noise_levels: 0.0, read_noise_levels: 0.0, speckle_levels: 0.0, ..sensor.camera };
     let sensor = Sensor { rest_surface: None, coating: None, camera: still, ..sensor.clone() };
-    let models = fidelity.models(sensor.calibration.is_some());
+    let models = fidelity.models(sensor.light_source());
     let simulator = Simulator::with_models(sensor, models, EffectPolicy::WhereNeeded);
     let radii_mm = table.presses.iter().filter_map(|press| press.ball_radius_mm);
     let balls = Balls::new(radii_mm, &simulator.sensor().gelpad);

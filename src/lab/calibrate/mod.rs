@@ -24,6 +24,7 @@ pub mod camera;
 pub mod choose;
 pub mod detect;
 pub mod evaluate;
+pub mod gelsight;
 pub mod geometry;
 pub mod leds;
 pub mod outliers;

@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::core::fidelity::Fidelity;
+use crate::core::optics::LightSource;
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
 use crate::job::config::fidelity::FidelityChoice;
@@ -46,7 +47,7 @@ pub fn spread(samples: u64, count: u64) -> Vec<u64> {
 pub fn choose(plan: &Plan, bound: FidelityChoice) -> Result<ChosenLevel, Report> {
     let indices = spread(plan.layout.samples(), PROBES);
     let fits = |level: &Fidelity| {
-        !plan.layers().contains(&OutputLayer::Pressure) || level.models(false).gelpad.knows_pressure()
+        !plan.layers().contains(&OutputLayer::Pressure) || level.models(LightSource::Leds).gelpad.knows_pressure()
     };
     let levels: Vec<Fidelity> = Fidelity::ALL.into_iter().filter(fits).collect();
     let reference = plan.with_fidelity(Fidelity::Reference);
