@@ -339,6 +339,9 @@ impl Calibrate {
             background_sha256: Some(sha256(&picture)),
             calibration: table.is_some().then(|| file_name(&table_path)),
             calibration_sha256: table.as_deref().map(sha256),
+            // What was fitted takes the place of another sensor's lamps.
+            led: if sensor.led.is_empty() { Sensor::default().led } else { sensor.led },
+            lamp: Vec::new(),
             ..sensor
         };
         let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;

@@ -204,7 +204,8 @@ pub struct BackgroundLabel {
     pub file: String,
     /// SHA-256 of that file in lower-case hex; empty if it is rendered.
     pub sha256: String,
-    /// Red, green and blue of the diffuse light; this and the others are 0 if it is a file.
+    /// Red, green and blue of the diffuse light; this and the others are 0 if it is a file, or shows the light of
+    /// the sensor's lamps.
     pub color: [f64; 3],
     /// Brightness that each LED adds at its edge of the image.
     pub glow: f64,
@@ -387,7 +388,7 @@ fn background(plan: &Plan, scene: &Scene, sensor: &Sensor) -> BackgroundLabel {
     let photograph = plan.sensors.photographs.get(number);
     let (file, sha256) = photograph.map_or_else(Default::default, |own| (own.file.clone(), own.sha256.clone()));
     match &sensor.background {
-        Background::Rendered(look) => BackgroundLabel {
+        Background::Rendered(look) if sensor.lamps.is_empty() => BackgroundLabel {
             file,
             sha256,
             color: look.color,
@@ -400,7 +401,8 @@ fn background(plan: &Plan, scene: &Scene, sensor: &Sensor) -> BackgroundLabel {
             dust_size_mm: look.dust_size_mm,
             pattern: look.pattern.iter().flat_map(|own| [own.red, own.green, own.blue]).flatten().collect(),
         },
-        Background::Photograph(_) => BackgroundLabel {
+        // A photograph, or what the lamps show.
+        _ => BackgroundLabel {
             file,
             sha256,
             color: [0.0; 3],

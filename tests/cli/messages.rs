@@ -510,7 +510,7 @@ fn a_mesh_that_cannot_be_read_is_named_with_its_line() {
 fn a_sensor_preset_that_does_not_exist_is_shown_with_the_nearest() {
     let title = "no sensor preset is called `gelsight-2015`";
     one_mistake("[sensor]", "[sensor]\npreset = «\"gelsight-2015\"»", title, "did you mean `gelsight-2014`?");
-    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`gelsight-mini` or `digit`");
+    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`digit` or `gelsight-series2`");
     one_mistake("[sensor]", "[sensor]\npreset = «5»", "expected text in quotes, found 5", "");
 }
 

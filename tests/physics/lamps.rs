@@ -2,6 +2,7 @@
 //! with its own layout of the numbers and its own places of the pixels.
 
 use gelsim::core::base::grid::Grid;
+use gelsim::core::base::simd::scalar_only;
 use gelsim::core::base::view::View;
 use gelsim::core::effects::{Effect, EffectLog, EffectPolicy};
 use gelsim::core::optics::lamps::{COUNT, Lamp, Shader};
@@ -114,8 +115,10 @@ fn grey_images_of_random_normals_are_the_published_formula() {
             let heights = || (steepest * mm_per_px[0] * (2.0 * random.unit() - 1.0)) as f32;
             surface.row_mut(y).fill_with(heights);
         }
-        let planes = Shader::new(&lamps, &view).grey(&surface);
+        let shader = Shader::new(&lamps, &view);
+        let planes = shader.grey(&surface);
         assert_eq!(planes.len(), COUNT);
+        assert_eq!(planes, scalar_only(|| shader.grey(&surface)), "without wide vectors the bits are the same");
         let found = |at: usize| planes.iter().map(move |plane| plane.data[at]);
         let (mut off, mut black, mut white) = (0.0_f64, 0, 0);
         for (at, expected) in Published::new(&lamps).images(&surface, &view).into_iter().enumerate() {

@@ -73,6 +73,14 @@ ELSEWHERE = {
     "gelsim render --depth seen --depth-unit m --plane-mm 25 --projection perspective --fov-y-deg 40 --sensor gelsight-2014"
     " --out from-perspective": ("MuJoCo's frames", "tests/pipeline/simulators.py"),
     "python tests/pipeline/simulators.py GELSIM": ("the packages of simulators", ".ci/run"),
+    "gelsim calibrate --gelsight devices/series2_2EF6_4JNW.yaml --out my-sensor.toml": (
+        "GelSight's files; there with made-up ones",
+        "tests/cli/gelsight.rs",
+    ),
+    "gelsim calibrate --gelsight devices/series2_2EF6_4JNW.yaml --out gelsight-series2.toml": (
+        "GelSight's files; there with made-up ones",
+        "tests/cli/gelsight.rs",
+    ),
     "python tests/transfer/run.py GELSIM --real FOLDER": ("real presses; what it printed", "docs/transfer.md"),
     "python tests/transfer/run.py GELSIM --real FOLDER --set gsmini_gssdk gelsight_thu --seeds 1": (
         "real presses; what it printed",

@@ -14,7 +14,7 @@ use crate::job::config::dataset::Dataset;
 use crate::job::config::object::Object;
 use crate::job::config::scene::{Face, Pose};
 use crate::job::plan::check::Check;
-use crate::job::plan::{ranges, standalone, view};
+use crate::job::plan::{ranges, standalone};
 
 /// What names the background image that the sensor renders.
 const RENDERED: &str = "rendered";
@@ -61,14 +61,7 @@ pub fn background(
     let name = written.input.background.as_ref()?;
     if name == RENDERED {
         // Of a sensor that is unsound nothing can be rendered, and it is said elsewhere.
-        return check.problems.is_empty().then(|| {
-            BackgroundImage::rendered(
-                &job.sensor.rendered_background,
-                &job.sensor.led,
-                job.sensor.field_of_view_mm,
-                &view(job),
-            )
-        });
+        return check.problems.is_empty().then(|| BackgroundImage::clone(&job.bare_sensor().background()));
     }
     let beside = check.document.folder("input.background").join(name);
     let inside = written.input.path.as_ref().map(|path| check.document.folder("input.path").join(path).join(name));

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::core::base::view::View;
 use crate::core::optics::background::BackgroundImage;
 use crate::files::sensor::Sensor;
+use crate::files::sensor::camera::CameraDistribution;
 use crate::files::sensor::markers::MarkerDistribution;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::plan::check::Check;
@@ -87,12 +88,8 @@ pub struct SensorProfile {
 impl SensorProfile {
     /// The background image that the sensor would render.
     pub fn rendered(&self) -> BackgroundImage {
-        BackgroundImage::rendered(
-            &self.sensor.rendered_background,
-            &self.sensor.led,
-            self.sensor.field_of_view_mm,
-            &self.view,
-        )
+        let sensor = self.sensor.to_simulated(None, &CameraDistribution::default());
+        BackgroundImage::clone(&sensor.with_resolution(self.view.resolution_px).background())
     }
 }
 
