@@ -35,7 +35,11 @@ fn strongest(plan: &Plan, led: &Led) -> f64 {
 /// The range that light before the camera stays in, whatever the surface: k_d and k_s bound Phong's terms, a flat pad's
 /// are taken off, and a bulge brightens by the darkening that it lacks.
 fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
-    let phong = plan.simulator.models().optics.phong().expect("LEDs");
+    let Some(phong) = plan.simulator.models().optics.phong() else {
+        // Lamps: shares of white, relative to a photograph or to their own composite, which was rounded.
+        let beyond = if plan.simulator.sensor().has_photograph() { 1.0 } else { 0.5 / 255.0 };
+        return [-beyond, 1.0 + beyond];
+    };
     let most = (0..3)
         .map(|k| {
             let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led);
