@@ -62,7 +62,7 @@ fn specks_of_dust_stay_where_they_are_and_are_more_where_the_pad_has_more() {
         let dust = format!("grain = 0.0, dust_per_cm2 = {density:?}, dust_size_mm = 0.2");
         plan(&format!(
             "dataset = {{ name = 'dust', samples = 1 }}\nsensor.resolution_px = {resolution}\n\
-             object = [{{ path = 'objects/sphere.obj' }}]\n{}",
+             object = [{{ path = 'objects/sphere.obj' }}]\nindentation.depth_mm = 0.5\n{}",
             EVEN.replace("grain = 0.0", &dust)
         ))
     };
