@@ -71,8 +71,10 @@ fn specks_of_dust_stay_where_they_are_and_are_more_where_the_pad_has_more() {
     let (none, few, many) =
         (changed(&pad(0.0, "[160, 120]")), changed(&pad(5.0, "[160, 120]")), changed(&pad(40.0, "[160, 120]")));
     assert_eq!(share(&none), 0.0);
-    assert!(few.iter().zip(&many).all(|(few, many)| many >= few), "specks of the sparser pad are gone");
-    assert!(share(&few) > 0.002 && share(&few) < 0.02 && share(&many) > 4.0 * share(&few), "{}", share(&few));
+    // Here and there a bright speck lies on a dark one.
+    let gone: Vec<bool> = few.iter().zip(&many).map(|(few, many)| *few && !*many).collect();
+    assert!(share(&gone) < 0.02 * share(&few), "specks of the sparser pad are gone: {}", share(&gone));
+    assert!((0.01..0.05).contains(&share(&few)) && share(&many) > 4.0 * share(&few), "{}", share(&few));
     // The same specks in another resolution.
     let finer = share(&changed(&pad(40.0, "[320, 240]")));
     assert!((finer / share(&many) - 1.0).abs() < 0.1, "{finer} and {}", share(&many));
