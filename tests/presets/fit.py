@@ -165,14 +165,11 @@ def main():
         surfaces = folder / "surfaces"
         fit = run(given.gelsim, "calibrate", "--leds", folder / "fitted.csv", *common, "--surfaces", surfaces, "--out", sensor)
         print(fit, end="")
-        # Of the preset only what is not fitted.
-        by_leds = folder / "by-leds.toml"
-        by_leds.write_text(re.sub(r"\[light_residual\]\n(?:\w.*\n|[ \]].*\n)*", "", sensor.read_text()))
-        leds_alone = error(given.gelsim, folder / "tested.csv", by_leds, folder / "leds")
-        error(given.gelsim, folder / "fitted.csv", by_leds, folder / "left")
+        leds_alone = error(given.gelsim, folder / "tested.csv", sensor, folder / "leds")
+        error(given.gelsim, folder / "fitted.csv", sensor, folder / "left")
         stray = numpy.array(json.loads(re.search(r"^stray_light = (.*)", sensor.read_text(), re.MULTILINE)[1]))
         rest = residual(fitted, surfaces, folder / "left", background, stray)
-        sensor.write_text(by_leds.read_text() + "\n" + rest)
+        sensor.write_text(sensor.read_text() + "\n" + rest)
         height, width, _ = background.shape
         preset.write_text(
             f'preset = "{given.preset}"\nbackground = "{Path(given.background).resolve()}"\nresolution_px = [{width}, {height}]\n'

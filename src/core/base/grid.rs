@@ -128,20 +128,6 @@ impl Rect {
         self.area() == 0
     }
 
-    /// The smallest rectangle around this one and another; an empty one counts for nothing.
-    pub fn around(self, other: Self) -> Self {
-        match (self.is_empty(), other.is_empty()) {
-            (true, _) => other,
-            (_, true) => self,
-            _ => Self {
-                x0: self.x0.min(other.x0),
-                y0: self.y0.min(other.y0),
-                x1: self.x1.max(other.x1),
-                y1: self.y1.max(other.y1),
-            },
-        }
-    }
-
     /// Larger by `by` pixels on every side, cut to a `width` x `height` image. An empty rectangle stays empty.
     pub fn grown(self, by: usize, width: usize, height: usize) -> Self {
         if self.is_empty() {
@@ -155,7 +141,7 @@ impl Rect {
         }
     }
 
-    /// The smallest rectangle that holds both.
+    /// The smallest rectangle that holds both; an empty one counts for nothing.
     pub fn united(self, other: Self) -> Self {
         match (self.is_empty(), other.is_empty()) {
             (true, _) => other,

@@ -141,7 +141,7 @@ impl Shader {
         let (surface, everywhere) = (&contact.surface, effects.everywhere());
         let bent = effects.timed(Effect::Shading, || self.threshold.region(contact, &self.view));
         // Samples see bends beside their pixel.
-        let bent = contact.subpixel.as_ref().map_or(bent, |subpixel| bent.around(subpixel.region));
+        let bent = contact.subpixel.as_ref().map_or(bent, |subpixel| bent.united(subpixel.region));
         let if_bent =
             |why| if bent.is_empty() { Requirement::Unneeded("the surface is flat") } else { Requirement::Needed(why) };
         let shades = effects.enable(Effect::Shading, if_bent("the surface is not flat"));

@@ -1,0 +1,83 @@
+//! What `gelsim calibrate` prints of what it found, and writes at the head of the sensor file.
+
+use crate::core::optics::calibrated::beyond::Range;
+use crate::core::optics::led::Led;
+use crate::lab::calibrate::camera::MeasuredCamera;
+use crate::lab::calibrate::leds::FittedLeds;
+use crate::lab::calibrate::run::Calibration;
+use crate::lab::compare::score::Score;
+
+pub(super) const HEAD: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
+
+pub(super) fn row(contact: Option<&Score>, full_image: Option<&Score>) -> String {
+    format!("{:<31} {}", contact.map(figures).unwrap_or_default(), full_image.map(figures).unwrap_or_default())
+}
+
+pub(super) fn figures(score: &Score) -> String {
+    let psnr = score.psnr_db.map_or(String::from("-"), |db| format!("{db:.2}"));
+    format!("{:.2} / {psnr} / {:.4}", score.mae, score.ssim)
+}
+
+/// What was found, and how good it is.
+pub(super) fn summary(found: &Calibration) -> Vec<(String, String)> {
+    let [width, height] = found.session.sensor.resolution_px;
+    let figure = |score: &Option<Score>| score.as_ref().map_or(String::from("-"), figures);
+    let ([contact, full_image], [bare_contact, bare_full_image]) = (found.errors(), found.errors_without());
+    let suspects = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
+    let presses = found.session.observations.len();
+    let line = |what: &str, figure: String| (what.to_owned(), figure);
+    vec![
+        line("image", format!("{width}x{height} px, {} mm per px", found.session.camera.mm_per_px[0])),
+        line("presses", format!("{presses}, {suspects} of them doubtful, {} left out", found.dropped.len())),
+        line("gelpad thickness", format!("{} mm", found.geometry.thickness_mm)),
+        line("contact over visible disc", format!("{:.2}", found.geometry.contact_over_disc)),
+        line("calibrated range", found.table.range().map_or(String::from("-"), range)),
+        line("cross-validated, contact", format!("{} (MAE / PSNR dB / SSIM)", figure(&contact))),
+        line("cross-validated, whole image", figure(&full_image)),
+        line("background alone, contact", figure(&bare_contact)),
+        line("background alone, whole image", figure(&bare_full_image)),
+    ]
+    .into_iter()
+    .chain(leds_summary(&found.leds))
+    .chain(camera_summary(found.camera.as_ref()))
+    .collect()
+}
+
+/// How far the presses went.
+pub(super) fn range(Range { steepest, heights_mm: [_, deepest_mm] }: Range) -> String {
+    format!("slopes up to {:.1} degrees, displacements up to {deepest_mm:.2} mm", steepest.asin().to_degrees())
+}
+
+/// What was found of the LEDs.
+pub(super) fn leds_summary(found: &FittedLeds) -> Vec<(String, String)> {
+    let led = |led: &Led| {
+        let [red, green, blue] = led.color;
+        let figure = format!(
+            "azimuth {:.0}, elevation {:.0} degrees, intensity {:.2}, colour {red:.2} {green:.2} {blue:.2}",
+            led.azimuth_deg, led.elevation_deg, led.intensity
+        );
+        (format!("LED {}", led.name), figure)
+    };
+    let left = (String::from("LEDs, left unexplained"), format!("{:.1} grey levels RMS", 255.0 * found.rms));
+    found.leds.iter().map(led).chain([left]).collect()
+}
+
+/// What was found of the camera.
+pub(super) fn camera_summary(found: Option<&MeasuredCamera>) -> Vec<(String, String)> {
+    let line = |what: &str, figure: String| (what.to_owned(), figure);
+    let Some(MeasuredCamera { read_noise_levels, shot_noise_levels, correlation, drift, .. }) = found else {
+        return vec![line("camera", String::from("not measured: too little of the images is away from the discs"))];
+    };
+    let rgb = |[red, green, blue]: [f64; 3]| format!("{red:.2} {green:.2} {blue:.2}");
+    let [across, down] = correlation;
+    vec![
+        line("camera, read noise R G B", format!("{} grey levels", rgb(*read_noise_levels))),
+        line("camera, shot noise of white R G B", format!("{} grey levels", rgb(*shot_noise_levels))),
+        line("camera, noise of neighbours", format!("correlates by {across:.2} across, {down:.2} down")),
+        line("camera, drift between images R G B", format!("{} %", rgb(drift.map(|share| 100.0 * share)))),
+    ]
+}
+
+pub(super) fn lines(summary: &[(String, String)]) -> String {
+    summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n")).collect()
+}
