@@ -65,7 +65,8 @@ pub(super) fn leds_summary(found: &FittedLeds) -> Vec<(String, String)> {
 /// What was found of the camera.
 pub(super) fn camera_summary(found: Option<&MeasuredCamera>) -> Vec<(String, String)> {
     let line = |what: &str, figure: String| (what.to_owned(), figure);
-    let Some(MeasuredCamera { read_noise_levels, shot_noise_levels, correlation, drift, .. }) = found else {
+    let Some(MeasuredCamera { read_noise_levels, shot_noise_levels, correlation, drift, speckle_levels, .. }) = found
+    else {
         return vec![line("camera", String::from("not measured: too little of the images is away from the discs"))];
     };
     let rgb = |[red, green, blue]: [f64; 3]| format!("{red:.2} {green:.2} {blue:.2}");
@@ -74,6 +75,12 @@ pub(super) fn camera_summary(found: Option<&MeasuredCamera>) -> Vec<(String, Str
         line("camera, read noise R G B", format!("{} grey levels", rgb(*read_noise_levels))),
         line("camera, shot noise of white R G B", format!("{} grey levels", rgb(*shot_noise_levels))),
         line("camera, noise of neighbours", format!("correlates by {across:.2} across, {down:.2} down")),
+        line(
+            "speckle where pressed R G B",
+            speckle_levels.map_or(String::from("not measured: the discs are too small"), |levels| {
+                format!("{} grey levels", rgb(levels))
+            }),
+        ),
         line("camera, drift between images R G B", format!("{} %", rgb(drift.map(|share| 100.0 * share)))),
     ]
 }

@@ -1,8 +1,12 @@
-//! The camera of a sensor, measured where nothing was pressed: noise, and what drifts between images.
+//! The camera of a sensor, measured where nothing was pressed: noise, and what drifts between images. And the speckle that
+//! the skin shows where something was.
 //!
 //! Away from the discs two images of presses show the same pad. Their difference, less its mean in each small block, is the
 //! noise of both, whatever the pad's grain; its variance against the level tells shot from read noise (Janesick 2007,
 //! "Photon transfer"). Medians over blocks leave dust that moved out of it.
+//!
+//! Within a disc a block of image less background is noise, speckle, and light that varies smoothly: less a parabola, its variance
+//! beyond that of such blocks away from the disc is the speckle's.
 
 use image::RgbImage;
 use rayon::prelude::*;
@@ -27,6 +31,8 @@ const USABLE: [u8; 2] = [3, 252];
 const MEDIAN_OVER_MEAN: f64 = 0.989;
 /// Fraction of an image that must be away from its disc for its brightness to be known.
 const FEWEST_FAR: f64 = 0.02;
+/// How far from its middle a disc is as smooth as a parabola in each block, in radii.
+const SMOOTH: f64 = 0.75;
 /// Drift of brightness that is too small to be written.
 const UNSEEN_DRIFT: f64 = 5e-4;
 
@@ -43,6 +49,8 @@ pub struct MeasuredCamera {
     pub drift: [f64; 3],
     /// Standard deviation between the images of the brightness of green, as a fraction; and of red and blue over green.
     pub gains: [f64; 3],
+    /// Standard deviation of the speckle of each channel within the discs, grey levels; `None` if they are too small.
+    pub speckle_levels: Option<[f64; 3]>,
 }
 
 impl MeasuredCamera {
@@ -68,6 +76,7 @@ impl MeasuredCamera {
             read_noise_levels: mean(self.read_noise_levels),
             noise_color: self.noise_color(),
             noise_correlation: Quantity::Constant(rounded(neighbours.clamp(0.0, MOST_CORRELATION), 1e2)),
+            speckle_levels: self.speckle_levels.map_or(rest.speckle_levels, mean),
             ..rest
         }
     }
@@ -110,10 +119,11 @@ pub fn measure(session: &Session) -> Option<MeasuredCamera> {
         let values = noisy.filter(|(block, channel)| block.variance[*channel] > ROUNDING);
         median(values.map(|(block, channel)| block.correlation[channel][way]).collect()).unwrap_or_default()
     };
+    let shot_noise_levels = [0, 1, 2].map(|channel| noise[channel][1]);
     let drift = |of: &dyn Fn(&[f64; 3]) -> f64| spread(known.iter().map(|(_, gains)| libm::log(of(gains))).collect());
     Some(MeasuredCamera {
         read_noise_levels: [0, 1, 2].map(|channel| noise[channel][0]),
-        shot_noise_levels: [0, 1, 2].map(|channel| noise[channel][1]),
+        shot_noise_levels,
         correlation: [0, 1].map(correlation),
         drift: [0, 1, 2].map(|channel| drift(&|gains| gains[channel])),
         gains: [
@@ -121,12 +131,44 @@ pub fn measure(session: &Session) -> Option<MeasuredCamera> {
             drift(&|[red, green, _]| red / green),
             drift(&|[_, green, blue]| blue / green),
         ],
+        speckle_levels: speckle(&known, &session.background, shot_noise_levels),
     })
 }
 
+/// How much rougher each channel is within the discs than away from them, grey levels.
+fn speckle(known: &[(&Observation, [f64; 3])], background: &RgbImage, shot_noise_levels: [f64; 3]) -> Option<[f64; 3]> {
+    let roughness = |is_inside: &(dyn Fn(&Observation, usize, usize) -> bool + Sync)| -> Option<[f64; 3]> {
+        let of = |(observation, gains): &(&Observation, [f64; 3])| {
+            let is_clear = |x: usize, y: usize| is_inside(observation, x, y);
+            corners_clear(background, is_clear)
+                .filter_map(|at| block([&observation.image, background], [*gains, [1.0; 3]], at, Trend::Parabola))
+                .collect::<Vec<_>>()
+        };
+        let blocks: Vec<Block> = known.par_iter().flat_map_iter(of).collect();
+        // A block's variance is half of the difference's: the mean of both pictures' noise, and half of the speckle's.
+        let excess = |channel: usize| {
+            let shot = shot_noise_levels[channel] * shot_noise_levels[channel];
+            let of = |block: &Block| block.variance[channel] - shot * block.level[channel] / 255.0;
+            median(blocks.iter().map(of).collect())
+        };
+        (blocks.len() >= FEWEST_BLOCKS).then(|| [0, 1, 2].map(|channel| excess(channel).unwrap_or_default()))
+    };
+    let (within, away) = (roughness(&is_near)?, roughness(&is_far)?);
+    Some(std::array::from_fn(|channel| (2.0 * (within[channel] - away[channel]).max(0.0) / MEDIAN_OVER_MEAN).sqrt()))
+}
+
 fn is_far(observation: &Observation, x: usize, y: usize) -> bool {
+    from_centre(observation, x, y) > REACH
+}
+
+fn is_near(observation: &Observation, x: usize, y: usize) -> bool {
+    from_centre(observation, x, y) < SMOOTH
+}
+
+/// From the centre of the disc, in its radii.
+fn from_centre(observation: &Observation, x: usize, y: usize) -> f64 {
     let [cx, cy] = observation.circle.centre_px;
-    libm::hypot(x as f64 - cx, y as f64 - cy) > REACH * observation.circle.radius_px
+    libm::hypot(x as f64 - cx, y as f64 - cy) / observation.circle.radius_px
 }
 
 fn is_usable(level: u8) -> bool {
@@ -167,22 +209,57 @@ fn blocks(
     (first, first_gains): (&Observation, [f64; 3]),
     (second, second_gains): (&Observation, [f64; 3]),
 ) -> Vec<Block> {
-    let (width, height) = (first.image.width() as usize, first.image.height() as usize);
-    let corners = |x: usize, y: usize| [(x, y), (x + BLOCK_PX, y), (x, y + BLOCK_PX), (x + BLOCK_PX, y + BLOCK_PX)];
-    let is_clear =
-        |x: usize, y: usize| corners(x, y).iter().all(|(x, y)| is_far(first, *x, *y) && is_far(second, *x, *y));
-    let mut found = Vec::new();
-    for y in (0..height.saturating_sub(BLOCK_PX)).step_by(BLOCK_PX) {
-        for x in (0..width.saturating_sub(BLOCK_PX)).step_by(BLOCK_PX) {
-            if is_clear(x, y) {
-                found.extend(block([&first.image, &second.image], [first_gains, second_gains], [x, y]));
-            }
-        }
-    }
-    found
+    corners_clear(&first.image, |x, y| is_far(first, x, y) && is_far(second, x, y))
+        .filter_map(|at| block([&first.image, &second.image], [first_gains, second_gains], at, Trend::Mean))
+        .collect()
 }
 
-fn block(images: [&RgbImage; 2], gains: [[f64; 3]; 2], [x0, y0]: [usize; 2]) -> Option<Block> {
+/// Where there are blocks whose four corners are all clear.
+fn corners_clear(image: &RgbImage, is_clear: impl Fn(usize, usize) -> bool) -> impl Iterator<Item = [usize; 2]> {
+    let starts = |size: u32| (0..(size as usize).saturating_sub(BLOCK_PX)).step_by(BLOCK_PX);
+    let (columns, rows) = (starts(image.width()), starts(image.height()));
+    rows.flat_map(move |y| columns.clone().map(move |x| [x, y])).filter(move |[x, y]| {
+        let (right, low) = (x + BLOCK_PX, y + BLOCK_PX);
+        [(*x, *y), (right, *y), (*x, low), (right, low)].into_iter().all(|(x, y)| is_clear(x, y))
+    })
+}
+
+/// What is no noise in the difference of two blocks, and taken off.
+#[derive(Clone, Copy, PartialEq)]
+enum Trend {
+    /// A constant.
+    Mean,
+    /// A polynomial of second degree.
+    Parabola,
+}
+
+impl Trend {
+    /// Takes it off; returns how many values are still free.
+    fn remove(self, values: &mut [[f64; BLOCK_PX]; BLOCK_PX]) -> f64 {
+        // Polynomials that are orthogonal on the block's columns, or rows.
+        let place = |k: usize| k as f64 - 0.5 * (BLOCK_PX as f64 - 1.0);
+        let square = (BLOCK_PX * BLOCK_PX - 1) as f64 / 12.0;
+        let power = |degree: u8, k: usize| match degree {
+            0 => 1.0,
+            1 => place(k),
+            _ => place(k) * place(k) - square,
+        };
+        let degrees: &[[u8; 2]] = match self {
+            Self::Mean => &[[0, 0]],
+            Self::Parabola => &[[0, 0], [1, 0], [0, 1], [1, 1], [2, 0], [0, 2]],
+        };
+        for [across, down] in degrees {
+            let term = |x: usize, y: usize| power(*across, x) * power(*down, y);
+            let places = || (0..BLOCK_PX).flat_map(|y| (0..BLOCK_PX).map(move |x| (x, y)));
+            let size: f64 = places().map(|(x, y)| term(x, y) * term(x, y)).sum();
+            let share = places().map(|(x, y)| values[y][x] * term(x, y)).sum::<f64>() / size;
+            places().for_each(|(x, y)| values[y][x] -= share * term(x, y));
+        }
+        (BLOCK_PX * BLOCK_PX - degrees.len()) as f64
+    }
+}
+
+fn block(images: [&RgbImage; 2], gains: [[f64; 3]; 2], [x0, y0]: [usize; 2], trend: Trend) -> Option<Block> {
     const COUNT: f64 = (BLOCK_PX * BLOCK_PX) as f64;
     let mut block = Block { level: [0.0; 3], variance: [0.0; 3], correlation: [[0.0; 2]; 3] };
     for (channel, (first, second)) in gains[0].into_iter().zip(gains[1]).enumerate() {
@@ -199,8 +276,7 @@ fn block(images: [&RgbImage; 2], gains: [[f64; 3]; 2], [x0, y0]: [usize; 2]) -> 
                 level += 0.5 * (a + b) / COUNT;
             }
         }
-        let mean = difference.as_flattened().iter().sum::<f64>() / COUNT;
-        difference.as_flattened_mut().iter_mut().for_each(|value| *value -= mean);
+        let free = trend.remove(&mut difference);
         let square = difference.as_flattened().iter().map(|value| value * value).sum::<f64>();
         let products = |dx: usize, dy: usize| -> f64 {
             let places = (0..BLOCK_PX - dy).flat_map(|y| (0..BLOCK_PX - dx).map(move |x| (x, y)));
@@ -209,7 +285,7 @@ fn block(images: [&RgbImage; 2], gains: [[f64; 3]; 2], [x0, y0]: [usize; 2]) -> 
         };
         block.level[channel] = level;
         // Of two images, and less what rounding adds.
-        block.variance[channel] = 0.5 * square / (COUNT - 1.0) - ROUNDING;
+        block.variance[channel] = 0.5 * square / free - ROUNDING;
         // The mean that was taken off takes a little of the correlation with it.
         let relative = |product: f64| if square > 0.0 { product * COUNT / square + 1.0 / COUNT } else { 0.0 };
         block.correlation[channel] = [relative(products(1, 0)), relative(products(0, 1))];
@@ -273,7 +349,7 @@ mod tests {
     use crate::lab::presses::Circle;
 
     /// Images of a pad with a bright and a dark side, grain and a spot under the disc.
-    fn session(read: f64, shot: f64, drift: f64, disc_px: f64) -> Session {
+    fn session(read: f64, shot: f64, drift: f64, disc_px: f64, speckle: f64) -> Session {
         let pad =
             |x: u32, y: u32| [30 + x, 200 - x, 60 + y].map(|level| f64::from(level) + f64::from((7 * x + 3 * y) % 5));
         let circle = Circle { centre_px: [80.0, 60.0], radius_px: disc_px };
@@ -291,6 +367,17 @@ mod tests {
             let gain = 1.0 + drift * (k as f64 - 4.0) / 4.0;
             let mut image = picture(k, gain);
             (0..20).for_each(|at| image.put_pixel(70 + at, 60, Rgb([255; 3])));
+            let mut random = stream(k, "speckle", 0);
+            for (x, y, pixel) in image.enumerate_pixels_mut() {
+                // A disc that is lit from the left, as far as a parabola goes.
+                let [right, down] = [(f64::from(x) - 80.0) / disc_px, (f64::from(y) - 60.0) / disc_px];
+                if speckle > 0.0 && right * right + down * down < 1.0 {
+                    let light = 20.0 * right - 15.0 * down * down;
+                    *pixel = Rgb(pixel.0.map(|level| {
+                        (f64::from(level) + light + speckle * random.normal()).round().clamp(0.0, 255.0) as u8
+                    }));
+                }
+            }
             Observation { file: format!("{k}"), image, circle, ball_radius_mm: 4.0 }
         };
         Session {
@@ -303,7 +390,7 @@ mod tests {
 
     #[test]
     fn noise_and_drift_that_were_put_in_are_found() {
-        let found = measure(&session(1.2, 3.0, 0.04, 6.0)).expect("most of the image is away from the disc");
+        let found = measure(&session(1.2, 3.0, 0.04, 6.0, 0.0)).expect("most of the image is away from the disc");
         let close = |found: f64, truth: f64, by: f64| assert!((found - truth).abs() < by, "{found} for {truth}");
         for channel in 0..3 {
             close(found.read_noise_levels[channel], 1.2, 0.3);
@@ -321,13 +408,29 @@ mod tests {
     }
 
     #[test]
+    fn speckle_that_was_put_into_discs_is_found_and_none_where_there_is_none() {
+        let found = |speckle: f64| measure(&session(1.2, 3.0, 0.02, 20.0, speckle)).expect("far pixels").speckle_levels;
+        let close = |found: Option<[f64; 3]>, truth: f64, by: f64| {
+            let found = found.expect("blocks within the discs");
+            assert!(found.iter().all(|levels| (levels - truth).abs() < by), "{found:?} for {truth}");
+        };
+        close(found(2.0), 2.0, 0.3);
+        // The line of white pixels and chance leave a little.
+        close(found(0.0), 0.0, 0.8);
+        let small = measure(&session(1.2, 3.0, 0.02, 6.0, 2.0)).expect("far pixels");
+        assert_eq!(small.speckle_levels, None);
+        let rest = CameraDistribution { speckle_levels: Quantity::Constant(0.7), ..Default::default() };
+        assert_eq!(small.distribution(rest).speckle_levels, Quantity::Constant(0.7));
+    }
+
+    #[test]
     fn a_camera_without_noise_has_none_and_one_that_shows_discs_alone_is_not_measured() {
-        let quiet = measure(&session(0.0, 0.0, 0.0, 6.0)).expect("most of the image is away from the disc");
+        let quiet = measure(&session(0.0, 0.0, 0.0, 6.0, 0.0)).expect("most of the image is away from the disc");
         assert!(
             quiet.read_noise_levels.iter().chain(&quiet.shot_noise_levels).all(|levels| *levels < 0.05),
             "{quiet:?}"
         );
         assert_eq!(quiet.distribution(CameraDistribution::default()).exposure, Quantity::Constant(1.0));
-        assert_eq!(measure(&session(1.0, 1.0, 0.0, 40.0)), None);
+        assert_eq!(measure(&session(1.0, 1.0, 0.0, 40.0, 0.0)), None);
     }
 }
