@@ -17,6 +17,7 @@ use crate::core::depth::{self, Depth, rest};
 use crate::core::effects::{Effect, EffectLog, EffectPolicy};
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad::elastic::inplane::InPlane;
+use crate::core::gelpad::elastic::model_error::curvature_error_mm;
 use crate::core::gelpad::material::Material;
 use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
@@ -287,6 +288,10 @@ impl Simulator {
                 None => break (depth, contact),
             }
         };
+        if let (Some(drop_mm), Some(error_um)) = (self.drop_mm.as_deref(), contact.numerics.model_error_um.as_mut()) {
+            let depth_mm = f64::from(depth.deepest_mm);
+            *error_um += 1e3 * curvature_error_mm(depth_mm, &contact.mask, drop_mm, self.view.mm_per_px);
+        }
         // Between pixel centres, where it bends within a pixel.
         let scene = subpixel::Scene {
             pad: &self.pad,

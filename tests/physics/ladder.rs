@@ -58,10 +58,10 @@ fn every_rung_but_the_blur_says_how_well_it_solved_the_contact() {
             let residual_um = label.numerics.residual_um.expect("the elastic pad knows it");
             assert!(residual_um <= 2.0 * tolerance_um, "{object} {rung:?}: {residual_um}");
             assert!(label.numerics.iterations > 0 && label.contact.force_n > Some(0.0));
-            let expected = 800.0 * (0.04 * 0.8 / 3.0 + 0.08 * (0.8_f64 / 3.0).powi(2));
-            let predicted = label.numerics.model_error_um.expect("the elastic pad knows it");
-            // The deepest pixel is not quite the deepest point.
-            assert!(predicted > 0.8 * expected && predicted <= expected * 1.001, "{predicted} of {expected}");
+            // A ball's edge is gentle, a gear's a wall; what follows from either is 0.8 mm deep (tests of `finite_elements`).
+            let expected_um = if object == "sphere" { 2.0..30.0 } else { 30.0..130.0 };
+            let model_error_um = label.numerics.model_error_um.expect("the elastic pad knows it");
+            assert!(expected_um.contains(&model_error_um), "{object} {rung:?}: {model_error_um}");
         }
     }
 }

@@ -5,12 +5,13 @@
 //! against what they describe; `lamps` light of measured lamps against the published formula; `frames` depth frames against the objects that they show; `twin` whole samples against a
 //! plain f64 pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
-//! border and the pixels' size cost; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
+//! border and the pixels' size cost; `finite_elements` the error of linear theory; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
 
 mod border;
 mod capture;
 mod contact;
 mod convolution;
+mod finite_elements;
 mod frames;
 mod gaussian;
 mod gelpad;

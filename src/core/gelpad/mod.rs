@@ -213,7 +213,7 @@ pub struct Numerics {
     pub iterations: u32,
     /// Largest violation of the contact conditions, um, if the model has any.
     pub residual_um: Option<f64>,
-    /// Predicted error of the model's theory, um, if it is known.
+    /// Largest error expected of the model's theory within 2 mm of the contact, um, if it is known.
     pub model_error_um: Option<f64>,
 }
 

@@ -2,9 +2,8 @@
 //!
 //! From the overlap g come the pressure p >= 0 and the surface's displacement w >= g with p (w - g) = 0 (`solve`), w
 //! being p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur this bulges, leaves
-//! the object where it should, and knows forces. Linear theory holds for small strain: its surface is off by 0.5 % of
-//! the depth d where d is a tenth of the thickness h, by 4 % at half of it (spheres, against neo-Hookean finite
-//! elements); [`linear_error_mm`]. Displacements do not depend on Young's modulus; pressures are proportional to it.
+//! the object where it should, and knows forces. Linear theory holds for small strain; what it gets wrong: [`model_error`].
+//! Displacements do not depend on Young's modulus; pressures are proportional to it.
 
 use crate::core::base::grid::Resolution;
 use std::cell::RefCell;
@@ -25,6 +24,7 @@ pub mod fft;
 pub mod inplane;
 pub mod kernel;
 pub mod layer;
+pub mod model_error;
 pub mod plane;
 mod resample;
 pub mod shear;
@@ -34,6 +34,7 @@ mod surface;
 use convolve::{Buffers, Lengths, Spectrum, Torus};
 use inplane::Load;
 use layer::ElasticLayer;
+use model_error::{ContactEdge, model_error_mm};
 use resample::Lattice;
 use solve::{ContactProblem, Outcome, Scratch};
 
@@ -72,7 +73,8 @@ impl Elastic {
 /// of one that goes on beyond it, what is cut off would move the surface in view by up to 20 um (docs/gelpad.md).
 const MARGIN: f64 = 1.5;
 
-/// Indentation depth over thickness up to which linear theory says something; its surface is then off by 4 % of the depth.
+/// Indentation depth over thickness up to which linear theory says something; under a ball its surface is then off by some 3 % of
+/// the depth.
 pub const LARGEST_STRAIN: f64 = 0.5;
 
 /// Overlap, in pixels of the box around it, from which on a coarser grid is solved first.
@@ -83,12 +85,6 @@ const SHALLOW: f32 = 0.02;
 
 /// Height of the bulges that is counted on, as a share of the indentation depth: rings come to 0.36.
 const BULGE: f64 = 0.4;
-
-/// Error of linear theory, mm, for an object `depth_mm` deep in a pad: fitted to spheres in neo-Hookean finite elements.
-pub fn linear_error_mm(depth_mm: f64, thickness_mm: f64) -> f64 {
-    let strain = depth_mm / thickness_mm;
-    depth_mm * (0.04 * strain + 0.08 * strain * strain)
-}
 
 /// The model made ready for a sensor. A clone shares all that is large.
 #[derive(Clone)]
@@ -221,14 +217,17 @@ impl Pad {
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
         let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
+        contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
+        self.fill(&solution, depth, seen, lattice, contact);
+        let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
+        let error_mm =
+            edge.map_or(0.0, |edge| model_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm, edge));
         contact.numerics = Numerics {
             converged: solution.converged,
             iterations: solution.iterations,
             residual_um: Some(f64::from(solution.residual_mm) * 1e3),
-            model_error_um: Some(1e3 * linear_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm)),
+            model_error_um: Some(1e3 * error_mm),
         };
-        contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
-        self.fill(&solution, depth, seen, lattice, contact);
         contact.load = self.load(&mut solution, depth, lattice);
         workspace.coarse = thinned;
         workspace.displacement = solution.displacement;

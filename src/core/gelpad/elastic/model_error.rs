@@ -1,0 +1,161 @@
+//! How far the linear, frictionless layer is from a real one: a law fitted to finite elements.
+//!
+//! Against neo-Hookean finite elements (frictionless, h = 3 mm, nu = 0.48; `tests/oracle/finite_elements.py`) the largest error
+//! of the surface within 2 mm of the contact is, as a share of the depth d,
+//!
+//! ```text
+//! 1 / (1 / (A m^a) + 1 / (B s^b)) + C s^2 u^2
+//! ```
+//!
+//! with the slope m of the object at the contact's edge where that is gentle, with the strain s = d / h alone where it is a wall,
+//! and more under contacts that are wide beside the pad's thickness: u is their area over their perimeter and h. On a curved
+//! pad t^2 D is added, with the slope t of the pad at rest where the contact ends.
+
+use crate::core::base::grid::Grid;
+use crate::core::base::view::SURFACE_BORDER;
+
+/// A and a: of an edge as gentle as a ball's.
+const GENTLE: [f64; 2] = [0.0233, 1.74];
+/// B and b: of a wall.
+const WALL: [f64; 2] = [1.013, 1.59];
+/// C: of a wide contact.
+const WIDE: f64 = 0.0341;
+/// D: of a curved pad.
+const CURVED: f64 = 1.2;
+
+/// Where the contact in view ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ContactEdge {
+    /// The steepest slope of the object from a pixel that touches to one beside it that does not. Beside a wall there is no object,
+    /// and the slope is as large as pixels are fine.
+    pub slope: f64,
+    /// The contact's area over its perimeter, mm: half the radius of a disc.
+    pub area_over_perimeter_mm: f64,
+}
+
+impl ContactEdge {
+    /// That of a contact mask. `overlap` has `margin_px` more on every side. `None` if no pixel in view is at the edge.
+    pub fn of(mask: &Grid<u8>, overlap: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
+        let per_px = mm_per_px.map(|pitch| (1.0 / pitch) as f32);
+        let object = |y: usize| &overlap.row(y + margin_px)[margin_px..][..mask.width];
+        let (mut slope, mut touching_px, mut sides) = (0.0_f32, 0_u64, [0_u64; 2]);
+        for y in 0..mask.height {
+            let (touching, here) = (mask.row(y), object(y));
+            touching_px += touching.iter().map(|value| u64::from(*value != 0)).sum::<u64>();
+            for (touching, mm) in touching.windows(2).zip(here.windows(2)) {
+                if touching[0] != touching[1] {
+                    slope = slope.max((mm[0] - mm[1]).abs() * per_px[0]);
+                    sides[1] += 1;
+                }
+            }
+            if y + 1 < mask.height {
+                let below = mask.row(y + 1).iter().zip(object(y + 1));
+                for ((touching, mm), (touching_below, mm_below)) in touching.iter().zip(here).zip(below) {
+                    if touching != touching_below {
+                        slope = slope.max((mm - mm_below).abs() * per_px[1]);
+                        sides[0] += 1;
+                    }
+                }
+            }
+        }
+        // The sides of pixels are longer than a smooth outline: by 4 / pi for a disc.
+        let sides_mm = sides[0] as f64 * mm_per_px[0] + sides[1] as f64 * mm_per_px[1];
+        let area = touching_px as f64 * mm_per_px[0] * mm_per_px[1];
+        (sides_mm > 0.0).then(|| Self {
+            slope: f64::from(slope),
+            area_over_perimeter_mm: area / (0.25 * std::f64::consts::PI * sides_mm),
+        })
+    }
+}
+
+/// Largest error expected of the surface within 2 mm of the contact, mm: of an object `depth_mm` deep whose contact ends so.
+pub fn model_error_mm(depth_mm: f64, thickness_mm: f64, edge: ContactEdge) -> f64 {
+    let strain = (depth_mm / thickness_mm).max(0.0);
+    let gentle = GENTLE[0] * libm::pow(edge.slope.max(0.0), GENTLE[1]);
+    let wall = WALL[0] * libm::pow(strain, WALL[1]);
+    let beside = if gentle > 0.0 && wall > 0.0 { 1.0 / (1.0 / gentle + 1.0 / wall) } else { 0.0 };
+    let wide = strain * edge.area_over_perimeter_mm / thickness_mm;
+    depth_mm * (beside + WIDE * wide * wide)
+}
+
+/// What is added on a curved pad, mm. `drop_mm` is how far it lies below its highest point, with [`SURFACE_BORDER`] around the mask.
+pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, mm_per_px: [f64; 2]) -> f64 {
+    let per_px = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let mut steepest_squared = 0.0_f32;
+    for y in 0..mask.height {
+        let touching = mask.row(y);
+        let (above, below) = (touching_in(mask, y.checked_sub(1)), touching_in(mask, Some(y + 1)));
+        let row = |down: usize| &drop_mm.row(y + SURFACE_BORDER + down - 1)[SURFACE_BORDER - 1..];
+        let (upper, here, lower) = (row(0), row(1), row(2));
+        for x in 0..mask.width {
+            let beside = [x.checked_sub(1).map(|x| touching[x]), touching.get(x + 1).copied(), above(x), below(x)];
+            if beside.into_iter().flatten().any(|other| other != touching[x]) {
+                let [across, down] = [(here[x + 2] - here[x]) * per_px[0], (lower[x + 1] - upper[x + 1]) * per_px[1]];
+                steepest_squared = steepest_squared.max(across * across + down * down);
+            }
+        }
+    }
+    depth_mm * CURVED * f64::from(steepest_squared)
+}
+
+/// The mask in a row, if there is one.
+fn touching_in(mask: &Grid<u8>, row: Option<usize>) -> impl Fn(usize) -> Option<u8> {
+    let row = row.filter(|row| *row < mask.height);
+    move |x| row.map(|row| mask.at(x, row))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_steepest_edge_counts_and_what_lies_within_the_contact_does_not() {
+        // A margin of 1; a step within the contact, a gentle edge to the right, a steeper one below.
+        let rows = [
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.5, 0.2, 0.1, 0.0],
+            [0.0, 0.5, 0.2, 0.1, 0.0],
+            [0.0, 0.1, -0.1, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0],
+        ];
+        let mut overlap = Grid::new(5, 5);
+        overlap.data = rows.as_flattened().to_vec();
+        let mut mask = Grid::new(3, 3);
+        mask.data = vec![255, 255, 0, 255, 255, 0, 0, 0, 0];
+        let edge = ContactEdge::of(&mask, &overlap, 1, [0.1, 0.2]).expect("an edge");
+        // 0.4 mm over 0.2 mm down, 0.1 mm over 0.1 mm to the right.
+        assert!((edge.slope - 2.0).abs() < 1e-6, "{edge:?}");
+        // Four pixels of 0.1 mm x 0.2 mm, two sides of 0.2 mm and two of 0.1 mm.
+        assert!((edge.area_over_perimeter_mm - 0.08 / (0.6 * std::f64::consts::FRAC_PI_4)).abs() < 1e-9, "{edge:?}");
+        for without in [255, 0] {
+            mask.data.fill(without);
+            assert_eq!(ContactEdge::of(&mask, &overlap, 1, [0.1, 0.2]), None);
+        }
+    }
+
+    #[test]
+    fn the_area_of_a_disc_over_its_perimeter_is_half_its_radius() {
+        let mut mask = Grid::new(100, 100);
+        for y in 0..100_usize {
+            for x in 0..100_usize {
+                mask.row_mut(y)[x] = if x.abs_diff(50).pow(2) + y.abs_diff(50).pow(2) < 1600 { 255 } else { 0 };
+            }
+        }
+        let edge = ContactEdge::of(&mask, &Grid::new(100, 100), 0, [0.05; 2]).expect("an edge");
+        assert!((edge.area_over_perimeter_mm - 1.0).abs() < 0.03, "{edge:?}");
+    }
+
+    #[test]
+    fn the_error_grows_with_depth_slope_and_width_and_is_finite() {
+        let of = |depth_mm, slope, area_over_perimeter_mm| {
+            model_error_mm(depth_mm, 3.0, ContactEdge { slope, area_over_perimeter_mm })
+        };
+        assert_eq!(of(0.0, 1.0, 1.0), 0.0);
+        assert_eq!(of(1.0, 0.0, 0.0), 0.0);
+        let errors = [0.0, 0.1, 1.0, 10.0, 1e3, 1e30].map(|slope| of(0.6, slope, 0.5));
+        assert!(errors.is_sorted() && errors[0] > 0.0 && errors[5] < 0.6, "{errors:?}");
+        let errors = [1e-30, 0.1, 0.5, 1.5, 3.0].map(|depth_mm| of(depth_mm, 2.0, 1.0));
+        assert!(errors.is_sorted() && errors.iter().all(|mm| mm.is_finite()), "{errors:?}");
+        assert!(of(0.6, 0.5, 3.0) > of(0.6, 0.5, 1.0));
+    }
+}
