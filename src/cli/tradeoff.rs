@@ -12,6 +12,9 @@ use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 use crate::lab::tradeoff::{plot, report, tradeoff};
 
+/// Samples, if the user names no number.
+const SAMPLES: u64 = 32;
+
 /// Render the same samples of a job at every fidelity level: error against the reference level, and time. Prints a
 /// table and writes tradeoff.csv, tradeoff.json, tradeoff.svg and tradeoff.png.
 #[derive(Debug, Args)]
@@ -22,9 +25,10 @@ pub struct Tradeoff {
     /// The job
     #[arg(value_name = "JOB.toml")]
     job: PathBuf,
-    /// How many of the job's samples are rendered, spread over all of them
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u64).range(1..))]
-    samples: u64,
+    /// How many of the job's samples are rendered: shallow and deep ones of each object while N allows, and the deepest
+    /// of all [default: 32, or one of each object if that is more]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    samples: Option<u64>,
     /// Folder for the results [default: out/NAME-tradeoff]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -56,7 +60,8 @@ impl Tradeoff {
         // Before the work, lest it be in vain.
         std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
         let heard = !self.quiet && std::io::stderr().is_terminal();
-        let result = tradeoff(&plan, self.samples, |what| {
+        let samples = self.samples.unwrap_or(SAMPLES.max(plan.sampling.objects.len() as u64));
+        let result = tradeoff(&plan, samples, |what| {
             if heard {
                 say(&format!("rendering: {what}"));
             }

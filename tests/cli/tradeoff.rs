@@ -164,8 +164,8 @@ fn the_figures_are_those_of_the_samples_themselves() {
         let own = samples(level);
         let pairs = || own.iter().zip(&exact);
         let heights = pairs().flat_map(|(own, exact)| {
-            let pairs = own.impression.contact.surface.data.iter().zip(&exact.impression.contact.surface.data);
-            pairs.map(|(a, b)| 1e3 * (f64::from(*a) - f64::from(*b)).abs())
+            let pairs = own.impression.surface_mm().into_iter().zip(exact.impression.surface_mm());
+            pairs.map(|(a, b)| 1e3 * (f64::from(a) - f64::from(b)).abs())
         });
         let (mut squares, mut count, mut max) = (0.0, 0.0, 0.0_f64);
         for um in heights {
@@ -176,6 +176,10 @@ fn the_figures_are_those_of_the_samples_themselves() {
         let close = |found: f64, expected: f64| (found - expected).abs() <= 1e-9 * expected.max(1e-9);
         assert!(close(number(row, "height_rms_um"), (squares / count).sqrt()), "{row:?}");
         assert!(close(number(row, "height_max_um"), max), "{row:?}");
+        let model = exact.iter().filter_map(|exact| exact.label.numerics.model_error_um).sum::<f64>() / 8.0;
+        assert!(model > 0.0 && close(number(row, "model_error_um"), model), "{row:?}");
+        let together = number(row, "height_rms_um").hypot(number(row, "model_rms_um"));
+        assert!(close(number(row, "total_rms_um"), together), "{row:?}");
         let levels = || {
             pairs().flat_map(|(own, exact)| {
                 own.impression.image.rgb.iter().zip(&exact.impression.image.rgb).map(|(a, b)| f64::from(a.abs_diff(*b)))
@@ -266,7 +270,12 @@ fn the_ladder_does_not_depend_on_what_the_job_chose_of_it() {
 #[test]
 fn one_sample_is_enough_and_more_than_there_are_is_all_of_them() {
     let folder = Folder::with_job(JOB);
-    for (count, expected) in [("1", vec![0]), ("8", (0..8).collect()), ("100000", (0..8).collect::<Vec<u64>>())] {
+    folder.succeed("generate job.toml --quiet --out data");
+    let depth_mm = |label: &Value| label["indentation_depth_mm"].as_f64().expect("a depth");
+    let labels = folder.labels("data");
+    let deepest = labels.values().max_by(|a, b| depth_mm(a).total_cmp(&depth_mm(b))).expect("samples");
+    let deepest = deepest["index"].as_u64().expect("a number");
+    for (count, expected) in [("1", vec![deepest]), ("8", (0..8).collect()), ("100000", (0..8).collect::<Vec<u64>>())] {
         folder.succeed(&format!("tradeoff job.toml --samples {count} --out out"));
         sound(&folder, "out");
         assert_eq!(json(&folder, "out/tradeoff.json")["samples"], serde_json::json!(expected));

@@ -2,12 +2,15 @@
 
 use gelsim::cli::list::OBJECTS;
 use gelsim::core::fidelity::Fidelity;
+use gelsim::job::config::fidelity::FidelityChoice;
 use gelsim::job::sample::Sample;
 use gelsim::job::sample::render;
 use gelsim::lab::metrics::image::mae;
 use gelsim::lab::metrics::surface::height_error_um;
+use gelsim::lab::tradeoff::choose::choose;
 
 use crate::plan::plan;
+use crate::thorough;
 
 /// One press of a bundled object at every rung, from cheap to exact.
 fn at_every_rung(object: &str) -> Vec<Sample> {
@@ -63,5 +66,26 @@ fn every_rung_but_the_blur_says_how_well_it_solved_the_contact() {
             let model_error_um = label.numerics.model_error_um.expect("the elastic pad knows it");
             assert!(expected_um.contains(&model_error_um), "{object} {rung:?}: {model_error_um}");
         }
+    }
+}
+
+/// The main job on a quarter of its pixels: at most 1 % of its samples, rendered for the choice or not, are further from
+/// the reference than the bound.
+#[test]
+fn a_bound_holds_for_samples_that_were_not_rendered_to_choose() {
+    let job = include_str!("../../configs/quickstart.toml").replace("../objects/", "objects/")
+        + "\n[sensor]\nresolution_px = [320, 240]\n";
+    let plan = plan(&job);
+    let bounds: &[f64] = if thorough() { &[0.3, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 20.0, 120.0] } else { &[10.0] };
+    for bound in bounds {
+        let chosen = choose(&plan, FidelityChoice::MaxErrorUm(*bound)).unwrap_or_else(|report| panic!("{report}"));
+        let (own, exact) = (plan.with_fidelity(chosen.level), plan.with_fidelity(Fidelity::Reference));
+        let surface = |plan, index| render(plan, index).impression.contact.surface;
+        let errors: Vec<f64> =
+            (0..200).map(|index| height_error_um(&surface(&own, index), &surface(&exact, index)).0).collect();
+        let beyond = errors.iter().filter(|um| *um > bound).count();
+        println!("{bound} um: {chosen}; {beyond} of 200 beyond");
+        assert!(beyond <= 2, "{bound} um: {chosen}; {beyond} beyond: {errors:?}");
+        assert!(chosen.beyond <= 0.01 && chosen.probes < 40, "{chosen:?}");
     }
 }

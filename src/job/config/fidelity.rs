@@ -20,8 +20,8 @@ pub enum FidelityChoice {
     High,
     /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
     Reference,
-    /// The cheapest level whose surface is this close to the reference's, um (root mean square over the view, in the
-    /// worst of some samples of the job).
+    /// The cheapest level whose surface is this close to the reference's, um (root mean square over the view, in at least
+    /// 99 % of the samples).
     MaxErrorUm(f64),
     /// The most exact level that simulates a sample in this CPU time, ms (median of some samples of the job, one thread,
     /// files not counted).

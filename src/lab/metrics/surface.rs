@@ -1,7 +1,6 @@
 //! How far two surfaces of the pad are apart: in height, and in the direction of their normals.
 //!
-//! Heights are compared on all that is known of the surface, normals in the contact and in the ring around it, where
-//! light shows them. Slopes are centred differences, as in [`crate::core::optics::normals`], but in f64.
+//! Heights are compared in the view, normals in the contact and in the ring around it, where light shows them. Slopes are centred differences, as in [`crate::core::optics::normals`], but in f64.
 
 use crate::core::base::grid::Grid;
 use crate::core::base::view::SURFACE_BORDER;
@@ -25,6 +24,8 @@ pub struct SurfaceError {
     /// Angles between the normals outside the contact, at most [`RING_MM`] from it; None without contact or if it
     /// fills the view.
     pub ring: Option<Angles>,
+    /// Share of the view that is in that ring, 0 to 1.
+    pub ring_share: f64,
 }
 
 /// Angles between two surfaces' normals, over a region.
@@ -52,6 +53,7 @@ pub fn compare(surface: &Grid<f32>, reference: &Grid<f32>, mask: &Grid<u8>, mm_p
     let squares = squared_distance_mm2(mask, mm_per_px);
     // A pixel at the very limit belongs to the ring, whatever its square was rounded to.
     let limit = RING_MM * RING_MM * (1.0 + 1e-9);
+    let in_ring = |square: f64| square > 0.0 && square <= limit;
     let over = |inside: &dyn Fn(f64) -> bool| -> Option<Angles> {
         let angles = angles.data.iter().zip(&squares.data).filter(|(_, square)| inside(**square));
         let angles: Vec<f64> = angles.map(|(angle, _)| *angle).collect();
@@ -63,20 +65,27 @@ pub fn compare(surface: &Grid<f32>, reference: &Grid<f32>, mask: &Grid<u8>, mm_p
         height_max_um,
         near: over(&|square| square <= limit),
         contact: over(&|square| square == 0.0),
-        ring: over(&|square| square > 0.0 && square <= limit),
+        ring: over(&|square| in_ring(square)),
+        ring_share: squares.data.iter().filter(|square| in_ring(**square)).count() as f64
+            / squares.data.len().max(1) as f64,
     }
 }
 
-/// Root mean square and maximum of the differences of two displacement maps of the same size, um.
+/// Root mean square and maximum over the view of the differences of two displacement maps of the same size, which are
+/// [`SURFACE_BORDER`] wider on every side, um.
 pub fn height_error_um(surface: &Grid<f32>, reference: &Grid<f32>) -> (f64, f64) {
-    let (mut sum, mut max) = (0.0, 0.0);
-    for (height, expected) in surface.data.iter().zip(&reference.data) {
-        let error = (f64::from(*height) - f64::from(*expected)).abs() * 1e3;
-        sum += error * error;
-        // `f64::max` would pass over a NaN.
-        max = if error > max || error.is_nan() { error } else { max };
+    let (mut sum, mut max, mut count) = (0.0, 0.0, 0_usize);
+    for y in SURFACE_BORDER..surface.height - SURFACE_BORDER {
+        let inside = SURFACE_BORDER..surface.width - SURFACE_BORDER;
+        for (height, expected) in surface.row(y)[inside.clone()].iter().zip(&reference.row(y)[inside]) {
+            let error = (f64::from(*height) - f64::from(*expected)).abs() * 1e3;
+            sum += error * error;
+            // `f64::max` would pass over a NaN.
+            max = if error > max || error.is_nan() { error } else { max };
+            count += 1;
+        }
     }
-    ((sum / surface.data.len().max(1) as f64).sqrt(), max)
+    ((sum / count.max(1) as f64).sqrt(), max)
 }
 
 /// Angle between the two normals at every pixel of the view, degrees.
@@ -124,14 +133,16 @@ mod tests {
     }
 
     #[test]
-    fn heights_are_compared_in_micrometres_on_the_border_too() {
+    fn heights_are_compared_in_micrometres_in_the_view() {
         let reference = Grid::<f32>::new(4, 4);
         let mut surface = reference.clone();
-        surface.row_mut(0)[0] = 0.008;
+        surface.row_mut(1)[1] = 0.008;
         surface.row_mut(2)[1] = -0.004;
+        // Not in view.
+        surface.row_mut(0)[0] = 1.0;
         let error = compare(&surface, &reference, &Grid::new(2, 2), MM_PER_PX);
         assert!((error.height_max_um - 8.0).abs() < 1e-6);
-        assert!((error.height_rms_um - (80f64 / 16.0).sqrt()).abs() < 1e-6);
+        assert!((error.height_rms_um - (80f64 / 4.0).sqrt()).abs() < 1e-6);
         assert_eq!((error.near, error.contact, error.ring), (None, None, None));
     }
 
@@ -202,7 +213,10 @@ mod tests {
             let mut mask = Grid::new(4, 3);
             mask.row_mut(1)[1] = 255;
             let none = Some(Angles { mean_deg: 0.0, p95_deg: 0.0 });
-            let expected = SurfaceError { height_rms_um: 0.0, height_max_um: 0.0, near: none, contact: none, ring: none };
+            // All of the view lies within 2 mm of the pixel that touches.
+            let ring_share = 11.0 / 12.0;
+            let expected =
+                SurfaceError { height_rms_um: 0.0, height_max_um: 0.0, near: none, contact: none, ring: none, ring_share };
             prop_assert_eq!(compare(&surface, &surface, &mask, MM_PER_PX), expected);
         }
     }

@@ -1,7 +1,15 @@
 //! Chooses the fidelity level for a job that names a bound instead: by rendering some of its own samples at every level.
+//!
+//! A bound of the error is to hold for samples that nobody rendered, too. Of one object the error of a level grows with the
+//! depth by a power law, from which other poses scatter: so much is fitted to samples of every object, its deepest among
+//! them, and gives the share of all samples that is expected beyond the bound.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
+use rayon::prelude::*;
+
+use super::strata::{Drawn, deepest_of_each, drawn, spread, stratified};
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::LightSource;
 use crate::files::diagnostic::Report;
@@ -13,58 +21,89 @@ use crate::job::sample::render;
 use crate::lab::metrics::statistics::median;
 use crate::lab::metrics::surface::height_error_um;
 
-/// Samples that are rendered at every level.
-const PROBES: u64 = 8;
+/// Samples of which the time is taken.
+const TIMED: usize = 8;
+
+/// Probes of each object beside its deepest press, and the fewest and the most of all together.
+const PROBES: (usize, usize, usize) = (3, 16, 100);
+
+/// Share of the samples that may be expected beyond a bound.
+const BEYOND: f64 = 0.01;
+
+/// Errors below this are of rounding, um.
+const LEAST_UM: f64 = 1e-3;
 
 /// A fidelity level and what was measured of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChosenLevel {
     /// The fidelity level.
     pub level: Fidelity,
-    /// Its surface's distance from the reference's, um: root mean square over the view, the worst of the samples.
+    /// Its surface's distance from the reference's, um: root mean square over the view, the worst of the probes.
     pub error_um: f64,
+    /// Samples that were rendered.
+    pub probes: usize,
+    /// Share of the job's samples that is expected beyond the bound, 0 to 1; 0 where no error was asked for.
+    pub beyond: f64,
     /// CPU time of a sample, ms: the median.
     pub ms: f64,
 }
 
 impl fmt::Display for ChosenLevel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { level, error_um, ms } = self;
-        write!(f, "fidelity {} chosen: {error_um:.2} um from the reference, {ms:.1} ms a sample", level.name())
+        let Self { level, error_um, probes, beyond, ms } = self;
+        write!(
+            f,
+            "fidelity {} chosen: {error_um:.2} um from the reference in the worst of {probes} samples, ",
+            level.name()
+        )?;
+        if *beyond > 0.0 {
+            write!(f, "{:.1} % of all expected beyond the bound, ", 100.0 * beyond)?;
+        }
+        write!(f, "{ms:.1} ms a sample")
     }
-}
-
-/// `count` sample numbers spread over `samples`: one in each of `count` parts, by the golden ratio, so that objects
-/// that come in turn are not hit in step.
-pub fn spread(samples: u64, count: u64) -> Vec<u64> {
-    let count = count.clamp(1, samples.max(1));
-    let start = |k: u64| (u128::from(k) * u128::from(samples) / u128::from(count)) as u64;
-    let within = |k: u64| (k as f64 * 0.618_033_988_749_894_9).fract();
-    (0..count).map(|k| start(k) + ((start(k + 1) - start(k)) as f64 * within(k)) as u64).collect()
 }
 
 /// The fidelity level that the plan's job asks for by a bound; refused where no fidelity level keeps it.
 pub fn choose(plan: &Plan, bound: FidelityChoice) -> Result<ChosenLevel, Report> {
-    let indices = spread(plan.layout.samples(), PROBES);
+    let all = drawn(plan);
+    let chosen = match bound {
+        FidelityChoice::MaxErrorUm(_) => probes(&all),
+        _ => stratified(&all, TIMED),
+    };
+    let timed: Vec<u64> = spread(chosen.len() as u64, TIMED as u64);
     let fits = |level: &Fidelity| {
         !plan.layers().contains(&OutputLayer::Pressure) || level.models(LightSource::Leds).gelpad.knows_pressure()
     };
     let levels: Vec<Fidelity> = Fidelity::ALL.into_iter().filter(fits).collect();
+    let surface = |plan: &Plan, at: usize| render(plan, all[at].index).impression.contact.surface;
     let reference = plan.with_fidelity(Fidelity::Reference);
-    let exact: Vec<_> = indices.iter().map(|index| render(&reference, *index).impression.contact.surface).collect();
+    let exact: Vec<_> = chosen.par_iter().map(|at| surface(&reference, *at)).collect();
     let mut measured = Vec::new();
     for level in levels {
         let plan = plan.with_fidelity(level);
-        let (mut error_um, mut ms) = (0.0_f64, Vec::new());
-        for (index, exact) in indices.iter().zip(&exact) {
-            // The first run of a sample warms caches and buffers.
-            let sample = render(&plan, *index);
-            ms.push(1e3 * render(&plan, *index).seconds.simulation());
-            error_um = error_um.max(height_error_um(&sample.impression.contact.surface, exact).0);
-        }
-        let found = ChosenLevel { level, error_um, ms: median(&ms).unwrap_or(0.0) };
-        if matches!(bound, FidelityChoice::MaxErrorUm(um) if error_um <= um) {
-            return Ok(found);
+        let error_um = |(at, exact): (&usize, _)| {
+            let um = height_error_um(&surface(&plan, *at), exact).0;
+            (*at, if um.is_nan() { f64::INFINITY } else { um })
+        };
+        let errors: BTreeMap<usize, f64> = chosen.par_iter().zip(&exact).map(error_um).collect();
+        // The runs before warmed caches and buffers.
+        let ms = |k: &u64| 1e3 * render(&plan, all[chosen[*k as usize]].index).seconds.simulation();
+        let ms: Vec<f64> = timed.iter().map(ms).collect();
+        let worst_um = errors.values().copied().fold(0.0, f64::max);
+        let mut found = ChosenLevel {
+            level,
+            error_um: worst_um,
+            probes: chosen.len(),
+            beyond: 0.0,
+            ms: median(&ms).unwrap_or(0.0),
+        };
+        if let FidelityChoice::MaxErrorUm(um) = bound
+            && worst_um <= um
+        {
+            found.beyond = share_beyond(&all, &errors, um);
+            if found.beyond <= BEYOND {
+                return Ok(found);
+            }
         }
         measured.push(found);
     }
@@ -73,6 +112,92 @@ pub fn choose(plan: &Plan, bound: FidelityChoice) -> Result<ChosenLevel, Report>
         _ => None,
     }
     .ok_or_else(|| refusal(bound, &measured))
+}
+
+/// Places in `all` of the samples that are rendered for a bound of the error.
+fn probes(all: &[Drawn]) -> Vec<usize> {
+    let deepest = deepest_of_each(all);
+    let (of_each, fewest, most) = PROBES;
+    let mut chosen = stratified(all, (of_each * deepest.len()).clamp(fewest, most));
+    let seen = |object: usize| chosen.iter().any(|at| all[*at].object == object);
+    let deepest: Vec<usize> = deepest.into_iter().filter(|at| seen(all[*at].object)).collect();
+    chosen.extend(deepest);
+    chosen.sort_unstable();
+    chosen.dedup();
+    chosen
+}
+
+/// What errors of a level do, in natural logarithms.
+struct Law {
+    /// Of each object that was probed: mean of the depth, mean of the error, number of probes.
+    objects: BTreeMap<usize, [f64; 3]>,
+    slope: f64,
+    /// Variance about it.
+    scatter: f64,
+}
+
+impl Law {
+    fn fitted(all: &[Drawn], errors: &BTreeMap<usize, f64>) -> Self {
+        let points: Vec<(usize, f64, f64)> = errors
+            .iter()
+            .map(|(at, um)| (all[*at], um))
+            .filter(|(sample, _)| sample.depth_mm > 0.0)
+            .map(|(sample, um)| (sample.object, libm::log(sample.depth_mm), libm::log(um.max(LEAST_UM))))
+            .collect();
+        let mut objects: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
+        for (object, depth, error) in &points {
+            let sums = objects.entry(*object).or_default();
+            *sums = [sums[0] + depth, sums[1] + error, sums[2] + 1.0];
+        }
+        for [depth, error, count] in objects.values_mut() {
+            (*depth, *error) = (*depth / *count, *error / *count);
+        }
+        let about = |(object, depth, error): &(usize, f64, f64)| {
+            let [mean_depth, mean_error, _] = objects[object];
+            (depth - mean_depth, error - mean_error)
+        };
+        let (mut depths, mut products) = (0.0, 0.0);
+        for (depth, error) in points.iter().map(about) {
+            (depths, products) = (depths + depth * depth, products + depth * error);
+        }
+        let slope = if depths > 0.0 { products / depths } else { 0.0 };
+        let squares: f64 = points.iter().map(about).map(|(depth, error)| (error - slope * depth).powi(2)).sum();
+        let fitted = objects.len() + usize::from(depths > 0.0);
+        let scatter = squares / points.len().saturating_sub(fitted).max(1) as f64;
+        Self { objects, slope, scatter }
+    }
+
+    /// Probability that a sample's error is beyond `bound_um`.
+    fn beyond(&self, sample: Drawn, bound_um: f64) -> f64 {
+        if sample.depth_mm <= 0.0 {
+            return 0.0;
+        }
+        let depth = libm::log(sample.depth_mm);
+        let expected = |[mean_depth, mean_error, _]: &[f64; 3]| mean_error + self.slope * (depth - mean_depth);
+        let (mean, variance) = match self.objects.get(&sample.object) {
+            Some(object) => (expected(object), self.scatter * (1.0 + 1.0 / object[2])),
+            // As the others are, which differ among themselves.
+            None => {
+                let others: Vec<f64> = self.objects.values().map(expected).collect();
+                let count = others.len().max(1) as f64;
+                let mean = others.iter().sum::<f64>() / count;
+                let between = others.iter().map(|other| (other - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+                (mean, self.scatter + between)
+            }
+        };
+        let short = mean - libm::log(bound_um);
+        if variance > 0.0 { 0.5 * libm::erfc(-short / (2.0 * variance).sqrt()) } else { f64::from(short > 0.0) }
+    }
+}
+
+/// Share of `all` whose error is beyond `bound_um`: as found where it was, in um, as expected elsewhere.
+fn share_beyond(all: &[Drawn], errors: &BTreeMap<usize, f64>, bound_um: f64) -> f64 {
+    let law = Law::fitted(all, errors);
+    let beyond = |(at, sample): (usize, &Drawn)| match errors.get(&at) {
+        Some(um) => f64::from(*um > bound_um),
+        None => law.beyond(*sample, bound_um),
+    };
+    all.iter().enumerate().map(beyond).sum::<f64>() / all.len().max(1) as f64
 }
 
 fn refusal(bound: FidelityChoice, measured: &[ChosenLevel]) -> Report {
@@ -85,4 +210,75 @@ fn refusal(bound: FidelityChoice, measured: &[ChosenLevel]) -> Report {
         _ => String::from("no fidelity level is exact enough for this job"),
     };
     user_error(what, format!("measured: {}", levels.join("; ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::base::rng;
+
+    /// Errors of `samples` presses of objects in turn that follow the law, scattered by a factor of e^0.3.
+    fn job(samples: u64, objects: usize, seed: u64) -> (Vec<Drawn>, Vec<f64>) {
+        let mut random = rng::stream(seed, "errors", 0);
+        let all: Vec<Drawn> = (0..samples)
+            .map(|index| {
+                let depth_mm = 0.3 * libm::pow(4.0, random.unit());
+                Drawn { index, object: index as usize % objects, depth_mm }
+            })
+            .collect();
+        let error =
+            |sample: &Drawn, scatter: f64| libm::exp(0.5 * sample.object as f64 + 0.3 * scatter) * sample.depth_mm;
+        // Twelve uniform numbers make a normal one.
+        let errors =
+            all.iter().map(|sample| error(sample, (0..12).map(|_| random.unit()).sum::<f64>() - 6.0)).collect();
+        (all, errors)
+    }
+
+    #[test]
+    fn the_share_beyond_a_bound_is_foreseen() {
+        let mut seen = 0;
+        for seed in 0..20 {
+            let (all, errors) = job(400, 5, seed);
+            let found: BTreeMap<usize, f64> = probes(&all).into_iter().map(|at| (at, errors[at])).collect();
+            assert!(found.len() <= 20, "{} probes", found.len());
+            for bound in [2.0, 4.0, 6.0, 9.0, 12.0] {
+                let foreseen = share_beyond(&all, &found, bound);
+                let beyond = errors.iter().filter(|um| **um > bound).count() as f64 / 400.0;
+                assert!((foreseen - beyond).abs() < 0.1, "{foreseen} for {beyond} beyond {bound}, seed {seed}");
+                // What would be accepted.
+                if foreseen <= BEYOND && found.values().all(|um| *um <= bound) {
+                    assert!(beyond <= 0.02, "{beyond} beyond {bound}, seed {seed}");
+                    seen += 1;
+                }
+            }
+        }
+        assert!(seen >= 10, "{seen} bounds were accepted");
+    }
+
+    #[test]
+    fn samples_that_were_all_rendered_need_no_law() {
+        let (all, errors) = job(12, 3, 1);
+        let found: BTreeMap<usize, f64> = errors.iter().copied().enumerate().collect();
+        for bound in &errors {
+            let beyond = errors.iter().filter(|um| *um > bound).count() as f64 / 12.0;
+            assert_eq!(share_beyond(&all, &found, *bound), beyond);
+        }
+    }
+
+    #[test]
+    fn objects_without_a_probe_are_taken_to_be_like_the_others() {
+        let (all, errors) = job(400, 5, 3);
+        let of = |objects: &dyn Fn(usize) -> bool| -> BTreeMap<usize, f64> {
+            let chosen = probes(&all).into_iter().filter(|at| objects(all[*at].object));
+            chosen.map(|at| (at, errors[at])).collect()
+        };
+        let some = share_beyond(&all, &of(&|object| object != 4), 8.0);
+        let every = share_beyond(&all, &of(&|_| true), 8.0);
+        assert!(some > 0.0 && some < 0.5 && every > 0.0, "{some}, {every}");
+        // No error at all, of no depth or of rounding only.
+        let nothing: BTreeMap<usize, f64> = probes(&all).into_iter().map(|at| (at, 0.0)).collect();
+        assert_eq!(share_beyond(&all, &nothing, 1.0), 0.0);
+        let flat: Vec<Drawn> = all.iter().map(|sample| Drawn { depth_mm: 0.0, ..*sample }).collect();
+        assert_eq!(share_beyond(&flat, &BTreeMap::from([(0, 0.0)]), 1.0), 0.0);
+    }
 }

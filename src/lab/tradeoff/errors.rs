@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::core::gelpad::elastic::model_error::ring_rms_mm;
 use crate::job::sample::Sample;
 use crate::lab::metrics::{image, surface};
 
@@ -16,6 +17,10 @@ pub struct Errors {
     /// Fraction of the reference's contact area and force; None where the reference has none or the model knows none.
     area: Option<f64>,
     force: Option<f64>,
+    /// What the reference's own theory is expected to be off by within 2 mm of the contact, um: largest; and as a root mean
+    /// square over the view.
+    model_um: f64,
+    model_rms_um: f64,
 }
 
 impl Errors {
@@ -24,13 +29,17 @@ impl Errors {
         let (image, exact_image) = (&sample.impression.image, &exact.impression.image);
         let fraction = |own: f64, exact: f64| (exact > 0.0).then(|| (own - exact).abs() / exact);
         let (contact, exact_contact) = (&sample.label.contact, &exact.label.contact);
+        let surface = surface::compare(
+            &sample.impression.contact.surface,
+            &exact.impression.contact.surface,
+            &exact.impression.contact.mask,
+            sample.label.sensor.mm_per_px,
+        );
+        let model_um = exact.label.numerics.model_error_um.unwrap_or(0.0);
         Self {
-            surface: surface::compare(
-                &sample.impression.contact.surface,
-                &exact.impression.contact.surface,
-                &exact.impression.contact.mask,
-                sample.label.sensor.mm_per_px,
-            ),
+            surface,
+            model_um,
+            model_rms_um: ring_rms_mm(model_um, 1e3 * exact.label.indentation_depth_mm) * surface.ring_share.sqrt(),
             image_mae: image::mae(&image.rgb, &exact_image.rgb),
             image_square: image::psnr_db(&image.rgb, &exact_image.rgb)
                 .map_or(0.0, |db| 255.0 * 255.0 / 10.0_f64.powf(db / 10.0)),
@@ -49,6 +58,13 @@ pub struct Mean {
     pub height_rms_um: f64,
     /// Largest height error, um.
     pub height_max_um: f64,
+    /// What the theory of the reference itself is expected to be off by, um: the largest error within 2 mm of the contact,
+    /// mean over the samples.
+    pub model_error_um: f64,
+    /// The same as a root mean square over the view.
+    pub model_rms_um: f64,
+    /// Both together over the view: root of the sum of the squares of `height_rms_um` and `model_rms_um`.
+    pub total_rms_um: f64,
     /// Angle between the normals in the contact and within 2 mm around it, degrees: mean.
     pub normal_mean_deg: f64,
     /// 95th percentile.
@@ -87,8 +103,13 @@ impl Mean {
         let all = |of: &dyn Fn(&Errors) -> f64| some(&|error| Some(of(error))).unwrap_or(0.0);
         let angle = |of: &dyn Fn(&Errors) -> Option<f64>| some(of).unwrap_or(0.0);
         let square = all(&|error| error.image_square);
+        let height_square = all(&|error| error.surface.height_rms_um * error.surface.height_rms_um);
+        let model_square = all(&|error| error.model_rms_um * error.model_rms_um);
         Self {
-            height_rms_um: all(&|error| error.surface.height_rms_um * error.surface.height_rms_um).sqrt(),
+            height_rms_um: height_square.sqrt(),
+            model_error_um: all(&|error| error.model_um),
+            model_rms_um: model_square.sqrt(),
+            total_rms_um: (height_square + model_square).sqrt(),
             height_max_um: errors.clone().map(|error| error.surface.height_max_um).fold(0.0, f64::max),
             normal_mean_deg: angle(&|error| Some(error.surface.near?.mean_deg)),
             normal_p95_deg: angle(&|error| Some(error.surface.near?.p95_deg)),

@@ -32,6 +32,7 @@ pub mod choose;
 mod errors;
 pub(crate) mod plot;
 pub mod report;
+pub mod strata;
 
 use errors::{Errors, Mean};
 
@@ -119,7 +120,11 @@ pub struct LeftOut {
 
 /// Compares all fidelity levels on `count` samples of a job; `progress` hears what is being done.
 pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
-    let samples = choose::spread(plan.layout.samples(), count);
+    let drawn = strata::drawn(plan);
+    let chosen = |count: u64| -> Vec<u64> {
+        strata::stratified(&drawn, count as usize).iter().map(|at| drawn[*at].index).collect()
+    };
+    let samples = chosen(count);
     progress("reference");
     let reference = Measured::new(&plan.with_fidelity(Fidelity::Reference), &samples);
     let mut compared = Vec::new();
@@ -139,7 +144,7 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     });
     let objects = objects.collect();
 
-    let few = choose::spread(plan.layout.samples(), STUDIED.min(count));
+    let few = chosen(STUDIED.min(count));
     let exact = plan.with_fidelity(Fidelity::Reference);
     let exact_few = Measured::new(&exact, &few);
     progress("other grids");

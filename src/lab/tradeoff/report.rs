@@ -14,6 +14,9 @@ fn columns(row: &Row) -> Vec<(&'static str, String)> {
         ("rung", row.level.clone()),
         ("height_rms_um", number(errors.height_rms_um)),
         ("height_max_um", number(errors.height_max_um)),
+        ("model_error_um", number(errors.model_error_um)),
+        ("model_rms_um", number(errors.model_rms_um)),
+        ("total_rms_um", number(errors.total_rms_um)),
         ("normal_mean_deg", number(errors.normal_mean_deg)),
         ("normal_p95_deg", number(errors.normal_p95_deg)),
         ("contact_normal_mean_deg", number(errors.contact_normal_mean_deg)),
@@ -93,9 +96,11 @@ pub fn table(tradeoff: &Tradeoff) -> String {
 fn rows(text: &mut String, name: &str, rows: &[Row]) {
     let _ = writeln!(
         text,
-        "{name:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "{name:<22} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
         "height",
         "height",
+        "model",
+        "total",
         "contact",
         "ring",
         "ring",
@@ -110,18 +115,35 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
     );
     let _ = writeln!(
         text,
-        "{:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
-        "", "RMS um", "max um", "deg", "deg", "p95 deg", "MAE", "PSNR dB", "SSIM", "%", "%", "median", "p95", ""
+        "{:<22} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "",
+        "RMS um",
+        "max um",
+        "RMS um",
+        "RMS um",
+        "deg",
+        "deg",
+        "p95 deg",
+        "MAE",
+        "PSNR dB",
+        "SSIM",
+        "%",
+        "%",
+        "median",
+        "p95",
+        ""
     );
     for row in rows {
         let errors = &row.errors;
         let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
         let _ = writeln!(
             text,
-            "{:<22} {:>9.3} {:>9.2} {:>9.3} {:>9.3} {:>9.3} {:>8.3} {:>8} {:>7.4} {:>7} {:>8} {:>8.2} {:>8.2} {:>6}",
+            "{:<22} {:>8.3} {:>8.2} {:>8.2} {:>8.2} {:>8.3} {:>8.3} {:>8.3} {:>8.3} {:>8} {:>7.4} {:>7} {:>8} {:>8.2} {:>8.2} {:>6}",
             row.level,
             errors.height_rms_um,
             errors.height_max_um,
+            errors.model_rms_um,
+            errors.total_rms_um,
             errors.contact_normal_mean_deg,
             errors.ring_normal_mean_deg,
             errors.ring_normal_p95_deg,

@@ -1,6 +1,8 @@
 //! The plot from which a fidelity level is chosen: error against time, logarithmic on both axes, as SVG and PNG.
 //!
 //! A thin line for each object, a thick one for all samples together, whose points carry the levels' names and numbers.
+//! A line across shows what the theory itself is off by, a dashed curve that and the level's error together: below the
+//! line, time buys digits that the model does not have.
 //! The reference stands at the lower edge, because error 0 is on no logarithmic axis. Colours are those of Okabe and Ito,
 //! with a grey and Tol's wine instead of their yellow, which is faint on white, and their black. Objects differ in their
 //! marks too, for eyes and printers without colours.
@@ -53,6 +55,8 @@ const PLAIN: Type = Type { size: 12, bold: false, colour: BLACK };
 const NOTE: Type = Type { size: 12, bold: false, colour: GREY };
 const GRID_ERROR: Type = Type { size: 12, bold: false, colour: [160, 30, 40] };
 
+const MODEL_ERROR: Type = Type { size: 12, bold: false, colour: [0, 90, 60] };
+
 const ERROR_NAME: &str = "height error, RMS over the view (\u{b5}m)";
 /// How to read the plot.
 const CAPTION: &str =
@@ -63,10 +67,12 @@ const CAPTION: &str =
 pub(crate) fn draw(tradeoff: &Tradeoff) -> Page {
     let mut drawing = Drawing::new(tradeoff);
     drawing.axes();
+    let model = drawing.model_error();
     drawing.objects();
     let mut labels = drawing.levels();
     labels.extend(drawing.reference());
     labels.extend(drawing.grid_error());
+    labels.extend(model);
     labels.iter().for_each(|label| drawing.label(label));
     drawing.legend();
     drawing.words();
@@ -78,6 +84,8 @@ struct Drawing<'a> {
     /// CPU time of the reference, ms, and its error against a grid twice as fine, um, where they have places.
     reference_ms: Option<f64>,
     grid_error_um: Option<f64>,
+    /// What the reference's theory is off by, um, over all samples.
+    model_error_um: Option<f64>,
     page: Page,
     x: Axis,
     y: Axis,
@@ -94,15 +102,19 @@ impl<'a> Drawing<'a> {
     fn new(tradeoff: &'a Tradeoff) -> Self {
         let reference = tradeoff.levels.iter().find(|row| row.level == Fidelity::Reference.name()).map(ms);
         let grid = tradeoff.grids.iter().find(|row| row.per_px == 1.0).map(|row| row.height_rms_um);
-        let [reference_ms, grid_error_um] = [reference, grid].map(|value| value.filter(|value| has_place(*value)));
+        let model = tradeoff.levels.first().map(|row| row.errors.model_rms_um);
+        let [reference_ms, grid_error_um, model_error_um] =
+            [reference, grid, model].map(|value| value.filter(|value| has_place(*value)));
         let rows = || tradeoff.objects.iter().flat_map(|object| &object.levels).chain(&tradeoff.levels);
         // Room at the lower edge for what has error 0, at the right for the names of the last levels.
         let times = rows().filter(|row| has_place(error_um(row))).chain(&tradeoff.levels).map(ms);
         let x = Axis::over(times, 0.5, [0.06, 0.08], [FRAME.min[0], FRAME.max[0]]);
-        let errors = rows().filter(|row| has_place(ms(row))).map(error_um).chain(grid_error_um);
+        // Of every object.
+        let models = rows().map(|row| row.errors.model_rms_um);
+        let errors = rows().filter(|row| has_place(ms(row))).map(error_um).chain(grid_error_um).chain(models);
         let y = Axis::over(errors, 1.0, [0.13, 0.06], [FRAME.max[1], FRAME.min[1]]);
         let (page, obstacles) = (Page::new(SIZE[0], SIZE[1]), Obstacles::new(FRAME));
-        Self { tradeoff, reference_ms, grid_error_um, page, x, y, obstacles }
+        Self { tradeoff, reference_ms, grid_error_um, model_error_um, page, x, y, obstacles }
     }
 
     fn place(&self, row: &Row) -> Option<Point> {
@@ -214,6 +226,35 @@ impl<'a> Drawing<'a> {
         Some(Label { point: line[0], lines })
     }
 
+    /// What the theory itself is off by, over all samples and, at the right edge, for each object; and that together with the
+    /// levels' errors. Returns what to write beside it.
+    fn model_error(&mut self) -> Option<Label> {
+        let error = self.model_error_um?;
+        let (y, colour) = (self.y.px(error), MODEL_ERROR.colour);
+        let [left, right] = [FRAME.min[0], FRAME.max[0]];
+        self.page.rectangle([left, y], FRAME.max, colour, 0.07);
+        self.page.line(&[[left, y], [right, y]], colour, 2.0, None);
+        self.obstacles.line(&[[left, y], [right, y]], 1.0);
+        let total = |row: &Row| row.errors.total_rms_um;
+        let shown = self.tradeoff.levels.iter().filter(|row| has_place(ms(row)) && has_place(total(row)));
+        let both: Vec<Point> = shown.map(|row| [self.x.px(ms(row)), self.y.px(total(row))]).collect();
+        self.page.line(&both, colour, 2.0, Some(3));
+        self.obstacles.line(&both, 2.0);
+        for (i, object) in self.tradeoff.objects.iter().enumerate() {
+            let of_object = object.levels.first().map(|row| row.errors.model_rms_um);
+            let Some(own) = of_object.filter(|own| has_place(*own)) else { continue };
+            let (at, (object_colour, shape)) = ([right - 6.0, self.y.px(own)], style(i));
+            let hint = format!("{}: the linear theory is off by {} \u{b5}m", object.object, figure(own));
+            self.page.line(&[[right - 14.0, at[1]], [right, at[1]]], colour, 1.2, None);
+            self.page.hinted(&hint, |page| page.mark(shape, at, MARK_PX, object_colour, object_colour));
+        }
+        let lines = vec![
+            (format!("error of the linear theory: {} \u{b5}m; dotted: both", figure(error)), MODEL_ERROR),
+            ("below this line time buys digits that the model does not have".to_owned(), MODEL_ERROR),
+        ];
+        Some(Label { point: [left + 0.3 * (right - left), y], lines })
+    }
+
     fn label(&mut self, label: &Label) {
         let place = self.obstacles.beside(label.point, size(&label.lines));
         let near = place.nearest(label.point);
@@ -323,7 +364,8 @@ mod tests {
     use crate::lab::tradeoff::errors::Mean;
 
     fn row(name: &str, cpu_ms_median: f64, height_rms_um: f64, pareto: bool) -> Row {
-        let errors = Mean { height_rms_um, ..Mean::default() };
+        let (model_rms_um, total_rms_um) = (7.0, height_rms_um.hypot(7.0));
+        let errors = Mean { height_rms_um, model_rms_um, total_rms_um, ..Mean::default() };
         Row { level: name.to_owned(), errors, cpu_ms_median, pareto, ..Row::default() }
     }
 
@@ -354,8 +396,12 @@ mod tests {
     #[test]
     fn everything_needed_to_choose_a_rung_is_written_on_the_plot() {
         let found = texts(&draw(&example(&NAMES)).svg());
-        let numbers =
-            ["1.5 ms, 4.7 \u{b5}m", "60 ms, error 0 by definition", "against a grid twice as fine: 1.2 \u{b5}m"];
+        let numbers = [
+            "1.5 ms, 4.7 \u{b5}m",
+            "60 ms, error 0 by definition",
+            "against a grid twice as fine: 1.2 \u{b5}m",
+            "error of the linear theory: 7 \u{b5}m; dotted: both",
+        ];
         let words = ["all \"objects\" < 5 $ & $ ", "CPU time per sample (ms)", ERROR_NAME, CAPTION];
         let names = ["paper", "draft", "high", "reference"].into_iter().chain(NAMES);
         for wanted in names.chain(numbers).chain(words) {
