@@ -25,7 +25,7 @@ use crate::core::gelpad::{self, Contact, Pad};
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::lamps;
 use crate::core::optics::normals::normals;
-use crate::core::optics::{Illumination, Shader};
+use crate::core::optics::{self, Illumination, Shader};
 use crate::core::sensor::{Background, Markers, Sensor, SensorError};
 
 /// Everything about a sensor that is the same in every press, computed once.
@@ -191,6 +191,9 @@ impl Simulator {
                 _ => false,
             };
             let same_light = a.leds == b.leds && a.stray_light == b.stray_light && a.light_residual == b.light_residual;
+            // A thickness decides which LEDs are too far for heights to matter.
+            let near = matches!(models.optics, optics::Model::Led(_));
+            let same_light = same_light && (!near || a.gelpad.thickness_mm == b.gelpad.thickness_mm);
             same_light && a.has_photograph() == b.has_photograph() && same_table
         });
         let same_shader = same_leds.filter(|like| {

@@ -244,6 +244,17 @@ fn a_near_led_gives_a_flat_pixel_the_same_in_every_part_of_the_view() {
 }
 
 #[test]
+fn a_pad_that_sinks_or_bulges_without_a_slope_is_seen_under_a_near_led() {
+    for (distance_mm, elevation_deg) in [(5.0, 70.0), (8.0, 15.0), (9.0, 45.0), (30.0, 89.0)] {
+        let optics = "optics.led = { darkening = 0.0, shadows = 'none', specular = 0.6 }";
+        let led = format!("[[sensor.led]]\ndistance_mm = {distance_mm:?}\nelevation_deg = {elevation_deg:?}\n");
+        for pad in ["fidelity = 'standard'", "gelpad.none = {}\nsensor.rest_shape.dome.radius_mm = 40.0"] {
+            assert_gating_is_safe(&format!("{pad}\n{optics}\n{led}"));
+        }
+    }
+}
+
+#[test]
 fn a_slope_too_flat_to_be_seen_may_cast_a_shadow_that_is() {
     let leds = "[[sensor.led]]\nelevation_deg = 3.0\nangular_size_deg = [6.0, 6.0]\n";
     let job =

@@ -3,4 +3,5 @@
 pub mod dense_contact;
 pub mod fourier;
 pub mod pressed_pixel;
+pub mod ray_tracer;
 pub mod shading;

@@ -2,16 +2,20 @@
 //!
 //! Each pixel gives back a share of the diffuse light that it gets, alike in all directions (Lambert 1760), and every
 //! other pixel that it faces gets its part: cos cos / (pi d^2) of it per area. One bounce, an albedo of one half, and
-//! nothing stands between two pixels: more than there is. The figures are in `docs/effects.md`.
+//! nothing stands between two pixels. The figures are in `docs/effects.md`. Random paths of any length, which shapes do block,
+//! say what that leaves out.
 
 use gelsim::core::base::grid::Rect;
+use gelsim::core::base::view::View;
 use gelsim::core::gelpad::Contact;
+use gelsim::core::optics::led::Led;
 use gelsim::core::optics::normals::normals;
 use gelsim::core::optics::shadow::{Caster, Scratch, visible};
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::render;
 
-use super::support::contact_of;
+use super::support::{Random, camera_of, contact_of, led, position, sensor};
+use crate::oracle::ray_tracer::{Dent, Lamp, bounced as traced};
 use crate::plan::plan;
 
 /// Share of the light that the pad's coating gives back.
@@ -25,15 +29,14 @@ fn plan_of(object: &str) -> Plan {
 }
 
 /// Red, green and blue irradiance of each pixel: N.l times each LED's colour and intensity, as far as it is seen.
-fn direct(plan: &Plan, contact: &Contact) -> Vec<[f64; 3]> {
-    let [width, height] = plan.simulator.view().resolution_px;
-    let normals = normals(contact, plan.simulator.view());
+fn direct(camera: &View, leds: &[Led], contact: &Contact) -> Vec<[f64; 3]> {
+    let [width, height] = camera.resolution_px;
+    let normals = normals(contact, camera);
     let mut light = vec![[0.0; 3]; width * height];
-    for led in &plan.job().sensor.led {
+    for led in leds {
         let (azimuth, elevation) = (led.azimuth_deg.to_radians(), led.elevation_deg.to_radians());
         let towards = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), -elevation.sin()];
-        let caster =
-            Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, plan.simulator.view().mm_per_px);
+        let caster = Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, camera.mm_per_px);
         let view = Rect::whole(width, height);
         let seen = visible(&[Some(caster)], &contact.surface, view, &mut Scratch::default()).remove(0);
         for ((light, normal), seen) in light.iter_mut().zip(&normals).zip(&seen) {
@@ -47,8 +50,8 @@ fn direct(plan: &Plan, contact: &Contact) -> Vec<[f64; 3]> {
 }
 
 /// What each pixel gets of what all others give back of `light`.
-fn bounced(plan: &Plan, contact: &Contact, light: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let (camera, surface) = (plan.simulator.view(), contact.surface.inner(1));
+fn bounced(camera: &View, contact: &Contact, light: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let surface = contact.surface.inner(1);
     let normals: Vec<[f64; 3]> = normals(contact, camera).into_iter().map(|n| n.map(f64::from)).collect();
     let width = camera.resolution_px[0];
     let places: Vec<[f64; 3]> = (0..light.len())
@@ -91,10 +94,11 @@ fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
     for object in ["sphere", "cube", "gear", "coin"] {
         let plan = plan_of(object);
         let contact = render(&plan, 0).impression.contact;
-        let light = direct(&plan, &contact);
-        let bounce = bounced(&plan, &contact, &light);
+        let (camera, leds) = (plan.simulator.view(), &plan.job().sensor.led);
+        let light = direct(camera, leds, &contact);
+        let bounce = bounced(camera, &contact, &light);
         assert!(bounce.iter().flatten().all(|light| light.is_finite() && *light >= 0.0));
-        let flat = direct(&plan, &contact_of(plan.simulator.view(), |_| 0.0));
+        let flat = direct(camera, leds, &contact_of(camera, |_| 0.0));
         let levels = 255.0 * plan.simulator.models().optics.phong().expect("LEDs").diffuse;
 
         // The contact, and a millimetre around it.
@@ -122,8 +126,44 @@ fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
 #[test]
 fn a_flat_pad_throws_no_light_at_itself() {
     let plan = plan_of("sphere");
-    let flat = contact_of(plan.simulator.view(), |_| 0.0);
-    let light = direct(&plan, &flat);
+    let camera = plan.simulator.view();
+    let flat = contact_of(camera, |_| 0.0);
+    let light = direct(camera, &plan.job().sensor.led, &flat);
     assert!(light.iter().flatten().all(|light| *light > 0.0));
-    assert!(bounced(&plan, &flat, &light).iter().flatten().all(|light| *light == 0.0));
+    assert!(bounced(camera, &flat, &light).iter().flatten().all(|light| *light == 0.0));
+}
+
+#[test]
+fn one_bounce_between_all_pairs_is_what_random_paths_bring() {
+    println!("mean of what is given back over direct light: all pairs of pixels; paths of one bounce; of any length");
+    // What pairs of pixels are allowed to miss: the plane beyond the view, the sharp edge; an upright wall has no pixels.
+    let ball = (Dent::Ball { radius: 4.0, deep: 0.8 }, 0.65..1.0, 1.05);
+    let block = (Dent::Block { half: 2.0, deep: 0.8 }, 0.25..1.0, 1.5);
+    for (dent, found, further) in [ball, block] {
+        let leds = [25.0, 145.0, 265.0].map(|azimuth| Led { angular_size_deg: [0.0; 2], ..led(azimuth, 30.0) });
+        let sensor = sensor([96, 96], 0.125, leds.to_vec());
+        let camera = camera_of(&sensor);
+        let contact = contact_of(&camera, |at| dent.height(at));
+        let light = direct(&camera, &leds, &contact);
+        let pairs = bounced(&camera, &contact, &light);
+        let lamps = leds.each_ref().map(|led| Lamp::new(led, false));
+        let mut random = Random::new(1);
+        let mut sums = [0.0; 4];
+        for (at, (light, pairs)) in light.iter().zip(&pairs).enumerate() {
+            let place = position(&camera, (at % 96) as f64, (at / 96) as f64);
+            // A pixel that holds a wall has no normal of its own.
+            if dent.beyond_edge(place) > 1.0 || dent.beyond_edge(place).abs() < 0.2 {
+                continue;
+            }
+            let [first, all] = traced(dent, dent.seen(place), &lamps, ALBEDO, 200, &mut || random.unit());
+            for (sum, value) in sums.iter_mut().zip([light[0], pairs[0], first, all]) {
+                *sum += value;
+            }
+        }
+        let [pairs, first, all] = [1, 2, 3].map(|k| sums[k] / sums[0]);
+        println!("{dent:?}: {:.2} %; {:.2} %; {:.2} %", 100.0 * pairs, 100.0 * first, 100.0 * all);
+        assert!(found.contains(&(pairs / first)), "{pairs} of {first}");
+        assert!((1.0..further).contains(&(all / first)), "{all} after {first}");
+        assert!(all < 0.05, "{all} of the direct light");
+    }
 }

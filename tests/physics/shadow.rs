@@ -347,7 +347,7 @@ fn the_steepest_rises_are_those_of_a_plain_loop() {
                 }
             }
         }
-        expected.span_mm = highest - lowest;
+        (expected.highest_mm, expected.span_mm) = (highest, highest - lowest);
         assert_eq!(found, expected, "{width} x {height}");
     }
 }

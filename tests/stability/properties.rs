@@ -1,6 +1,7 @@
 //! Random jobs: whatever they ask for, every number is finite, within its range, and the same a second time.
 
 use gelsim::core::base::grid::{Grid, bounding_box};
+use gelsim::core::depth::rest;
 use gelsim::core::effects::{EffectLog, EffectPolicy};
 use gelsim::core::optics::Model;
 use gelsim::core::optics::led::Led;
@@ -15,8 +16,8 @@ use crate::effects::jobs::job;
 use crate::plan::plan;
 
 /// The largest share of an LED's light that a pixel can get, over that in the middle of the image: a near LED's falls
-/// with the square of the distance.
-fn strongest(plan: &Plan, led: &Led) -> f64 {
+/// with the square of the distance. The surface stays between `heights_mm`.
+fn strongest(plan: &Plan, led: &Led, heights_mm: [f64; 2]) -> f64 {
     if matches!(plan.simulator.models().optics, Model::Phong(_)) {
         return 1.0;
     }
@@ -29,7 +30,18 @@ fn strongest(plan: &Plan, led: &Led) -> f64 {
             (at - at.clamp(-half, half)).powi(2)
         })
         .sum();
-    led.distance_mm.powi(2) / (beside + (elevation.sin() * led.distance_mm).powi(2))
+    let above = elevation.sin() * led.distance_mm;
+    let above = above - above.clamp(heights_mm[0], heights_mm[1]);
+    led.distance_mm.powi(2) / (beside + above.powi(2)).max(1e-6)
+}
+
+/// Between what heights a sample's surface stays, mm towards the camera: displacements, over the pad at rest.
+fn heights_mm(plan: &Plan) -> [f64; 2] {
+    let sensor = plan.simulator.sensor();
+    let relief = rest::relief(plan.simulator.drop_mm(), sensor.coating.as_ref(), plan.simulator.view());
+    let heights = relief.iter().flat_map(|relief| &relief.data).map(|mm| f64::from(*mm));
+    let [low, high] = heights.fold([0.0, 0.0], |[low, high]: [f64; 2], mm| [low.min(mm), high.max(mm)]);
+    [low - plan.thickness_mm(), high + plan.thickness_mm()]
 }
 
 /// The range that light before the camera stays in, whatever the surface: k_d and k_s bound Phong's terms, a flat pad's
@@ -40,9 +52,10 @@ fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
         let beyond = if plan.simulator.sensor().has_photograph() { 1.0 } else { 0.5 / 255.0 };
         return [-beyond, 1.0 + beyond];
     };
+    let heights = heights_mm(plan);
     let most = (0..3)
         .map(|k| {
-            let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led);
+            let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led, heights);
             plan.job().sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular)
         })
         .fold(0.0, f64::max);

@@ -1,8 +1,9 @@
 //! One LED: at infinity, or at its distance from the pad.
 //!
 //! A near LED is a point that shines alike in all directions: its direction turns from pixel to pixel and its brightness
-//! falls with the square of the distance (Lambert 1760), 1 in the middle of the image. Distances are taken from the
-//! undeformed pad; a dent of a millimetre under an LED 20 mm away changes brightness by less than a tenth.
+//! falls with the square of the distance (Lambert 1760), 1 in the middle of the image. Both follow the surface's height: a
+//! dent brings it nearer to the LED, which then stands lower over it. An LED so far away that no height changes its light
+//! is left on the undeformed pad.
 
 use super::shadow::Caster;
 use crate::core::base::angle::sin_cos_deg;
@@ -59,6 +60,8 @@ pub struct PlacedLed {
     to_led: [f32; 3],
     /// Distance from there, mm; `None` at infinity.
     distance_mm: Option<f32>,
+    /// Its light follows the surface's height.
+    follows_height: bool,
     /// Degrees.
     angular_size_deg: [f64; 2],
 }
@@ -66,7 +69,7 @@ pub struct PlacedLed {
 /// The pixels of a row, or of its part from a column on; places in mm from the middle of the image. They are counted
 /// from the view's first column, so that a pixel is at the same bits in every part.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Row {
+pub struct Row<'a> {
     /// Centre of the view's first column.
     pub x_mm: f32,
     /// Of all.
@@ -75,6 +78,9 @@ pub struct Row {
     pub pitch_mm: f32,
     /// Column of the first pixel.
     pub first_px: f32,
+    /// Heights of the surface over the undeformed pad, mm towards the camera, from the first pixel on; only near LEDs read
+    /// them.
+    pub heights_mm: &'a [f32],
 }
 
 /// Unit normals of a row, a plane per component.
@@ -107,6 +113,7 @@ impl PlacedLed {
             to_led: to_led.map(|v| v as f32),
             color: led.color.map(|share| (share * led.intensity) as f32),
             distance_mm: near.then_some(led.distance_mm as f32),
+            follows_height: near,
             angular_size_deg: led.angular_size_deg,
         }
     }
@@ -114,6 +121,16 @@ impl PlacedLed {
     /// True if it gives the same at every pixel of a flat pad.
     pub fn is_even(&self) -> bool {
         self.distance_mm.is_none()
+    }
+
+    /// True if its light follows the surface's height.
+    pub fn follows_height(&self) -> bool {
+        self.follows_height
+    }
+
+    /// The same LED; on a surface it is where it is on the undeformed pad.
+    pub fn regardless_of_height(self) -> Self {
+        Self { follows_height: false, ..self }
     }
 
     /// Vector from a point of the pad to the LED, mm; at infinity the unit vector.
@@ -131,9 +148,16 @@ impl PlacedLed {
         self.distance_mm.map_or(1.0, |distance| distance * distance / (x * x + y * y + z * z).max(NEAREST_MM2))
     }
 
-    /// What casts its shadows around a point of the pad, mm.
-    pub fn caster(&self, point_mm: [f64; 2], mm_per_px: [f64; 2]) -> Caster {
-        let [x, y, z] = self.seen_from(point_mm.map(|mm| mm as f32)).map(f64::from);
+    /// The same at a distance from it, mm.
+    pub fn strength_at(&self, mm: f64) -> f64 {
+        self.distance_mm.map_or(1.0, |distance| f64::from(distance).powi(2) / (mm * mm).max(f64::from(NEAREST_MM2)))
+    }
+
+    /// What casts its shadows around a point over the pad, mm.
+    pub fn caster(&self, point_mm: [f64; 2], height_mm: f32, mm_per_px: [f64; 2]) -> Caster {
+        let [x, y, z] = self.seen_from(point_mm.map(|mm| mm as f32));
+        let z = if self.follows_height { z + height_mm } else { z };
+        let [x, y, z] = [x, y, z].map(f64::from);
         let azimuth_deg = libm::atan2(y, x).to_degrees();
         let elevation_deg = libm::atan2(-z, libm::hypot(x, y)).to_degrees();
         Caster::new(azimuth_deg, elevation_deg, self.angular_size_deg, mm_per_px)
@@ -156,32 +180,50 @@ impl PlacedLed {
             None => {
                 let to_led = self.to_led;
                 for x in 0..width {
-                    gain[x] = reflect(to_led, [nx[x], ny[x], nz[x]], diffuse, specular, power);
+                    gain[x] = reflected(cosines(to_led, [nx[x], ny[x], nz[x]]), diffuse, specular, power);
                 }
             }
             Some(distance) => {
                 let [led_x, led_y, led_z] = self.to_led.map(|v| v * distance);
-                let dy = led_y - row.y_mm;
-                let (nearest, full) = ((dy * dy + led_z * led_z).max(NEAREST_MM2), distance * distance);
-                for x in 0..width {
+                let (dy, full) = (led_y - row.y_mm, distance * distance);
+                let lit = |x: usize, dz: f32| {
                     let dx = led_x - (row.x_mm + row.pitch_mm * (row.first_px + x as f32));
-                    let inverse = 1.0 / (dx * dx + nearest).sqrt();
-                    let to_led = [dx * inverse, dy * inverse, led_z * inverse];
+                    let inverse = 1.0 / (dx * dx + (dy * dy + dz * dz).max(NEAREST_MM2)).sqrt();
+                    let to_led = [dx * inverse, dy * inverse, dz * inverse];
                     let strength = full * inverse * inverse;
-                    gain[x] = strength * reflect(to_led, [nx[x], ny[x], nz[x]], diffuse, specular, power);
+                    let [along, mirrored] = cosines(to_led, [nx[x], ny[x], nz[x]]);
+                    // A dent may reach past an LED, which then is behind what faces the camera.
+                    let mirrored = if along > 0.0 { mirrored } else { 0.0 };
+                    strength * reflected([along, mirrored], diffuse, specular, power)
+                };
+                if self.follows_height {
+                    // Towards the camera, where the LED is, z falls.
+                    let heights = &row.heights_mm[..width];
+                    for x in 0..width {
+                        gain[x] = lit(x, led_z + heights[x]);
+                    }
+                } else {
+                    for (x, gain) in gain.iter_mut().enumerate() {
+                        *gain = lit(x, led_z);
+                    }
                 }
             }
         }
     }
 }
 
-/// Phong's reflection of light from a direction, at a surface of this normal, towards the camera.
+/// N.l and R.V, for light from a direction at a surface of this normal.
 #[inline(always)]
-fn reflect(to_led: [f32; 3], normal: [f32; 3], diffuse: f32, specular: f32, power: impl Fn(f32) -> f32) -> f32 {
+fn cosines(to_led: [f32; 3], normal: [f32; 3]) -> [f32; 2] {
     let [lx, ly, lz] = to_led;
     let [nx, ny, nz] = normal;
     let along = nx * lx + ny * ly + nz * lz;
-    // R.V with V = (0, 0, -1): the camera sees minus the z component.
-    let mirrored = lz - 2.0 * along * nz;
+    // V = (0, 0, -1): the camera sees minus the z component.
+    [along, lz - 2.0 * along * nz]
+}
+
+/// Phong's reflection towards the camera.
+#[inline(always)]
+fn reflected([along, mirrored]: [f32; 2], diffuse: f32, specular: f32, power: impl Fn(f32) -> f32) -> f32 {
     diffuse * along.max(0.0) + specular * power(mirrored.max(0.0))
 }

@@ -15,7 +15,7 @@ use super::led::{PlacedLed, Row};
 use super::phong::{self, Equation, Lit, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::Casting;
-use super::visible::Threshold;
+use super::visible::{self, Extent, Threshold};
 use crate::core::base::light::Light;
 
 /// LEDs made ready for one sensor: everything that is the same for every sample.
@@ -65,9 +65,11 @@ pub(super) enum Flat {
 impl Shader {
     /// Prepares the LEDs of a sensor whose pad has `relief` at rest; `near` if their distances count.
     pub fn new(phong: Phong, near: bool, light: &Illumination, view: &View, relief: Option<Grid<f32>>) -> Self {
-        let lamps: Vec<PlacedLed> = light.leds.iter().map(|led| PlacedLed::new(led, near)).collect();
+        let mut lamps: Vec<PlacedLed> = light.leds.iter().map(|led| PlacedLed::new(led, near)).collect();
+        let pad = Extent::new(light.field_of_view_mm, relief.as_ref());
+        visible::set_apart(&mut lamps, &phong, pad, light.thickness_mm);
         let mut shader = Self {
-            threshold: Threshold::new(&phong, &lamps, relief.is_some(), light),
+            threshold: Threshold::new(&phong, &lamps, pad, relief.is_some(), light),
             phong,
             lamps,
             flat: Vec::new(),
@@ -103,15 +105,16 @@ impl Shader {
         Grid::new(width, height)
     }
 
-    /// Where the pixels of a row are.
+    /// Where the pixels of a row are, whose surface is at these heights.
     #[inline(always)]
-    pub(super) fn row(&self, part: Rect, row: usize) -> Row {
+    pub(super) fn row<'a>(&self, part: Rect, row: usize, heights_mm: &'a [f32]) -> Row<'a> {
         let View { resolution_px: [width, height], mm_per_px: [pitch_x, pitch_y] } = self.view;
         Row {
             x_mm: ((0.5 - width as f64 / 2.0) * pitch_x) as f32,
             y_mm: (((part.y0 + row) as f64 + 0.5 - height as f64 / 2.0) * pitch_y) as f32,
             pitch_mm: pitch_x as f32,
             first_px: part.x0 as f32,
+            heights_mm,
         }
     }
 
@@ -204,14 +207,20 @@ impl Shader {
     }
 
     /// What casts shadows, if anything does. A near LED is taken to shine on all of the press from the direction in which it
-    /// is seen from the press's middle.
+    /// is seen from over the press's middle, as high as the press is: what is raised casts shadows.
     fn shadows(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Option<Casting> {
         let Shadows::Soft(soft) = self.phong.shadows else { return None };
         if bent.is_empty() && !everywhere {
             return None;
         }
         let middle = self.view.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
-        let lights = |pitch: [f64; 2]| self.lamps.iter().map(|lamp| lamp.caster(middle, pitch)).collect();
+        let at_rest_mm = self.relief.as_ref().map_or(0.0, |relief| {
+            let [x, y] = [bent.x0 + bent.x1, bent.y0 + bent.y1].map(|ends| ends / 2 + SURFACE_BORDER);
+            relief.shape.at(x, y)
+        });
+        let lights = |pitch: [f64; 2], highest_mm: f32| {
+            self.lamps.iter().map(|lamp| lamp.caster(middle, at_rest_mm + highest_mm, pitch)).collect()
+        };
         Casting::new(Coarse::new(soft.resolution), surface, &self.view, everywhere, lights)
     }
 }

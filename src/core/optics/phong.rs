@@ -181,7 +181,7 @@ pub(super) fn residual_at_rest(shader: &Shader, shape: &Grid<f32>) -> Option<Pla
 
 impl Phong {
     /// What an LED of intensity 1 gives along a row of normals.
-    pub fn reflect(&self, led: &PlacedLed, normals: &Normals, row: Row, gain: &mut [f32]) {
+    pub fn reflect(&self, led: &PlacedLed, normals: &Normals, row: Row<'_>, gain: &mut [f32]) {
         with_power(self.shininess, AlongRow { phong: self, led, normals, row, gain });
     }
 }
@@ -190,7 +190,7 @@ struct AlongRow<'a> {
     phong: &'a Phong,
     led: &'a PlacedLed,
     normals: &'a Normals,
-    row: Row,
+    row: Row<'a>,
     gain: &'a mut [f32],
 }
 
@@ -230,7 +230,8 @@ impl WithPower for AtRest<'_> {
                     #[inline(always)]
                     || {
                         set_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
-                        lamp.reflect(&normals, shader.row(part, 0), diffuse, specular, power, map.row_mut(y));
+                        let row = shader.row(part, 0, centres(shape, part, 0));
+                        lamp.reflect(&normals, row, diffuse, specular, power, map.row_mut(y));
                     },
                 );
             }
@@ -280,6 +281,12 @@ struct Rows {
     share: Vec<f32>,
     /// Shares on a coarser grid.
     line: Vec<f32>,
+}
+
+/// Heights along row `row` of a part of the view.
+#[inline(always)]
+fn centres(shape: &Grid<f32>, part: Rect, row: usize) -> &[f32] {
+    &shape.row(part.y0 + row + SURFACE_BORDER)[part.x0 + SURFACE_BORDER..][..part.width()]
 }
 
 /// Normals along row `row` of a part of the view.
@@ -334,8 +341,9 @@ fn average(
         gain.resize(run.len(), 0.0);
         for surface in &subpixel.surfaces {
             set_normals(shader.view.mm_per_px, surface, there, 0, between);
+            let row = shader.row(part, 0, centres(surface, there, 0));
             for (lamp, mean) in shader.lamps.iter().zip(&mut *means) {
-                lamp.reflect(between, shader.row(part, 0), diffuse, specular, power, gain);
+                lamp.reflect(between, row, diffuse, specular, power, gain);
                 for (mean, gain) in mean[run.clone()].iter_mut().zip(&*gain) {
                     *mean += each * gain;
                 }
@@ -375,7 +383,7 @@ fn shade_row(
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
-    let heights_mm = &lit.displacement.row(y + SURFACE_BORDER)[region.x0 + SURFACE_BORDER..][..width];
+    let heights_mm = centres(lit.displacement, region, row);
     if let Some(subpixel) = lit.subpixel {
         average(shader, subpixel, heights_mm, region, row, rows, power);
     }
@@ -400,8 +408,9 @@ fn shade_row(
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
+    let places = shader.row(region, row, centres(lit.shape, region, row));
     for (number, lamp) in shader.lamps.iter().enumerate() {
-        lamp.reflect(normals, shader.row(region, row), diffuse, specular, power, gain);
+        lamp.reflect(normals, places, diffuse, specular, power, gain);
         if let Some((columns, weight)) = lit.subpixel.and_then(|subpixel| subpixel.row(region, y)) {
             let rows = gain[columns.clone()].iter_mut().zip(&means[number][columns]).zip(weight);
             for ((gain, mean), weight) in rows {

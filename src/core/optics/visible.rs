@@ -5,6 +5,10 @@
 //! elevation e (the mirrored ray turns twice as fast as the normal); the slope bounds the angle. Depth takes a share of
 //! the light that is proportional to it. What the LEDs leave unexplained has its own bounds. Outside the region all together
 //! stay below [`BOUND`].
+//!
+//! A near LED's light also follows the surface's height. At a distance r a displacement dw turns the LED's direction by at
+//! most dw / r, and brightness, which is (D / r)^2 with D the distance from the middle of the image, changes by at most
+//! its 2 dw / r-th part; so light changes by at most D^2 / r^3 (3 k_d + (2 + alpha) k_s) per mm.
 
 use super::Illumination;
 use super::led::PlacedLed;
@@ -23,6 +27,68 @@ pub const BOUND: f64 = 0.45 / 255.0;
 /// too flat to be seen itself and yet take a bright LED's light from what lies behind it.
 const FLATTEST_CASTER: f64 = 0.004;
 
+/// Share of its distance from the pad at rest by which a near LED may come nearer to a surface outside the region.
+const NEARER: f64 = 0.1;
+
+/// Largest change of a channel by all LEDs together that are left where they are on the undeformed pad, whatever the height
+/// of the surface, as a share of full scale.
+const FAR: f64 = 0.05 / 255.0;
+
+/// Where a pad's surface is at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct Extent {
+    /// Half the width and height of the view, mm.
+    pub half_mm: [f64; 2],
+    /// Lowest and highest point, mm towards the camera.
+    pub heights_mm: [f64; 2],
+}
+
+impl Extent {
+    /// Of a view of this size; `relief` is the pad's own, if it is not flat.
+    pub fn new(field_of_view_mm: [f64; 2], relief: Option<&Grid<f32>>) -> Self {
+        let range = |heights: &Grid<f32>| {
+            let all = || heights.data.iter().map(|mm| f64::from(*mm));
+            [all().fold(0.0, f64::min), all().fold(0.0, f64::max)]
+        };
+        Self { half_mm: field_of_view_mm.map(|mm| mm / 2.0), heights_mm: relief.map_or([0.0; 2], range) }
+    }
+
+    /// Distance of a near LED from the closest point, mm.
+    fn distance_mm(self, lamp: &PlacedLed) -> f64 {
+        let [x, y, z] = lamp.seen_from([0.0, 0.0]).map(f64::from);
+        let [low, high] = self.heights_mm;
+        let beyond = |at: f64, low: f64, high: f64| at - at.clamp(low, high);
+        let [half_x, half_y] = self.half_mm;
+        libm::hypot(libm::hypot(beyond(x, -half_x, half_x), beyond(y, -half_y, half_y)), beyond(-z, low, high))
+    }
+}
+
+/// The LEDs, those that are too far for heights to matter set apart from them: a surface stays within `thickness_mm` of the
+/// pad at rest.
+pub fn set_apart(lamps: &mut [PlacedLed], phong: &Phong, pad: Extent, thickness_mm: f64) {
+    let each = FAR / lamps.len() as f64;
+    let [low, high] = pad.heights_mm;
+    let furthest_mm = thickness_mm + high.max(-low);
+    for lamp in lamps.iter_mut().filter(|lamp| lamp.follows_height()) {
+        let brightest = lamp.color.into_iter().fold(0.0, f32::max);
+        let nearest_mm = pad.distance_mm(lamp) - thickness_mm;
+        let change = f64::from(brightest) * change_per_mm(phong, lamp, nearest_mm) * furthest_mm;
+        if nearest_mm > 0.0 && change <= each {
+            *lamp = lamp.regardless_of_height();
+        }
+    }
+}
+
+/// The most that a near LED's light can change per mm of a surface's height, no nearer than `nearest_mm`, at intensity 1.
+fn change_per_mm(phong: &Phong, lamp: &PlacedLed, nearest_mm: f64) -> f64 {
+    let lobe = match phong.shininess {
+        alpha if alpha >= 1.0 => alpha,
+        alpha if alpha > 0.0 && phong.specular > 0.0 => f64::INFINITY,
+        _ => 0.0,
+    };
+    lamp.strength_at(nearest_mm) / nearest_mm * (3.0 * phong.diffuse + (2.0 + lobe) * phong.specular)
+}
+
 /// What no pixel outside the region exceeds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Threshold {
@@ -34,8 +100,8 @@ pub struct Threshold {
 
 impl Threshold {
     /// For a light model and a sensor; `rough` if the pad itself is not flat.
-    pub fn new(phong: &Phong, lamps: &[PlacedLed], rough: bool, light: &Illumination) -> Self {
-        let [half_x, half_y] = light.field_of_view_mm.map(|mm| mm / 2.0);
+    pub fn new(phong: &Phong, lamps: &[PlacedLed], pad: Extent, rough: bool, light: &Illumination) -> Self {
+        let [half_x, half_y] = pad.half_mm;
         // The point of the view that a near LED lights most strongly, and most steeply, is the one closest to it.
         let closest = |lamp: &PlacedLed| {
             let [x, y, _] = lamp.seen_from([0.0, 0.0]).map(f64::from);
@@ -49,16 +115,21 @@ impl Threshold {
                 let at = closest(lamp);
                 let [x, y, z] = lamp.seen_from(at).map(f64::from);
                 let elevation = libm::atan2(-z, libm::hypot(x, y));
+                // What is raised may be nearer to the LED, and turned to it.
+                let (strength, turned) = match lamp.follows_height() {
+                    true => (lamp.strength_at((1.0 - NEARER) * pad.distance_mm(lamp)), libm::asin(NEARER)),
+                    false => (f64::from(lamp.strength(at)), 0.0),
+                };
                 let mirrored = match rough {
                     true => 1.0,
-                    false => libm::sin((elevation + 2.0 * angle).min(std::f64::consts::FRAC_PI_2)),
+                    false => libm::sin((elevation + turned + 2.0 * angle).min(std::f64::consts::FRAC_PI_2)),
                 };
                 let lobe = match phong.shininess {
                     alpha if alpha >= 1.0 => 2.0 * alpha * libm::pow(mirrored, alpha - 1.0),
                     alpha if alpha > 0.0 && phong.specular > 0.0 => f64::INFINITY,
                     _ => 0.0,
                 };
-                let change = f64::from(lamp.strength(at)) * (phong.diffuse + phong.specular * lobe) * angle;
+                let change = strength * (phong.diffuse + phong.specular * lobe) * angle;
                 // A lobe that is infinitely steep times no light is no change.
                 for ((sum, share), most) in
                     sums.iter_mut().zip(lamp.color).zip(most).filter(|((_, share), _)| *share > 0.0)
@@ -81,10 +152,20 @@ impl Threshold {
             low = low.min(FLATTEST_CASTER);
         }
         let per_mm = light.darkening_per_mm(phong) + light.residual.map_or(0.0, LightResidual::change_per_mm);
+        let (mut by_height, mut nearer_mm) = ([0.0; 3], f64::INFINITY);
+        for lamp in lamps.iter().filter(|lamp| lamp.follows_height()) {
+            let distance_mm = pad.distance_mm(lamp);
+            let change = change_per_mm(phong, lamp, (1.0 - NEARER) * distance_mm);
+            nearer_mm = nearer_mm.min(NEARER * distance_mm);
+            for ((sum, share), most) in by_height.iter_mut().zip(lamp.color).zip(most).filter(|((_, c), _)| *c > 0.0) {
+                *sum += f64::from(share) * most * change;
+            }
+        }
+        let per_mm = per_mm + by_height.into_iter().fold(0.0, f64::max);
         Self {
             // Slopes along x and y are compared one by one.
             slope: (low * std::f64::consts::FRAC_1_SQRT_2) as f32,
-            height_mm: if per_mm > 0.0 { (BOUND / 3.0 / per_mm) as f32 } else { f32::MAX },
+            height_mm: if per_mm > 0.0 { (BOUND / 3.0 / per_mm).min(nearer_mm) as f32 } else { f32::MAX },
         }
     }
 
@@ -145,5 +226,84 @@ impl Excess {
             },
         );
         Self { rows, columns }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::optics::led::{Led, Normals, Row};
+
+    const NORMALS: [[f32; 2]; 6] = [[0.0, 0.0], [0.3, 0.0], [-0.4, 0.2], [0.0, -0.7], [0.6, 0.6], [-0.9, 0.1]];
+
+    fn lamp(distance_mm: f64, elevation_deg: f64, intensity: f64) -> PlacedLed {
+        PlacedLed::new(&Led { distance_mm, elevation_deg, azimuth_deg: 20.0, intensity, ..Led::default() }, true)
+    }
+
+    /// What it gives at intensity 1 where the surface has this height.
+    fn light(phong: &Phong, lamp: &PlacedLed, [x_mm, y_mm]: [f32; 2], normal: [f32; 2], height_mm: f64) -> f64 {
+        let mut normals = Normals::default();
+        normals.push(normal);
+        let row = Row { x_mm, y_mm, heights_mm: &[height_mm as f32], ..Row::default() };
+        let mut gain = [0.0];
+        phong.reflect(lamp, &normals, row, &mut gain);
+        f64::from(gain[0])
+    }
+
+    fn places() -> impl Iterator<Item = ([f32; 2], [f32; 2])> {
+        let across = [-4.0, -1.5, 0.0, 2.0, 4.0];
+        let at = across.into_iter().flat_map(move |x| across.map(|y| [x, 0.75 * y]));
+        at.flat_map(|at| NORMALS.map(|normal| (at, normal)))
+    }
+
+    #[test]
+    fn no_height_changes_a_near_leds_light_by_more_than_the_bound() {
+        let pad = Extent { half_mm: [4.0, 3.0], heights_mm: [-0.3, 1.2] };
+        let step_mm = 0.05;
+        for (shininess, elevation_deg) in [(0.0, 10.0), (1.0, 30.0), (5.0, 45.0), (5.0, 70.0), (30.0, 90.0)] {
+            let phong = Phong { shininess, specular: 0.6, ..Phong::default() };
+            for distance_mm in [5.0, 8.0, 20.0, 1e3] {
+                let lamp = lamp(distance_mm, elevation_deg, 1.0);
+                let nearest_mm = pad.distance_mm(&lamp);
+                if nearest_mm < 0.5 {
+                    continue;
+                }
+                let bound = change_per_mm(&phong, &lamp, nearest_mm) * step_mm;
+                let mut most = 0.0_f64;
+                for (at, normal) in places() {
+                    for k in 0..30 {
+                        let [low, high] = [k, k + 1].map(|k| -0.3 + step_mm * f64::from(k));
+                        let change = light(&phong, &lamp, at, normal, high) - light(&phong, &lamp, at, normal, low);
+                        most = most.max(change.abs());
+                    }
+                }
+                assert!(most <= bound * 1.001 + 1e-5, "{most} over {bound}: {distance_mm} mm, alpha {shininess}");
+                assert!(most > 0.03 * bound, "{most} under {bound}: {distance_mm} mm, alpha {shininess}");
+            }
+        }
+    }
+
+    #[test]
+    fn leds_are_left_on_the_undeformed_pad_only_if_no_height_changes_their_light() {
+        let (phong, thickness_mm) = (Phong::default(), 3.0);
+        let pad = Extent { half_mm: [8.0, 6.0], heights_mm: [0.0; 2] };
+        for (distance_mm, intensity, left) in
+            [(20.0, 1.0, false), (2e3, 1.0, false), (2e3, 0.001, true), (1e6, 100.0, false), (1e6, 1.0, true)]
+        {
+            let mut lamps = [10.0, 30.0, 80.0].map(|elevation| lamp(distance_mm, elevation, intensity));
+            set_apart(&mut lamps, &phong, pad, thickness_mm);
+            assert!(lamps.iter().all(|lamp| lamp.follows_height() != left), "{distance_mm} mm, intensity {intensity}");
+            for (at, normal) in places().filter(|_| left) {
+                for height_mm in [-thickness_mm, -0.1, 0.4, thickness_mm] {
+                    let change = |elevation: f64| {
+                        let lamp = lamp(distance_mm, elevation, intensity);
+                        let there = light(&phong, &lamp, at, normal, height_mm);
+                        intensity * (there - light(&phong, &lamp.regardless_of_height(), at, normal, height_mm)).abs()
+                    };
+                    let all: f64 = [10.0, 30.0, 80.0].map(change).iter().sum();
+                    assert!(all <= FAR, "{all} at a height of {height_mm}");
+                }
+            }
+        }
     }
 }

@@ -92,7 +92,7 @@ impl Pixels {
     pub fn look_up(&mut self, places: &[usize], contact: &Contact, camera: &View) {
         let [width, height] = camera.resolution_px;
         let every_pixel = Coarse::new(Resolution::Full);
-        let casting = Casting::new(every_pixel, &contact.surface, camera, true, Response::sky);
+        let casting = Casting::new(every_pixel, &contact.surface, camera, true, |pitch, _| Response::sky(pitch));
         let visible_sky = casting.map(|casting| casting.shares(camera, Rect::whole(width, height))).unwrap_or_default();
         for (inputs, &at) in self.inputs.iter_mut().zip(places) {
             for (input, visible) in inputs[INPUTS - SECTORS..].iter_mut().zip(&visible_sky) {

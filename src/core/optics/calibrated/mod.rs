@@ -152,7 +152,7 @@ impl Shader {
         let any = everywhere || !bent.is_empty();
         let shadows = effects.timed(Effect::Shadows, || match &self.colors {
             Ready::Response(network) if any => {
-                Casting::new(network.coarse, surface, &self.view, everywhere, Response::sky)
+                Casting::new(network.coarse, surface, &self.view, everywhere, |pitch, _| Response::sky(pitch))
             }
             _ => None,
         });

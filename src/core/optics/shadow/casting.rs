@@ -20,18 +20,19 @@ pub struct Casting {
 
 impl Casting {
     /// The shadows of lights on `surface`, a [`crate::core::gelpad::Contact::surface`] seen by `view`, if there are any; with
-    /// `everywhere` also those that fall nowhere. `lights` makes the casters for the pitch of the grid it is given.
+    /// `everywhere` also those that fall nowhere. `lights` makes the casters for the pitch of the grid, and the highest point of
+    /// the surface on it, mm.
     pub fn new(
         coarse: Coarse,
         surface: &Grid<f32>,
         view: &View,
         everywhere: bool,
-        lights: impl FnOnce([f64; 2]) -> Vec<Caster>,
+        lights: impl FnOnce([f64; 2], f32) -> Vec<Caster>,
     ) -> Option<Self> {
         let (surface, pitch) = (coarse.thinned(surface), coarse.pitch(view.mm_per_px));
         let steepest = Steepest::new(&surface, pitch);
         let casting = |caster: Caster| (everywhere || caster.casts(&steepest)).then_some(caster);
-        let casters: Vec<Option<Caster>> = lights(pitch).into_iter().map(casting).collect();
+        let casters: Vec<Option<Caster>> = lights(pitch, steepest.highest_mm).into_iter().map(casting).collect();
         let any = casters.iter().any(Option::is_some);
         any.then_some(Self { coarse, surface, casters, span_mm: steepest.span_mm })
     }

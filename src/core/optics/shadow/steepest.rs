@@ -17,6 +17,8 @@ pub struct Steepest {
     pub up: f32,
     /// Largest absolute displacement, mm: how exact the rises can be.
     pub largest_mm: f32,
+    /// Highest point over the pad at rest, mm, 0 or more.
+    pub highest_mm: f32,
     /// Highest point over the lowest one, mm; the pad at rest counts.
     pub span_mm: f32,
     /// Columns or rows, whichever are more.
@@ -47,6 +49,7 @@ impl Steepest {
             down: down * per_mm_y,
             up: up * per_mm_y,
             largest_mm: highest.max(lowest),
+            highest_mm: highest,
             span_mm: highest + lowest,
             longest_px: surface.width.max(surface.height),
         }
