@@ -11,7 +11,8 @@
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let sensor = Sensor::preset("gelsight-mini")?.with_resolution([80, 60]);
 //! let simulator = Simulator::new(&sensor, Fidelity::Standard)?; // the costly part, shared by threads
-//! let depth_mm = (0..80 * 60).map(|i| if (i % 80) < 40 { 0.3 } else { -1.0 }).collect();
+//! let bar = |i: usize| (20..60).contains(&(i % 80)) && (20..40).contains(&(i / 80));
+//! let depth_mm = (0..80 * 60).map(|i| if bar(i) { 0.3 } else { -1.0 }).collect();
 //! let press = simulator.press(&Indenter::height_map([80, 60], depth_mm)?);
 //! let png: Vec<u8> = press.image.to_png();
 //! assert!(press.contact.force_n.is_some_and(|force_n| force_n > 0.0) && png.starts_with(b"\x89PNG"));

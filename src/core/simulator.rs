@@ -11,6 +11,7 @@ use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::camera::lens::Lens;
 use crate::core::camera::markers::{MarkerPattern, MarkerPositions};
 use crate::core::camera::{Camera, CameraParams, Image};
+use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::Texture;
 use crate::core::depth::{self, Depth, rest};
@@ -21,6 +22,7 @@ use crate::core::gelpad::elastic::model_error::curvature_error_mm;
 use crate::core::gelpad::material::Material;
 use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
+use crate::core::gelpad::whole::Whole;
 use crate::core::gelpad::{self, Contact, Pad};
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::lamps;
@@ -277,14 +279,26 @@ impl Simulator {
 
         let thickness_mm = self.sensor.gelpad.thickness_mm;
         let mut window = self.pad.window(indenter.depth_mm);
+        let mut beyond = None;
         let (depth, mut contact) = loop {
             // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
             let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_deref());
             let depth = depth::overlap(indenter, texture, drop_mm, thickness_mm, &self.view, window, &mut effects);
             seconds.depth += clock.lap();
 
+            // What touches the pad beyond that, if anything does.
+            let beyond = beyond.get_or_insert_with(|| {
+                let unless = |effect| self.policy != EffectPolicy::Without(effect);
+                let texture = texture.filter(|_| unless(Effect::Texture));
+                let drop_mm = drop_mm.filter(|_| unless(Effect::RestShape));
+                Surroundings::new(indenter, texture, drop_mm, thickness_mm, &self.view, window.margin_px)
+                    .map(|around| effects.timed(Effect::Deformation, || self.pad.beyond(&around)))
+            });
             // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
-            let contact = gelpad::deform(&self.pad, &depth, &mut effects);
+            let mut contact = gelpad::deform(&self.pad, &depth, beyond.as_ref(), &mut effects);
+            let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
+            let (shape, beyond) = (&indenter.shape, beyond.as_ref());
+            contact.whole = Whole::of(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
             seconds.gelpad += clock.lap();
             match self.pad.higher(window, &contact) {
                 Some(higher) => window = higher,
@@ -439,7 +453,7 @@ impl Impression {
 
     /// Pressure between pad and object, kPa; 0 without contact. `None` if the model of the gelpad knows none.
     pub fn pressure_kpa(&self) -> Option<Vec<f32>> {
-        self.contact.force_n?;
+        self.contact.peak_pressure_kpa?;
         let [width, height] = self.view.resolution_px;
         let pressure = self.contact.pressure.clone();
         Some(pressure.map_or_else(|| vec![0.0; width * height], |pressure| self.through_lens(pressure)))

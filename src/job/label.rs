@@ -241,8 +241,21 @@ pub struct ContactLabel {
     pub bbox_px: [u32; 4],
     /// Largest depth of the object below the undeformed pad, mm.
     pub max_depth_mm: f64,
-    /// Normal force, N; null if the model knows none.
+    /// Normal force in view, N; null if the model knows none, or something that is not known decides it.
     pub force_n: Option<f64>,
+    /// Normal force of the whole object, in view and beyond, N; null if it is not known.
+    #[serde(default)]
+    pub total_force_n: Option<f64>,
+    /// Why one of these forces is null; empty if both are known.
+    #[serde(default)]
+    pub force_unknown: String,
+    /// True if the object touches the pad beyond the view, too. Of a depth frame: if it touches the pad at the frame's border.
+    #[serde(default)]
+    pub cut_by_view: bool,
+    /// Share of the area in which the object touches the pad that is in view, 0 to 1; null for a depth frame, of which
+    /// nothing is known beyond the view.
+    #[serde(default)]
+    pub in_view_fraction: Option<f64>,
     /// Largest pressure, kPa; null if the model knows none.
     pub peak_pressure_kpa: Option<f64>,
 }
@@ -330,6 +343,10 @@ impl Label {
                 bbox_px: [bbox.x0, bbox.y0, bbox.x1, bbox.y1].map(|px| px as u32),
                 max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
                 force_n: contact.force_n,
+                total_force_n: contact.whole.total_force_n,
+                force_unknown: contact.whole.force_unknown.to_owned(),
+                cut_by_view: contact.whole.cut_by_view,
+                in_view_fraction: contact.whole.in_view_fraction,
                 peak_pressure_kpa: contact.peak_pressure_kpa,
             },
             markers: markers.as_ref().map_or_else(MarkersLabel::default, |markers| {

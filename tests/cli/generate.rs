@@ -220,8 +220,13 @@ const INTEGERS: &[&str] = &[
 ];
 
 /// What a blur does not know.
-const NULLS: &[&str] =
-    &["contact.force_n", "contact.peak_pressure_kpa", "numerics.residual_um", "numerics.model_error_um"];
+const NULLS: &[&str] = &[
+    "contact.force_n",
+    "contact.total_force_n",
+    "contact.peak_pressure_kpa",
+    "numerics.residual_um",
+    "numerics.model_error_um",
+];
 
 /// The keys that the contract promises.
 const LEAST_KEYS: &[&str] = &[
@@ -257,6 +262,10 @@ const LEAST_KEYS: &[&str] = &[
     "contact.bbox_px",
     "contact.max_depth_mm",
     "contact.force_n",
+    "contact.total_force_n",
+    "contact.force_unknown",
+    "contact.cut_by_view",
+    "contact.in_view_fraction",
     "contact.peak_pressure_kpa",
     "fidelity",
     "gelpad_model",
@@ -366,7 +375,9 @@ fn the_card_tells_a_reader_files_and_types() {
         assert!(front.contains(&format!("  - name: {column}\n")), "{column} in\n{front}");
     }
     // Null in every sample of this dataset, a number all the same.
-    assert!(front.contains("- name: force_n\n        dtype: float64"), "{front}");
+    for name in ["force_n", "total_force_n", "in_view_fraction"] {
+        assert!(front.contains(&format!("- name: {name}\n        dtype: float64")), "{name} in {front}");
+    }
     assert!(!front.contains("reference.png"), "only what the dataset has");
 }
 

@@ -7,6 +7,7 @@
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
 //! border and the pixels' size cost; `finite_elements` the error of linear theory; `ladder` every rung on the bundled objects; `hard_cases` what must not break it.
 
+mod beyond;
 mod border;
 mod capture;
 mod contact;

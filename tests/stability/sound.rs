@@ -279,10 +279,19 @@ fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
         peak = peak.max(*kpa);
     }
     let elastic = matches!(plan.simulator.pad(), Pad::Elastic(_));
-    ensure!(said.force_n.is_some() == elastic, "a force of {:?}", said.force_n);
+    let unsolved = said.cut_by_view && said.force_unknown.contains("not solved");
+    ensure!(said.force_n.is_some() == (elastic && !unsolved), "a force of {:?}", said.force_n);
     ensure!(said.force_n.is_none_or(|said| said >= 0.0 && close(said, force)), "{:?} N, not {force}", said.force_n);
     let peak = f64::from(peak);
     ensure!(said.peak_pressure_kpa.is_none_or(|said| said == peak), "a peak of {:?} kPa", said.peak_pressure_kpa);
+
+    let whole =
+        said.total_force_n.zip(said.force_n).is_none_or(|(all, seen)| all >= seen && (said.cut_by_view || all == seen));
+    ensure!(whole, "{:?} N of {:?} N in view", said.force_n, said.total_force_n);
+    ensure!(said.force_unknown.is_empty() == said.total_force_n.is_some(), "because {}", said.force_unknown);
+    let share = said.in_view_fraction.unwrap_or(f64::NAN);
+    let expected = if said.cut_by_view { (0.0..1.0).contains(&share) } else { share == f64::from(said.in_contact) };
+    ensure!(expected, "cut: {}, in view: {share}", said.cut_by_view);
 
     let turn = label.pose.quaternion_xyzw;
     ensure!((turn.iter().map(|q| q * q).sum::<f64>() - 1.0).abs() < 1e-9, "a turn by {turn:?}");

@@ -11,6 +11,7 @@ use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Placement, Pose};
 
+pub mod beyond;
 pub mod height_map;
 pub mod indenter;
 pub mod patterns;

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
+use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::{Depth, Window};
 use crate::core::effects::{Effect, EffectLog, Requirement};
 
@@ -15,6 +16,7 @@ pub mod mean_blur;
 pub mod none;
 pub mod subpixel;
 pub mod tangential;
+pub mod whole;
 
 use crate::core::base::simd::simd_dispatch;
 use elastic::Elastic;
@@ -26,6 +28,7 @@ use mean_blur::MeanBlur;
 use none::NoDeformation;
 use subpixel::Subpixel;
 use tangential::TangentialMotion;
+use whole::{Beyond, Whole};
 
 /// The models of the gelpad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -118,27 +121,41 @@ impl Pad {
         }
     }
 
+    /// What touches beyond the window.
+    pub fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
+        match self {
+            Self::Elastic(pad) => pad.beyond(around),
+            _ => Beyond::of_overlap(around, self.window(0.0).margin_px),
+        }
+    }
+
     /// Presses the object into the pad: `depth` is the overlap in [`Pad::window`].
     pub fn press(&self, depth: &Depth) -> Contact {
+        self.press_with(depth, None)
+    }
+
+    /// The same with what touches beyond the window.
+    pub fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
         match self {
             Self::None => none::press(depth),
             Self::MeanBlur(blur) => mean_blur::press(blur, depth),
             Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
-            Self::Elastic(pad) => pad.press(depth),
+            Self::Elastic(pad) => pad.press_with(depth, beyond),
         }
     }
 }
 
-/// The pad under an object that overlaps it.
-pub fn deform(pad: &Pad, depth: &Depth, effects: &mut EffectLog) -> Contact {
+/// The pad under an object that overlaps it, with what touches beyond the window.
+pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, effects: &mut EffectLog) -> Contact {
+    let clear = depth.touching.is_empty() && beyond.is_none_or(|beyond| beyond.displacement.is_none());
     let need = match pad {
         Pad::None => Requirement::Absent("the gelpad model has none"),
-        _ if depth.touching.is_empty() => Requirement::Unneeded("nothing reaches into the pad"),
+        _ if clear => Requirement::Unneeded("nothing reaches into the pad"),
         _ => Requirement::Needed("the object reaches into the pad"),
     };
     // What a model makes of nothing is its own business: it knows which numbers it would give.
-    match effects.enable(Effect::Deformation, need) || depth.touching.is_empty() {
-        true => effects.timed(Effect::Deformation, || pad.press(depth)),
+    match effects.enable(Effect::Deformation, need) || clear {
+        true => effects.timed(Effect::Deformation, || pad.press_with(depth, beyond)),
         false => none::press(depth),
     }
 }
@@ -163,8 +180,10 @@ pub struct Contact {
     pub tangential: Option<TangentialMotion>,
     /// Pressure between pad and object, kPa, in the view, if the model knows it and there is any contact.
     pub pressure: Option<Grid<f32>>,
-    /// Normal force on the part in view, N, if the model knows it.
+    /// Normal force on the part in view, N, if the model knows it, and all of the object that decides it.
     pub force_n: Option<f64>,
+    /// How the contact in view is part of a whole; set by [`crate::core::simulator::Simulator`].
+    pub whole: Whole,
     /// Largest pressure in view, kPa, if the model knows it.
     pub peak_pressure_kpa: Option<f64>,
     /// The surface between pixel centres, where it was sampled.
@@ -234,6 +253,7 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
         tangential: None,
         pressure: None,
         force_n,
+        whole: Whole::default(),
         peak_pressure_kpa: force_n,
         subpixel: None,
         numerics,

@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::whole::Beyond;
 use super::{Contact, Numerics, untouched};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
@@ -19,6 +20,7 @@ use crate::core::base::view::View;
 use crate::core::depth::{Depth, Window};
 use crate::core::gelpad::material::Material;
 
+mod beyond_view;
 pub mod convolve;
 pub mod fft;
 pub mod inplane;
@@ -31,6 +33,7 @@ pub mod shear;
 mod solve;
 mod surface;
 
+use beyond_view::Grids;
 use convolve::{Buffers, Lengths, Spectrum, Torus};
 use inplane::Load;
 use layer::ElasticLayer;
@@ -69,8 +72,8 @@ impl Elastic {
     }
 }
 
-/// How far beyond the view the object is captured, in thicknesses. Of an object that ends in view, nothing is missing;
-/// of one that goes on beyond it, what is cut off would move the surface in view by up to 20 um (docs/gelpad.md).
+/// How far beyond the view the object is captured on the view's own grid, in thicknesses. Of an object that ends there
+/// nothing is missing; what goes on further presses from coarser grids ([`beyond_view`]).
 const MARGIN: f64 = 1.5;
 
 /// Indentation depth over thickness up to which linear theory says something; under a ball its surface is then off by some 3 % of
@@ -102,6 +105,8 @@ pub struct Pad {
     lengths: Arc<Lengths>,
     /// The same on every second pixel, if that is fine enough to be of help.
     coarser: Option<Box<Pad>>,
+    /// For what lies beyond the window.
+    grids: Arc<Grids>,
 }
 
 /// Memory that one thread needs, kept from sample to sample.
@@ -153,6 +158,7 @@ impl Pad {
             // A coarser grid may have a pixel more than counted here, depending on how it is come by.
             lengths: Arc::new(Lengths::new(2 * window[0].max(window[1]) + 16)),
             coarser: elastic.coarser().map(|coarser| Box::new(Self::new(&coarser, material, view))),
+            grids: Arc::default(),
         }
     }
 
@@ -192,24 +198,33 @@ impl Pad {
 
     /// Presses the object into the pad.
     pub fn press(&self, depth: &Depth) -> Contact {
+        self.press_with(depth, None)
+    }
+
+    /// The same with what touches beyond the window.
+    pub fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
         let solved = Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), ..Numerics::DIRECT };
         let mut contact = untouched(width, height, Some(0.0), solved);
-        if depth.touching.is_empty() {
+        let given = beyond.and_then(|beyond| beyond.displacement.as_ref());
+        if depth.touching.is_empty() && given.is_none() {
             return contact;
         }
-        WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, &mut contact));
+        WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, given, &mut contact));
         contact
     }
 
-    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, contact: &mut Contact) {
+    /// `given` is the displacement that loads beyond the window cause, on the grid of the overlap.
+    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, given: Option<&Grid<f32>>, contact: &mut Contact) {
         let lattice = Lattice::new(self.elastic.resolution);
         let mut thinned = std::mem::take(&mut workspace.coarse);
+        let left = given.map(|given| less(&depth.overlap, given));
+        let overlap = left.as_ref().unwrap_or(&depth.overlap);
         let overlap = if lattice.factor == 1 {
-            &depth.overlap
+            overlap
         } else {
-            lattice.thin_out(&depth.overlap, &mut thinned);
+            lattice.thin_out(overlap, &mut thinned);
             &thinned
         };
         let fine = [depth.overlap.width, depth.overlap.height];
@@ -217,6 +232,10 @@ impl Pad {
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
         let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
+        if let Some(given) = given {
+            solution.add(given, lattice);
+            contact.surface = given.crop(seen);
+        }
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
         self.fill(&solution, depth, seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
@@ -384,7 +403,26 @@ struct Solution {
     residual_mm: f32,
 }
 
+/// An overlap less a displacement.
+fn less(overlap: &Grid<f32>, displacement: &Grid<f32>) -> Grid<f32> {
+    let mut left = overlap.clone();
+    left.data.iter_mut().zip(&displacement.data).for_each(|(g, w)| *g -= w);
+    left
+}
+
 impl Solution {
+    /// Adds a displacement that is given on the camera's grid.
+    fn add(&mut self, given: &Grid<f32>, lattice: Lattice) {
+        let fine = [given.width, given.height];
+        let columns: Vec<usize> = (self.seen.x0..self.seen.x1).map(|x| lattice.fine(x, fine[0])).collect();
+        for y in 0..self.seen.height() {
+            let from = given.row(lattice.fine(self.seen.y0 + y, fine[1]));
+            for (w, column) in self.displacement.row_mut(y).iter_mut().zip(&columns) {
+                *w += from[*column];
+            }
+        }
+    }
+
     /// Notes the largest violation of the contact conditions; where, outside the contact's box, the object reaches through
     /// the surface by more than `accepted`.
     fn check(&mut self, overlap: &Grid<f32>, accepted: f32) -> Rect {

@@ -1,0 +1,275 @@
+//! What presses on the pad beyond the captured window: its force, and the displacement that it causes in the window.
+//!
+//! The contact is solved on grids of square cells that become larger with the distance from the window: each grid reaches
+//! further and is coarser than the one before, up to one that holds all of the object. From the widest inwards, each
+//! grid's pressure outside the next one is taken as given, and its displacement off the overlap there; last comes the
+//! window itself, which is so solved under the load beyond it instead of without.
+
+use std::sync::{Arc, OnceLock};
+
+use super::convolve::{Lengths, Shape, Torus};
+use super::kernel::kernel;
+use super::layer::ElasticLayer;
+use super::{BULGE, Elastic, Pad, WORKSPACE, Workspace};
+use crate::core::base::grid::{Grid, Rect, Resolution};
+use crate::core::base::simd::simd_dispatch;
+use crate::core::depth::beyond::{Area, Cells, Surroundings};
+use crate::core::gelpad::whole::Beyond;
+
+/// How far the first grid reaches beyond the window, thicknesses.
+const FIRST: f64 = 4.0;
+
+/// By what factor each further grid reaches further.
+const FURTHER: f64 = 3.0;
+
+/// Most cells along the contact in a grid.
+const CELLS: f64 = 128.0;
+
+/// Most cells along all that a grid could hold: the displacement is wanted up to the window, wherever the contact is.
+const WIDEST: f64 = 256.0;
+
+/// Cells around the contact, and around the next grid, where values between cells are needed.
+const BORDER: usize = 2;
+
+/// Sizes of cells from one to twice it.
+const PER_OCTAVE: f64 = 4.0;
+
+/// How many sizes there are: more than floating-point numbers of single precision have use for.
+const SIZES: usize = 1024;
+
+/// Largest violation of the contact conditions on these grids, as a share of the depth.
+const TOLERANCE: f64 = 2e-3;
+
+/// Distance beyond which the layer's response to a cell counts for nothing, thicknesses.
+const REACH: f64 = 9.0;
+
+/// Cells up to which the response is known well enough at their middles, thicknesses.
+const FINE: f64 = 0.25;
+
+/// What the grids beyond the window share from press to press, made when it is first needed.
+#[derive(Default)]
+pub(super) struct Grids {
+    kernels: OnceLock<Vec<OnceLock<Arc<Grid<f32>>>>>,
+    lengths: OnceLock<Arc<Lengths>>,
+}
+
+/// A grid, and what it lies around.
+struct Level {
+    inner: Area,
+    /// Beyond this, a wider grid knows the pressure.
+    outer: Area,
+    cells: Cells,
+    /// Number of the cells' size.
+    size: usize,
+}
+
+/// Displacement at the middles of cells, mm.
+struct Field {
+    cells: Cells,
+    values: Grid<f32>,
+}
+
+impl Pad {
+    /// What presses beyond the window of a view, on the grid of which the displacement is given.
+    pub fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
+        WORKSPACE.with_borrow_mut(|workspace| self.beyond_in(workspace, around))
+    }
+
+    fn beyond_in(&self, workspace: &mut Workspace, around: &Surroundings<'_>) -> Beyond {
+        let window = Area::around(around.view(), self.margin_px);
+        let (mut force, mut area_mm2, mut solved) = (0.0, 0.0, true);
+        let mut field: Option<Field> = None;
+        for Level { inner, outer, cells, size } in
+            self.levels(window, around.below(BULGE * around.depth_mm())).iter().rev()
+        {
+            let mut overlap = around.overlap(cells);
+            if let Some(field) = &field {
+                let given = field.at(cells.corner_mm, [cells.pitch_mm; 2], cells.count);
+                overlap.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
+            }
+            // What presses there is in the given displacement already.
+            for y in 0..overlap.height {
+                for (x, g) in overlap.row_mut(y).iter_mut().enumerate() {
+                    *g = if outer.share(cells, x, y) > 0.0 { *g } else { 0.0 - self.layer.thickness_mm as f32 };
+                }
+            }
+            let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
+            let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
+            let solution = pad.solve(workspace, &overlap, Rect::default());
+            solved &= solution.converged;
+            let whole = Rect::whole(overlap.width, overlap.height);
+            let mut pressure = Grid::new(overlap.width, overlap.height);
+            pressure.paste(&solution.pressure, solution.contact_box, whole);
+            workspace.displacement = solution.displacement;
+            let area = cells.pitch_mm * cells.pitch_mm;
+            for y in 0..pressure.height {
+                for (x, p) in pressure.row_mut(y).iter_mut().enumerate() {
+                    if *p > 0.0 {
+                        let within = inner.share(cells, x, y);
+                        *p *= (1.0 - within) as f32;
+                        force += f64::from(*p) * area;
+                        area_mm2 += (outer.share(cells, x, y) - within).max(0.0) * area;
+                    }
+                }
+            }
+            let mut own = pad.displaced(workspace, cells, &pressure, *inner);
+            if let Some(field) = &field {
+                let given = field.at(own.cells.corner_mm, [own.cells.pitch_mm; 2], own.cells.count);
+                own.values.data.iter_mut().zip(&given.data).for_each(|(own, given)| *own += given);
+            }
+            field = Some(own);
+        }
+        let count = around.view().resolution_px.map(|px| px + 2 * self.margin_px);
+        // Newtons from mm^2 of unit modulus: kPa mm^2 are mN.
+        let force_n = Some(force * self.youngs_modulus_kpa * 1e-3);
+        let displacement = field.filter(|_| area_mm2 > 0.0).map(|field| field.at(window.min, self.mm_per_px, count));
+        Beyond { displacement, force_n, area_mm2, solved }
+    }
+
+    /// The grids that it takes, from the window outwards.
+    fn levels(&self, window: Area, touching: Area) -> Vec<Level> {
+        let finest = self.mm_per_px[0].min(self.mm_per_px[1]);
+        let (mut inner, mut reach) = (window, FIRST * self.layer.thickness_mm);
+        let mut levels = Vec::new();
+        loop {
+            let outer = window.grown(reach);
+            let part = outer.cut(touching);
+            if !part.is_empty() {
+                let wanted = (part.longest() / CELLS).max(outer.longest() / WIDEST);
+                let size = (PER_OCTAVE * libm::log2(wanted / finest)).ceil().clamp(0.0, (SIZES - 1) as f64);
+                let pitch_mm = finest * libm::exp2(size / PER_OCTAVE);
+                levels.push(Level { inner, outer, cells: Cells::over(part, pitch_mm, BORDER), size: size as usize });
+                inner = outer;
+            }
+            if outer.holds(touching) {
+                if let Some(last) = levels.last_mut() {
+                    last.outer = Area::EVERYWHERE;
+                }
+                return levels;
+            }
+            reach *= FURTHER;
+        }
+    }
+
+    /// The same layer on a grid of cells.
+    fn on_cells(&self, size: usize, pitch_mm: f64, deepest_mm: f64) -> Self {
+        let Grids { kernels, lengths } = &*self.grids;
+        let most = WIDEST as usize + 4 * BORDER + 8;
+        let kernels = kernels.get_or_init(|| (0..SIZES).map(|_| OnceLock::new()).collect());
+        let own = kernels[size].get_or_init(|| Arc::new(response(self.layer, pitch_mm, 2 * most)));
+        let lengths = lengths.get_or_init(|| Arc::new(Lengths::new(4 * most)));
+        let tolerance_um = self.elastic.tolerance_um.max(1e3 * TOLERANCE * deepest_mm);
+        Self {
+            elastic: Elastic { resolution: Resolution::Full, tolerance_um, ..self.elastic },
+            margin_px: 0,
+            mm_per_px: [pitch_mm; 2],
+            coarse_mm_per_px: [pitch_mm; 2],
+            kernel: Arc::clone(own),
+            lengths: Arc::clone(lengths),
+            coarser: None,
+            ..self.clone()
+        }
+    }
+
+    /// The displacement under a pressure on `cells`, in cells over an area.
+    fn displaced(&self, workspace: &mut Workspace, cells: &Cells, pressure: &Grid<f32>, over: Area) -> Field {
+        let pitch = cells.pitch_mm;
+        // Columns (or rows) of these cells that the target begins and ends with.
+        let reach = |k: usize| {
+            let low = ((over.min[k] - cells.corner_mm[k]) / pitch).floor() as i64 - BORDER as i64;
+            let high = ((over.max[k] - cells.corner_mm[k]) / pitch).ceil() as i64 + BORDER as i64;
+            (low.min(0), high.max(cells.count[k] as i64))
+        };
+        let reaches = [reach(0), reach(1)];
+        let count = reaches.map(|(low, high)| (high - low) as usize);
+        let shape = Shape { source: cells.count, offset: reaches.map(|(low, _)| -low as usize), target: count };
+        let torus = Torus::new(&self.lengths, shape, [self.kernel.width, self.kernel.height]);
+        let Workspace { buffers, response, .. } = workspace;
+        torus.set_spectrum(&self.kernel, buffers, response);
+        let mut values = Grid::default();
+        torus.convolve(response, pressure, &mut values, buffers);
+        let corner_mm = std::array::from_fn(|k| cells.corner_mm[k] + reaches[k].0 as f64 * pitch);
+        Field { cells: Cells { corner_mm, pitch_mm: pitch, count }, values }
+    }
+}
+
+impl Field {
+    /// At the middles of pixels, the first of which begins at `corner_mm`: by cubics between cells (Catmull and Rom).
+    fn at(&self, corner_mm: [f64; 2], mm_per_px: [f64; 2], count: [usize; 2]) -> Grid<f32> {
+        let along = |k: usize| -> Vec<([usize; 4], [f32; 4])> {
+            let last = self.cells.count[k] as i64 - 1;
+            let weights = |at: usize| {
+                let mm = corner_mm[k] + (at as f64 + 0.5) * mm_per_px[k] - self.cells.corner_mm[k];
+                let position = mm / self.cells.pitch_mm - 0.5;
+                let first = position.floor();
+                let t = position - first;
+                let from = std::array::from_fn(|n| (first as i64 + n as i64 - 1).clamp(0, last) as usize);
+                let ends = [t * (t * (1.0 - 0.5 * t) - 0.5), 0.5 * t * t * (t - 1.0)];
+                let inner = [1.0 + t * t * (1.5 * t - 2.5), t * (0.5 + t * (2.0 - 1.5 * t))];
+                (from, [ends[0], inner[0], inner[1], ends[1]].map(|weight| weight as f32))
+            };
+            (0..count[k]).map(weights).collect()
+        };
+        let (columns, rows) = (along(0), along(1));
+        let mut widened: Grid<f32> = Grid::new(count[0], self.values.height);
+        let mut out: Grid<f32> = Grid::new(count[0], count[1]);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in 0..self.values.height {
+                    let row = self.values.row(y);
+                    for (value, (from, weights)) in widened.row_mut(y).iter_mut().zip(&columns) {
+                        *value = (0..4).map(|n| weights[n] * row[from[n]]).sum();
+                    }
+                }
+                for (y, (from, weights)) in rows.iter().enumerate() {
+                    let [a, b, c, d] = from.map(|row| widened.row(row));
+                    for (x, value) in out.row_mut(y).iter_mut().enumerate() {
+                        *value = weights[0] * a[x] + weights[1] * b[x] + weights[2] * c[x] + weights[3] * d[x];
+                    }
+                }
+            },
+        );
+        out
+    }
+}
+
+/// The layer's response to a cell. Coarse cells are put together from smaller ones. Pressure that is even over a cell
+/// makes the response of wide contacts too stiff or too soft: the nearest cells get what is missing, so that the sum over
+/// all cells and its second moment, of which such contacts feel nothing else, are the layer's.
+fn response(layer: ElasticLayer, pitch_mm: f64, most: usize) -> Grid<f32> {
+    let h = layer.thickness_mm;
+    // An odd number, so that the middle of a cell is the middle of a smaller one.
+    let parts = 2 * (0.5 * pitch_mm / (FINE * h)).min(1e9) as usize + 1;
+    let fine = kernel(layer, [pitch_mm / parts as f64; 2], REACH * h, [most; 2]);
+    if parts == 1 {
+        return fine;
+    }
+    let coarse = |lag: usize| (lag + parts / 2) / parts;
+    let [width, height] = [fine.width, fine.height].map(|lags| (coarse(lags - 1) + 1).max(2));
+    let mut sums = Grid::<f64>::new(width, height);
+    for y in 0..fine.height {
+        for x in 0..fine.width {
+            // A lag within half the middle cell is there on either side.
+            let twice = |lag: usize| if lag > 0 && coarse(lag) == 0 { 2.0 } else { 1.0 };
+            sums.row_mut(coarse(y))[coarse(x)] += f64::from(fine.at(x, y)) * twice(x) * twice(y);
+        }
+    }
+    let (mut sum, mut second) = (0.0, 0.0);
+    for y in 0..height {
+        for x in 0..width {
+            let mirrored = |lag: usize| if lag == 0 { 1.0 } else { 2.0 };
+            let whole = sums.at(x, y) * mirrored(x) * mirrored(y);
+            sum += whole;
+            second += whole * (x * x) as f64 * pitch_mm * pitch_mm;
+        }
+    }
+    // G(q) = G(0) + bend q^2 + ..
+    let bend = |s: f64| (layer.normal(s / h) - layer.normal(0.0)) / (s * s) * h * h;
+    let bend = (4.0 * bend(0.02) - bend(0.04)) / 3.0;
+    let beside = (-2.0 * bend - second) / (2.0 * pitch_mm * pitch_mm);
+    sums.row_mut(0)[0] += layer.normal(0.0) - sum - 4.0 * beside;
+    sums.row_mut(0)[1] += beside;
+    sums.row_mut(1)[0] += beside;
+    Grid { width, height, data: sums.data.iter().map(|value| *value as f32).collect() }
+}
