@@ -25,6 +25,8 @@ fn columns(row: &Row) -> Vec<(&'static str, String)> {
         ("image_ssim", number(errors.image_ssim)),
         ("area_error_percent", maybe(errors.area_error_percent)),
         ("force_error_percent", maybe(errors.force_error_percent)),
+        ("contact_iou_mean", maybe(errors.contact_iou_mean)),
+        ("contact_iou_worst", maybe(errors.contact_iou_worst)),
         ("cpu_ms_median", number(row.cpu_ms_median)),
         ("cpu_ms_p95", number(row.cpu_ms_p95)),
         ("scene_ms", number(1e3 * row.seconds.scene)),
@@ -93,7 +95,7 @@ pub fn table(tradeoff: &Tradeoff) -> String {
 fn rows(text: &mut String, name: &str, rows: &[Row]) {
     let _ = writeln!(
         text,
-        "{name:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "{name:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8} {:>8} {:>6}",
         "height",
         "height",
         "contact",
@@ -104,21 +106,39 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
         "image",
         "area",
         "force",
+        "mask",
+        "mask",
         "CPU ms",
         "CPU ms",
         "best"
     );
     let _ = writeln!(
         text,
-        "{:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
-        "", "RMS um", "max um", "deg", "deg", "p95 deg", "MAE", "PSNR dB", "SSIM", "%", "%", "median", "p95", ""
+        "{:<22} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7} {:>7} {:>8} {:>7} {:>7} {:>8} {:>8} {:>6}",
+        "",
+        "RMS um",
+        "max um",
+        "deg",
+        "deg",
+        "p95 deg",
+        "MAE",
+        "PSNR dB",
+        "SSIM",
+        "%",
+        "%",
+        "IoU",
+        "worst",
+        "median",
+        "p95",
+        ""
     );
     for row in rows {
         let errors = &row.errors;
         let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
+        let share = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.4}"));
         let _ = writeln!(
             text,
-            "{:<22} {:>9.3} {:>9.2} {:>9.3} {:>9.3} {:>9.3} {:>8.3} {:>8} {:>7.4} {:>7} {:>8} {:>8.2} {:>8.2} {:>6}",
+            "{:<22} {:>9.3} {:>9.2} {:>9.3} {:>9.3} {:>9.3} {:>8.3} {:>8} {:>7.4} {:>7} {:>8} {:>7} {:>7} {:>8.2} {:>8.2} {:>6}",
             row.level,
             errors.height_rms_um,
             errors.height_max_um,
@@ -130,6 +150,8 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
             errors.image_ssim,
             maybe(errors.area_error_percent),
             maybe(errors.force_error_percent),
+            share(errors.contact_iou_mean),
+            share(errors.contact_iou_worst),
             row.cpu_ms_median,
             row.cpu_ms_p95,
             if row.pareto { "*" } else { "" },
