@@ -52,7 +52,7 @@ fn files_keep_the_conditions_of_contact_at_every_level() {
             println!(
                 "{level}, {pixel}: {pressed} px with pressure, {above} with the object over the pad, {beyond} without"
             );
-            assert!(pressed > 100 && above > 100 && beyond > 100, "{level}: {pressed}, {above}, {beyond}");
+            assert!(pressed > 100 && above > 30 && beyond > 100, "{level}: {pressed}, {above}, {beyond}");
         }
     }
 }
