@@ -5,6 +5,8 @@
 //! as the scene is, and one that is moved by whole pixels as well. If that middle lies half-way between two fine pixels, as
 //! under an object that is its own mirror image, so do the coarse ones.
 
+use std::cmp::Ordering;
+
 use crate::core::base::grid::{Grid, Rect, Resolution};
 use crate::core::base::simd::simd_dispatch;
 
@@ -34,13 +36,15 @@ pub(super) struct Axis {
     pub(super) first: usize,
     /// Coarse pixels lie half-way between that fine pixel and the next.
     pub(super) between: bool,
+    /// The fine pixel at, or just before, the middle of the object's deepest part.
+    middle: usize,
 }
 
 impl Lattice {
     /// One that knows no object.
     pub fn fixed(resolution: Resolution) -> Self {
         let factor = resolution.factor();
-        Self { factor, axes: [Axis { factor, first: factor / 2, between: false }; 2] }
+        Self { factor, axes: [Axis { factor, first: factor / 2, between: false, middle: 0 }; 2] }
     }
 
     /// That of an object whose overlap is above 0 within `touching` only, of four the one on which the overlap's volume is
@@ -141,7 +145,17 @@ impl Axis {
         let below = middle.floor();
         let between = (middle - below - 0.5).abs() <= HALF_WAY;
         let nearest = if between { below } else { (middle + 0.5).floor() } as usize;
-        [0, factor / 2].map(|by| Self { factor, first: (nearest + by) % factor, between })
+        [0, factor / 2].map(|by| Self { factor, first: (nearest + by) % factor, between, middle: nearest })
+    }
+
+    /// The fine pixels that a coarse one beside a wall may be, the one at `at` or after it: the nearer to the middle, so that a
+    /// wall is no further from where it is on one side than on the other.
+    pub(super) fn towards_middle(self, at: usize) -> [usize; 2] {
+        match (self.between, at.cmp(&self.middle)) {
+            (false, _) | (true, Ordering::Greater) => [at; 2],
+            (true, Ordering::Less) => [at + 1; 2],
+            (true, Ordering::Equal) => [at, at + 1],
+        }
     }
 
     /// The first fine pixel that is not before the first coarse one.

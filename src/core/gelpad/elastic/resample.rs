@@ -5,8 +5,8 @@ use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 
 impl Lattice {
-    /// The values at the coarse pixels. Between fine ones it is their mean; where they differ by more than `wall_mm`, that of
-    /// the side of the wall on which more of the pixels around are.
+    /// The values at the coarse pixels. Between fine ones it is their mean; where they differ by more than `wall_mm`, the one
+    /// nearer to the object's middle.
     pub fn thin_out(self, fine: &Grid<f32>, coarse: &mut Grid<f32>, wall_mm: f32) {
         let [width, height] = self.size([fine.width, fine.height]);
         self.thin_out_part(fine, Rect::whole(width, height), coarse, wall_mm);
@@ -27,10 +27,24 @@ impl Lattice {
                 coarse.row_mut(y).iter_mut().zip(from).for_each(|(value, from)| *value = *from);
             } else {
                 for (x, value) in coarse.row_mut(y).iter_mut().enumerate() {
-                    *value = beside(fine, [left + x * self.factor, at], between, wall_mm);
+                    *value = self.beside(fine, [left + x * self.factor, at], wall_mm);
                 }
             }
         }
+    }
+
+    /// The value half-way from the pixel `at` to the next one along the axes between whose pixels coarse ones lie; the same in
+    /// a mirror.
+    fn beside(self, fine: &Grid<f32>, at: [usize; 2], wall_mm: f32) -> f32 {
+        let next = [0, 1].map(|k| at[k] + usize::from(self.axes[k].between));
+        let [upper, lower] = [at[1], next[1]].map(|y| [fine.at(at[0], y), fine.at(next[0], y)]);
+        let high = upper[0].max(upper[1]).max(lower[0].max(lower[1]));
+        let low = upper[0].min(upper[1]).min(lower[0].min(lower[1]));
+        if high - low <= wall_mm {
+            return 0.25 * ((upper[0] + upper[1]) + (lower[0] + lower[1]));
+        }
+        let [columns, rows] = [0, 1].map(|k| self.axes[k].towards_middle(at[k]));
+        rows.into_iter().flat_map(|y| columns.map(|x| fine.at(x, y))).fold(f32::NEG_INFINITY, f32::max)
     }
 
     /// Interpolates at the fine pixels `rect`. `values` are the coarse pixels `part`; beyond
@@ -102,30 +116,6 @@ impl Lattice {
         let inside = |k: usize| (first + k as isize - start as isize).clamp(0, count as isize - 1) as usize;
         (past, (0..=steps).map(inside).collect())
     }
-}
-
-/// The value half-way from the pixel `at` to the next one along the axes `between`; the same in a mirror.
-fn beside(fine: &Grid<f32>, at: [usize; 2], between: [bool; 2], wall_mm: f32) -> f32 {
-    let next = [0, 1].map(|k| at[k] + usize::from(between[k]));
-    let [upper, lower] = [at[1], next[1]].map(|y| [fine.at(at[0], y), fine.at(next[0], y)]);
-    let high = upper[0].max(upper[1]).max(lower[0].max(lower[1]));
-    let low = upper[0].min(upper[1]).min(lower[0].min(lower[1]));
-    if high - low <= wall_mm {
-        return 0.25 * ((upper[0] + upper[1]) + (lower[0] + lower[1]));
-    }
-    let size = [fine.width, fine.height];
-    let [columns, rows] = [0, 1].map(|k| {
-        let reach = if between[k] { 1 } else { 2 };
-        at[k].saturating_sub(reach)..(next[k] + reach + 1).min(size[k])
-    });
-    let (mut on, mut all) = (0, 0);
-    for y in rows {
-        for g in &fine.row(y)[columns.clone()] {
-            on += usize::from(*g > 0.5 * (low + high));
-            all += 1;
-        }
-    }
-    if 2 * on >= all { high } else { low }
 }
 
 /// `N` values between each two of a line, the first of the two among them.
