@@ -33,6 +33,8 @@ class Sample(TypedDict, total=False):
     """(H, W, 3): unit normals X, Y, Z of the pad's surface, towards the camera."""
     pressure: NDArray[np.float32]
     """(H, W): pressure between pad and object, kPa."""
+    gap: NDArray[np.float32]
+    """(H, W): clearance between the pad's surface and the object, mm; -1 where no object is within reach."""
     markers: Markers
     reference: NDArray[np.uint8]
     """(H, W, 3): the image without contact."""
@@ -51,6 +53,7 @@ class Batch(TypedDict, total=False):
     contact: NDArray[np.uint8]
     normal: NDArray[np.float32]
     pressure: NDArray[np.float32]
+    gap: NDArray[np.float32]
     markers: list[Markers]
     reference: NDArray[np.uint8]
     lamps: NDArray[np.float32]

@@ -92,8 +92,13 @@ pub struct Impression {
     /// CPU seconds that each stage took.
     pub seconds: Seconds,
     view: View,
+    /// Height over the undeformed pad up to which the object was captured, mm.
+    above_mm: f64,
     lamps: Option<Arc<lamps::Shader>>,
 }
+
+/// What [`Impression::gap_mm`] is where no object was captured.
+pub const OUT_OF_REACH_MM: f32 = -1.0;
 
 impl Simulator {
     /// Makes a sensor ready at a fidelity level. This takes from a few milliseconds to a second.
@@ -341,7 +346,8 @@ impl Simulator {
 
         let lens = camera.lens(&self.view);
         let lamps = self.lamps.clone();
-        Impression { image, depth, contact, markers, lens, camera, effects, seconds, view: self.view, lamps }
+        let (view, above_mm) = (self.view, window.above_mm);
+        Impression { image, depth, contact, markers, lens, camera, effects, seconds, view, above_mm, lamps }
     }
 
     /// The sensor.
@@ -424,6 +430,28 @@ impl Impression {
     /// Displacement of the pad's surface, mm, positive into the pad, towards the camera.
     pub fn surface_mm(&self) -> Vec<f32> {
         self.through_lens(self.contact.surface.inner(SURFACE_BORDER))
+    }
+
+    /// Clearance between the pad's surface and the object above it, mm: 0 in contact. [`OUT_OF_REACH_MM`] where no object
+    /// was captured, and everywhere if none reaches into the pad.
+    pub fn gap_mm(&self) -> Vec<f32> {
+        let [width, height] = self.view.resolution_px;
+        if self.depth.touching.is_empty() {
+            return vec![OUT_OF_REACH_MM; width * height];
+        }
+        let mut gap = self.contact.surface.inner(SURFACE_BORDER);
+        let object = self.depth.overlap.inner(self.depth.margin_px);
+        let mut captured = Grid::new(width, height);
+        for ((gap, g), captured) in gap.data.iter_mut().zip(&object.data).zip(&mut captured.data) {
+            *gap = (*gap - g).max(0.0);
+            *captured = if *g > -self.above_mm as f32 { 255 } else { 0 };
+        }
+        let captured = self.lens.as_ref().map_or(captured.clone(), |lens| lens.warp_mask(&captured));
+        let mut gap = self.through_lens(gap);
+        for (gap, captured) in gap.iter_mut().zip(&captured.data) {
+            *gap = if *captured > 0 { *gap } else { OUT_OF_REACH_MM };
+        }
+        gap
     }
 
     /// 255 where the pad touches the object.

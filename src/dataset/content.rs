@@ -41,6 +41,7 @@ pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
             let none = || vec![0.0; impression.image.width * impression.image.height];
             Content::Floats(impression.pressure_kpa().unwrap_or_else(none))
         }
+        OutputLayer::Gap => Content::Floats(impression.gap_mm()),
         OutputLayer::Lamps => {
             let planes = impression.lamps();
             let pixels = impression.image.width * impression.image.height;

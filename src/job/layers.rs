@@ -7,6 +7,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::core::simulator::OUT_OF_REACH_MM;
 use crate::files::exr::Pixel;
 
 /// A layer of a sample.
@@ -24,6 +25,8 @@ pub enum OutputLayer {
     Normal,
     /// Pressure between pad and object, kPa; only from models that solve the contact.
     Pressure,
+    /// Clearance between the pad's surface and the object above it, mm.
+    Gap,
     /// Rest and moved positions of printed markers; only for sensors that have them.
     Markers,
     /// The image without any contact.
@@ -70,7 +73,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 8] = [
+const TABLE: [LayerSpec; 9] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -106,6 +109,13 @@ const TABLE: [LayerSpec; 8] = [
         form: Form::Floats { channels: &["P"], least: 0.0, pixel: Some(Pixel::Float), steps: None },
         unit: Some("kPa"),
         meaning: "pressure between pad and object",
+    },
+    LayerSpec {
+        layer: OutputLayer::Gap,
+        name: "gap",
+        form: Form::Floats { channels: &["Z"], least: OUT_OF_REACH_MM, pixel: None, steps: None },
+        unit: Some("mm"),
+        meaning: "clearance between the pad's surface and the object above it, 0 in contact, -1 where no object is within reach",
     },
     LayerSpec {
         layer: OutputLayer::Markers,
@@ -336,13 +346,13 @@ mod tests {
         let bytes = |layer: OutputLayer, ending| layer.spec().form.bytes_per_px(ending, Pixel::Half);
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "exr")),
-            [Some(2), Some(2), None, Some(6), Some(4), None, None, Some(12)]
+            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12)]
         );
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "npy")),
-            [Some(4), Some(4), None, Some(12), Some(4), None, None, Some(24)]
+            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24)]
         );
-        let png = [None, None, Some(1), None, None, None, Some(3), None];
+        let png = [None, None, Some(1), None, None, None, None, Some(3), None];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

@@ -6,6 +6,7 @@
 mod augment;
 mod calibrate;
 mod calibrated;
+mod clearance;
 mod compare;
 mod determinism;
 mod effects;

@@ -85,8 +85,9 @@ fn sound(folder: &Folder, name: &str) -> Vec<BTreeMap<String, String>> {
     let text = folder.read(&format!("{name}/tradeoff.json"));
     // NaN and infinity are null in JSON.
     let nulls = text.matches("null").count();
-    let unknown = ["image_psnr_db", "area_error_percent", "force_error_percent"];
-    let known = unknown.iter().map(|key| text.matches(&format!("\"{key}\": null")).count()).sum::<usize>();
+    let shares = ["contact_iou_mean", "contact_iou_worst"];
+    let unknown = ["image_psnr_db", "area_error_percent", "force_error_percent"].into_iter().chain(shares);
+    let known = unknown.map(|key| text.matches(&format!("\"{key}\": null")).count()).sum::<usize>();
     assert_eq!(nulls, known, "{text}");
     rows
 }

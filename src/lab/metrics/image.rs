@@ -91,6 +91,21 @@ pub fn masked_mean(map: &Grid<f64>, mask: &Grid<u8>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
+/// Pixels in both of two masks over those in either. None without any.
+///
+/// # Panics
+///
+/// If the sizes differ.
+pub fn mask_iou(a: &Grid<u8>, b: &Grid<u8>) -> Option<f64> {
+    assert_eq!([a.width, a.height], [b.width, b.height], "masks of two sizes");
+    let (mut both, mut either) = (0_u64, 0_u64);
+    for (a, b) in a.data.iter().zip(&b.data) {
+        both += u64::from((*a > 0) & (*b > 0));
+        either += u64::from((*a > 0) | (*b > 0));
+    }
+    (either > 0).then(|| both as f64 / either as f64)
+}
+
 /// Structural similarity around every pixel, the mean of the three channels'. At the borders the images are
 /// continued by their mirror images (the edge's pixels twice).
 ///

@@ -21,6 +21,8 @@ pub struct Errors {
     /// square over the view.
     model_um: f64,
     model_rms_um: f64,
+    /// None where neither touches.
+    contact_iou: Option<f64>,
 }
 
 impl Errors {
@@ -46,6 +48,7 @@ impl Errors {
             image_ssim: image::ssim(&image.rgb, &exact_image.rgb, image.width, image.height),
             area: fraction(contact.area_mm2, exact_contact.area_mm2),
             force: contact.force_n.zip(exact_contact.force_n).and_then(|(own, exact)| fraction(own, exact)),
+            contact_iou: image::mask_iou(&sample.impression.contact.mask, &exact.impression.contact.mask),
         }
     }
 }
@@ -87,6 +90,10 @@ pub struct Mean {
     pub area_error_percent: Option<f64>,
     /// Error of the normal force, per cent of it; None if the model knows no force.
     pub force_error_percent: Option<f64>,
+    /// Intersection over union of the contact mask and the reference's.
+    pub contact_iou_mean: Option<f64>,
+    /// The smallest of all samples.
+    pub contact_iou_worst: Option<f64>,
 }
 
 impl Mean {
@@ -122,6 +129,8 @@ impl Mean {
             image_ssim: all(&|error| error.image_ssim),
             area_error_percent: some(&|error| error.area).map(|fraction| 100.0 * fraction),
             force_error_percent: some(&|error| error.force).map(|fraction| 100.0 * fraction),
+            contact_iou_mean: some(&|error| error.contact_iou),
+            contact_iou_worst: errors.clone().filter_map(|error| error.contact_iou).reduce(f64::min),
         }
     }
 }

@@ -28,6 +28,8 @@ fn columns(row: &Row) -> Vec<(&'static str, String)> {
         ("image_ssim", number(errors.image_ssim)),
         ("area_error_percent", maybe(errors.area_error_percent)),
         ("force_error_percent", maybe(errors.force_error_percent)),
+        ("contact_iou_mean", maybe(errors.contact_iou_mean)),
+        ("contact_iou_worst", maybe(errors.contact_iou_worst)),
         ("cpu_ms_median", number(row.cpu_ms_median)),
         ("cpu_ms_p95", number(row.cpu_ms_p95)),
         ("scene_ms", number(1e3 * row.seconds.scene)),
@@ -96,7 +98,7 @@ pub fn table(tradeoff: &Tradeoff) -> String {
 fn rows(text: &mut String, name: &str, rows: &[Row]) {
     let _ = writeln!(
         text,
-        "{name:<22} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "{name:<20} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>6} {:>6} {:>6} {:>7} {:>7} {:>5}",
         "height",
         "height",
         "model",
@@ -109,13 +111,15 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
         "image",
         "area",
         "force",
+        "mask",
+        "mask",
         "CPU ms",
         "CPU ms",
         "best"
     );
     let _ = writeln!(
         text,
-        "{:<22} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8} {:>7} {:>7} {:>8} {:>8} {:>8} {:>6}",
+        "{:<20} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>6} {:>6} {:>6} {:>7} {:>7} {:>5}",
         "",
         "RMS um",
         "max um",
@@ -129,6 +133,8 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
         "SSIM",
         "%",
         "%",
+        "IoU",
+        "worst",
         "median",
         "p95",
         ""
@@ -136,9 +142,10 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
     for row in rows {
         let errors = &row.errors;
         let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
+        let share = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.4}"));
         let _ = writeln!(
             text,
-            "{:<22} {:>8.3} {:>8.2} {:>8.2} {:>8.2} {:>8.3} {:>8.3} {:>8.3} {:>8.3} {:>8} {:>7.4} {:>7} {:>8} {:>8.2} {:>8.2} {:>6}",
+            "{:<20} {:>7.3} {:>7.2} {:>7.2} {:>7.2} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>7} {:>7.4} {:>6} {:>6} {:>6} {:>6} {:>7.2} {:>7.2} {:>5}",
             row.level,
             errors.height_rms_um,
             errors.height_max_um,
@@ -152,6 +159,8 @@ fn rows(text: &mut String, name: &str, rows: &[Row]) {
             errors.image_ssim,
             maybe(errors.area_error_percent),
             maybe(errors.force_error_percent),
+            share(errors.contact_iou_mean),
+            share(errors.contact_iou_worst),
             row.cpu_ms_median,
             row.cpu_ms_p95,
             if row.pareto { "*" } else { "" },

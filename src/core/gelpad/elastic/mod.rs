@@ -6,6 +6,7 @@
 //! Displacements do not depend on Young's modulus; pressures are proportional to it.
 
 use crate::core::base::grid::Resolution;
+use std::borrow::Cow;
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -22,9 +23,11 @@ use crate::core::gelpad::material::Material;
 
 mod beyond_view;
 pub mod convolve;
+mod edge;
 pub mod fft;
 pub mod inplane;
 pub mod kernel;
+mod lattice;
 pub mod layer;
 pub mod model_error;
 pub mod plane;
@@ -36,9 +39,10 @@ mod surface;
 use beyond_view::Grids;
 use convolve::{Buffers, Lengths, Spectrum, Torus};
 use inplane::Load;
+use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
-use resample::Lattice;
+use resample::Shape;
 use solve::{ContactProblem, Outcome, Scratch};
 
 /// Parameters of the contact solver.
@@ -137,9 +141,9 @@ impl Pad {
         // In whole pixels of the coarsest grid, so that a hair of thickness does not shift coarse grids against the view.
         let margin_px =
             ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest).next_multiple_of(4);
-        let lattice = Lattice::new(elastic.resolution);
+        let lattice = Lattice::fixed(elastic.resolution);
         let coarse_mm_per_px = view.mm_per_px.map(|pitch| pitch * lattice.factor as f64);
-        let window = [width, height].map(|size| lattice.count(size + 2 * margin_px));
+        let window = lattice.size([width, height].map(|size| size + 2 * margin_px));
         // Cutting the response off at so many thicknesses costs about the tolerance: the tail falls by 60 % with each.
         // Contacts much wider than the pad is thick, which a wide window may hold, feel the tail more.
         let widest_mm = (0..2).map(|k| window[k] as f64 * coarse_mm_per_px[k]).fold(0.0, f64::max);
@@ -217,27 +221,31 @@ impl Pad {
 
     /// `given` is the displacement that loads beyond the window cause, on the grid of the overlap.
     fn press_in(&self, workspace: &mut Workspace, depth: &Depth, given: Option<&Grid<f32>>, contact: &mut Contact) {
-        let lattice = Lattice::new(self.elastic.resolution);
+        let lattice = Lattice::under(self.elastic.resolution, &depth.overlap, depth.touching, self.wall_mm());
         let mut thinned = std::mem::take(&mut workspace.coarse);
         let left = given.map(|given| less(&depth.overlap, given));
         let overlap = left.as_ref().unwrap_or(&depth.overlap);
         let overlap = if lattice.factor == 1 {
             overlap
         } else {
-            lattice.thin_out(overlap, &mut thinned);
+            lattice.thin_out(overlap, &mut thinned, self.wall_mm());
             &thinned
         };
         let fine = [depth.overlap.width, depth.overlap.height];
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
+        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine), lattice.factor > 1);
+        let mut object = Cow::Borrowed(overlap);
         if let Some(given) = given {
             solution.add(given, lattice);
             contact.surface = given.crop(seen);
+            if lattice.factor > 1 {
+                lattice.thin_out(&depth.overlap, object.to_mut(), self.wall_mm());
+            }
         }
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
-        self.fill(&solution, depth, seen, lattice, contact);
+        self.fill(&solution, depth, &object, seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
         let error_mm =
             edge.map_or(0.0, |edge| model_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm, edge));
@@ -257,7 +265,7 @@ impl Pad {
         let (fine, corner) = ([depth.overlap.width, depth.overlap.height], solution.contact_box);
         let centre_mm = |coarse: usize, k: usize| {
             // From the middle of the view, which is the middle of the window.
-            (lattice.fine(coarse, fine[k]) as f64 + 0.5 - fine[k] as f64 / 2.0) * self.mm_per_px[k]
+            (lattice.place(coarse, k) + 0.5 - fine[k] as f64 / 2.0) * self.mm_per_px[k]
         };
         let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
         touches.then(|| Load {
@@ -267,8 +275,9 @@ impl Pad {
         })
     }
 
-    /// Solves for the contact within `overlap` and for the displacement in `seen` at least.
-    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect) -> Solution {
+    /// Solves for the contact within `overlap` and for the displacement in `seen` at least. With `follows`, a guess is made on
+    /// a grid that follows the object: two solutions within the tolerance differ by more where it is coarse.
+    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect, follows: bool) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);
@@ -316,7 +325,7 @@ impl Pad {
             if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
-                pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box);
+                pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box, follows);
             } else if round == 0 {
                 problem.guess(&mut pressure);
             } else {
@@ -350,17 +359,19 @@ impl Pad {
     }
 
     /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
-    fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
-        let lattice = Lattice { factor: 2 };
-        let size = [fine.width, fine.height];
+    fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect, follows: bool) -> Grid<f32> {
+        let lattice = match follows {
+            true => Lattice::under(Resolution::Half, fine, bounding_box(fine, |g| g > 0.0), self.wall_mm()),
+            false => Lattice::fixed(Resolution::Half),
+        };
         let mut overlap = std::mem::take(&mut workspace.coarse);
-        lattice.thin_out(fine, &mut overlap);
-        let solution = self.solve(workspace, &overlap, Rect::default());
+        lattice.thin_out(fine, &mut overlap, self.wall_mm());
+        let solution = self.solve(workspace, &overlap, Rect::default(), follows);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
-            let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, size, shape);
-            pressure = enlarge(&solution.pressure, resample::Shape::Linear);
-            let surface = enlarge(&solution.displacement, resample::Shape::Cubic);
+            let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, shape);
+            pressure = enlarge(&solution.pressure, Shape::Linear);
+            let surface = enlarge(&solution.displacement, Shape::Cubic);
             let close = self.close_mm();
             for y in 0..part.height() {
                 let object = &fine.row(part.y0 + y)[part.x0..part.x1];
@@ -377,6 +388,11 @@ impl Pad {
     /// An interpolated surface that is no further than this from the object may touch it, mm.
     fn close_mm(&self) -> f32 {
         0.1 * self.coarse_mm_per_px[0].min(self.coarse_mm_per_px[1]) as f32
+    }
+
+    /// Neighbours among the camera's pixels whose overlaps differ by more than this have a wall between them, mm.
+    fn wall_mm(&self) -> f32 {
+        2.0 * self.mm_per_px[0].max(self.mm_per_px[1]) as f32
     }
 
     fn torus(&self, source: Rect, target: Rect) -> Torus<'_> {
@@ -413,14 +429,10 @@ fn less(overlap: &Grid<f32>, displacement: &Grid<f32>) -> Grid<f32> {
 impl Solution {
     /// Adds a displacement that is given on the camera's grid.
     fn add(&mut self, given: &Grid<f32>, lattice: Lattice) {
-        let fine = [given.width, given.height];
-        let columns: Vec<usize> = (self.seen.x0..self.seen.x1).map(|x| lattice.fine(x, fine[0])).collect();
-        for y in 0..self.seen.height() {
-            let from = given.row(lattice.fine(self.seen.y0 + y, fine[1]));
-            for (w, column) in self.displacement.row_mut(y).iter_mut().zip(&columns) {
-                *w += from[*column];
-            }
-        }
+        let mut there = Grid::default();
+        // It is smooth: there is no wall in it.
+        lattice.thin_out_part(given, self.seen, &mut there, f32::INFINITY);
+        self.displacement.data.iter_mut().zip(&there.data).for_each(|(w, given)| *w += given);
     }
 
     /// Notes the largest violation of the contact conditions; where, outside the contact's box, the object reaches through

@@ -1,89 +1,65 @@
-//! Between the camera's grid and one that is coarser by a whole factor. A coarse pixel is one of the fine ones: taking
-//! means would move edges and double the error.
+//! Between the camera's grid and one that is coarser by a whole factor ([`super::lattice`]).
 
-use crate::core::base::grid::{Grid, Rect, Resolution};
+use super::lattice::{Axis, Lattice};
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 
-/// Which fine pixels a coarse grid consists of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Lattice {
-    /// Fine pixels from one coarse pixel to the next: 1, 2 or 4.
-    pub factor: usize,
-}
-
 impl Lattice {
-    /// That of a resolution.
-    pub fn new(resolution: Resolution) -> Self {
-        Self { factor: resolution.factor() }
+    /// The values at the coarse pixels. Between fine ones it is their mean; where they differ by more than `wall_mm`, the one
+    /// nearer to the object's middle.
+    pub fn thin_out(self, fine: &Grid<f32>, coarse: &mut Grid<f32>, wall_mm: f32) {
+        let [width, height] = self.size([fine.width, fine.height]);
+        self.thin_out_part(fine, Rect::whole(width, height), coarse, wall_mm);
     }
 
-    /// The fine pixel that the first coarse pixel is, in a line of `fine` pixels.
-    fn first(self, fine: usize) -> usize {
-        (self.factor / 2).min(fine.saturating_sub(1))
-    }
-
-    /// The fine pixel that a coarse one is, in a line of `fine` pixels.
-    pub fn fine(self, coarse: usize, fine: usize) -> usize {
-        self.first(fine) + coarse * self.factor
-    }
-
-    /// Coarse pixels in a line of `fine` pixels.
-    pub fn count(self, fine: usize) -> usize {
-        (fine - 1 - self.first(fine)) / self.factor + 1
-    }
-
-    /// Every `factor`-th pixel along x and y.
-    pub fn thin_out(self, fine: &Grid<f32>, coarse: &mut Grid<f32>) {
-        coarse.reset(self.count(fine.width), self.count(fine.height));
-        let (left, top) = (self.first(fine.width), self.first(fine.height));
-        let width = coarse.width;
-        for (y, row) in coarse.data.chunks_exact_mut(width).enumerate() {
-            let from = fine.row(top + y * self.factor);
-            for (value, from) in row.iter_mut().zip(from[left..].iter().step_by(self.factor)) {
-                *value = *from;
+    /// The same for the coarse pixels `part` alone.
+    pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>, wall_mm: f32) {
+        let between = self.axes.map(|axis| axis.between);
+        coarse.reset(part.width(), part.height());
+        if part.is_empty() {
+            return;
+        }
+        let [left, top] = [(0, part.x0), (1, part.y0)].map(|(k, from)| self.axes[k].first + from * self.factor);
+        for y in 0..part.height() {
+            let at = top + y * self.factor;
+            if between == [false; 2] {
+                let from = fine.row(at)[left..].iter().step_by(self.factor);
+                coarse.row_mut(y).iter_mut().zip(from).for_each(|(value, from)| *value = *from);
+            } else {
+                for (x, value) in coarse.row_mut(y).iter_mut().enumerate() {
+                    *value = self.beside(fine, [left + x * self.factor, at], wall_mm);
+                }
             }
         }
     }
 
-    /// The coarse pixels that interpolating at the fine pixels `from..to` of a line of `fine` needs.
-    pub fn around(self, from: usize, to: usize, fine: usize) -> (usize, usize) {
-        let first = self.first(fine);
-        let at = |x: usize| x.saturating_sub(first) / self.factor;
-        (at(from).saturating_sub(1), (at(to - 1) + 3).min(self.count(fine)))
+    /// The value half-way from the pixel `at` to the next one along the axes between whose pixels coarse ones lie; the same in
+    /// a mirror.
+    fn beside(self, fine: &Grid<f32>, at: [usize; 2], wall_mm: f32) -> f32 {
+        let next = [0, 1].map(|k| at[k] + usize::from(self.axes[k].between));
+        let [upper, lower] = [at[1], next[1]].map(|y| [fine.at(at[0], y), fine.at(next[0], y)]);
+        let high = upper[0].max(upper[1]).max(lower[0].max(lower[1]));
+        let low = upper[0].min(upper[1]).min(lower[0].min(lower[1]));
+        if high - low <= wall_mm {
+            return 0.25 * ((upper[0] + upper[1]) + (lower[0] + lower[1]));
+        }
+        let [columns, rows] = [0, 1].map(|k| self.axes[k].towards_middle(at[k]));
+        rows.into_iter().flat_map(|y| columns.map(|x| fine.at(x, y))).fold(f32::NEG_INFINITY, f32::max)
     }
 
-    /// The coarse box around a fine one, and all that interpolating in it needs.
-    pub fn box_around(self, rect: Rect, fine: [usize; 2]) -> Rect {
-        let ((x0, x1), (y0, y1)) = (self.around(rect.x0, rect.x1, fine[0]), self.around(rect.y0, rect.y1, fine[1]));
-        Rect { x0, y0, x1, y1 }
-    }
-
-    /// The coarse pixels that are fine pixels of `rect`.
-    pub fn inside(self, rect: Rect, fine: [usize; 2]) -> Rect {
-        let along = |x: usize, fine: usize| x.saturating_sub(self.first(fine)).div_ceil(self.factor);
-        let (x, y) = ([rect.x0, rect.x1], [rect.y0, rect.y1]);
-        let ([x0, x1], [y0, y1]) = (x.map(|x| along(x, fine[0])), y.map(|y| along(y, fine[1])));
-        Rect { x0, y0, x1: x1.max(x0), y1: y1.max(y0) }
-    }
-
-    /// The fine pixels that lie nearer to a coarse box (of a pixel at least) than to the pixels around it.
-    pub fn covered_by(self, part: Rect, fine: [usize; 2]) -> Rect {
-        let along = |from: usize, to: usize, fine: usize| {
-            let at = |x: usize| self.first(fine) + x * self.factor;
-            (at(from).saturating_sub(self.factor / 2), (at(to - 1) + self.factor / 2 + 1).min(fine))
-        };
-        let ((x0, x1), (y0, y1)) = (along(part.x0, part.x1, fine[0]), along(part.y0, part.y1, fine[1]));
-        Rect { x0, y0, x1, y1 }
-    }
-
-    /// Interpolates at the fine pixels `rect` of an image of size `fine`. `values` are the coarse pixels `part`; beyond
+    /// Interpolates at the fine pixels `rect`. `values` are the coarse pixels `part`; beyond
     /// them the outermost go on.
-    pub fn enlarge(self, values: &Grid<f32>, part: Rect, rect: Rect, fine: [usize; 2], shape: Shape) -> Grid<f32> {
-        let Self { factor } = self;
-        let (left, columns) = self.coarse_around(rect.x0, rect.x1, fine[0], part.x0, part.width());
-        let (top, rows) = self.coarse_around(rect.y0, rect.y1, fine[1], part.y0, part.height());
+    pub fn enlarge(self, values: &Grid<f32>, part: Rect, rect: Rect, shape: Shape) -> Grid<f32> {
+        let factor = self.factor;
+        let [along_x, along_y] = self.axes;
+        let (left, columns) = self.coarse_around(along_x, rect.x0, rect.x1, part.x0, part.width());
+        let (top, rows) = self.coarse_around(along_y, rect.y0, rect.y1, part.y0, part.height());
         let (steps, lines) = (columns.len() - 1, rows.len());
-        let bases: Vec<Basis> = (0..factor).map(|phase| shape.basis(phase as f32 / factor as f32)).collect();
+        let bases = |axis: Axis| -> Vec<Basis> {
+            let ahead = if axis.between { 0.5 } else { 0.0 };
+            (0..factor).map(|phase| shape.basis((phase as f32 + ahead) / factor as f32)).collect()
+        };
+        let (bases, bases_y) = (bases(along_x), bases(along_y));
         let slopes = (shape == Shape::Cubic).then(|| Slopes::new(values));
         let (mut line, mut steepness) = (vec![0.0; steps + 1], vec![0.0; steps + 1]);
         // First along x in every coarse row, then along y: the second is what is done for all fine pixels.
@@ -110,7 +86,7 @@ impl Lattice {
                     widen(&slopes.y, Some(&slopes.xy), &mut widened_slopes);
                 }
                 for y in 0..rect.height() {
-                    let (row, basis) = ((top + y) / factor, bases[(top + y) % factor]);
+                    let (row, basis) = ((top + y) / factor, bases_y[(top + y) % factor]);
                     let inside = left..left + rect.width();
                     let (here, next) = (&widened.row(row)[inside.clone()], &widened.row(row + 1)[inside.clone()]);
                     let out = out.row_mut(y);
@@ -130,10 +106,10 @@ impl Lattice {
         out
     }
 
-    /// For the fine pixels `from..to` of a line of `fine`: how many fine pixels the first of them is past a coarse one,
-    /// and which coarse pixels, counted from `start` and kept within `count`, they lie between.
-    fn coarse_around(self, from: usize, to: usize, fine: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
-        let ahead = from as isize - self.first(fine) as isize;
+    /// For the fine pixels `from..to` of a line: how many fine pixels the first of them is past a coarse one, in whole
+    /// pixels, and which coarse pixels, counted from `start` and kept within `count`, they lie between.
+    fn coarse_around(self, axis: Axis, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
+        let ahead = from as isize - axis.next() as isize;
         let first = ahead.div_euclid(self.factor as isize);
         let past = ahead.rem_euclid(self.factor as isize) as usize;
         let steps = (past + to - from).div_ceil(self.factor);

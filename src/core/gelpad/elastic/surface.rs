@@ -5,8 +5,9 @@
 
 use std::borrow::Cow;
 
-use super::resample::{Lattice, Shape};
-use super::{Pad, Solution};
+use super::lattice::Lattice;
+use super::resample::Shape;
+use super::{Pad, Solution, edge};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
@@ -15,7 +16,15 @@ use crate::core::gelpad::Contact;
 
 impl Pad {
     /// Takes a solution to the camera's grid: the object's own surface where they touch, the pad's elsewhere.
-    pub(super) fn fill(&self, solution: &Solution, depth: &Depth, seen: Rect, lattice: Lattice, contact: &mut Contact) {
+    pub(super) fn fill(
+        &self,
+        solution: &Solution,
+        depth: &Depth,
+        coarse: &Grid<f32>,
+        seen: Rect,
+        lattice: Lattice,
+        contact: &mut Contact,
+    ) {
         let (width, height) = (contact.surface.width, contact.surface.height);
         contact.region = Rect::whole(width, height);
         let (area, pressure) = match lattice.factor {
@@ -29,10 +38,10 @@ impl Pad {
             _ if solution.contact_box.is_empty() => (Rect::default(), Cow::Borrowed(&solution.pressure)),
             _ => {
                 let fine = [depth.overlap.width, depth.overlap.height];
-                contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, fine, Shape::Cubic);
+                contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, Shape::Cubic);
                 let area = lattice.covered_by(solution.contact_box, fine);
-                let highest = -contact.bulge_mm;
-                let pressure = self.enlarge_pressure(solution, depth, area, seen, highest, &mut contact.surface);
+                let touched = Touched { solution, depth, coarse, area, highest: -contact.bulge_mm };
+                let pressure = self.enlarge_pressure(&touched, lattice, seen, &mut contact.surface);
                 (area, Cow::Owned(pressure))
             }
         };
@@ -106,51 +115,50 @@ impl Pad {
         contact.finite = not_finite == 0 && force.is_finite();
     }
 
-    /// Pressure on the camera's grid within `area`. Half-way to the next coarse pixel that touches, a pixel touches too,
-    /// unless the object ends before it; from there to the coarse pixel the surface goes over to the object's own, but to
-    /// no higher place than the pad's `highest`.
+    /// Pressure on the camera's grid within the touched area. It acts where the contact is known to reach, between the
+    /// solver's pixels, unless the object ends before; there the surface is the object's own.
     fn enlarge_pressure(
         &self,
-        solution: &Solution,
-        depth: &Depth,
-        area: Rect,
+        touched: &Touched<'_>,
+        lattice: Lattice,
         seen: Rect,
-        highest: f32,
         surface: &mut Grid<f32>,
     ) -> Grid<f32> {
-        let lattice = Lattice::new(self.elastic.resolution);
-        let fine = [depth.overlap.width, depth.overlap.height];
-        let mut touching = solution.pressure.clone();
-        for value in &mut touching.data {
-            *value = if *value > 0.0 { 1.0 } else { 0.0 };
-        }
-        let enlarge = |values| lattice.enlarge(values, solution.contact_box, area, fine, Shape::Linear);
-        let (touching, mut pressure) = (enlarge(&touching), enlarge(&solution.pressure));
-        let close = self.close_mm();
+        let Touched { solution, depth, coarse, area, highest } = *touched;
+        let stiffness = (2.0 / self.layer.half_space()) as f32;
+        let inside = edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness);
+        let enlarge = |values, part| lattice.enlarge(values, part, area, Shape::Linear);
+        let mut pressure = enlarge(&solution.pressure, solution.contact_box);
         let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
         if visible.is_empty() {
             return pressure;
         }
+        let inside = enlarge(&inside, solution.contact_box);
+        // A cubic overshoots beside a sharp edge, where a straight line does not.
+        let straight = enlarge(&solution.displacement, solution.seen);
+        let (close, through) = (self.close_mm(), (self.elastic.tolerance_um * 1e-3) as f32);
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
         let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
         let mut fine_sum = 0.0;
         for y in rows.y0..rows.y1 {
             let object = &depth.overlap.row(y)[columns.clone()];
-            let inside = columns.start - area.x0..columns.end - area.x0;
+            let in_area = columns.start - area.x0..columns.end - area.x0;
             let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
-            let touching = &touching.row(y - area.y0)[inside.clone()];
-            let pressure = &mut pressure.row_mut(y - area.y0)[inside];
-            for (((p, touching), w), g) in pressure.iter_mut().zip(touching).zip(surface).zip(object) {
-                let gap = *w - g;
-                *p = if (*touching >= 0.5) & (gap < close) & (*g >= highest) { *p } else { 0.0 };
-                let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
-                *w -= share * gap.min((*w - highest).max(0.0));
+            let inside = &inside.row(y - area.y0)[in_area.clone()];
+            let straight = &straight.row(y - area.y0)[in_area.clone()];
+            let pressure = &mut pressure.row_mut(y - area.y0)[in_area];
+            let rows = pressure.iter_mut().zip(surface).zip(object).zip(inside).zip(straight);
+            for ((((p, w), g), inside), straight) in rows {
+                let gap = w.min(*straight) - g;
+                let touches = ((*inside > 0.0) & (gap < close)) | (g - *w > through);
+                *p = if touches & (*g >= highest) { *p } else { 0.0 };
+                *w = if *p > 0.0 { *g } else { *w };
                 fine_sum += f64::from(*p);
             }
         }
         // Where an edge cut pressure off, the rest carries it: the force is the solver's.
         let mut coarse_sum = 0.0;
-        let part = lattice.inside(Rect { x0: columns.start, x1: columns.end, ..rows }, fine);
+        let part = lattice.inside(Rect { x0: columns.start, x1: columns.end, ..rows });
         for y in part.y0.max(solution.contact_box.y0)..part.y1.min(solution.contact_box.y1) {
             let Rect { x0, x1, .. } = solution.contact_box;
             let row = solution.pressure.row(y - solution.contact_box.y0);
@@ -164,4 +172,16 @@ impl Pad {
         }
         pressure
     }
+}
+
+/// What the solver found where there is pressure.
+struct Touched<'a> {
+    solution: &'a Solution,
+    depth: &'a Depth,
+    /// Overlap on the solver's grid.
+    coarse: &'a Grid<f32>,
+    /// The camera's pixels around the contact's box.
+    area: Rect,
+    /// The highest place of the pad, mm.
+    highest: f32,
 }

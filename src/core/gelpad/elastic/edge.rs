@@ -1,0 +1,108 @@
+//! Where, between the solver's pixels, the contact ends.
+//!
+//! The solver's own pressures and gaps tell. Beside a smooth edge the last pixel in contact has a pressure p and the next
+//! one a gap c; in solutions of a half-plane under a parabola, at all places of the edge between two pixels (pitch h), the
+//! edge is at the share t = 1 / (1 + 0.563 E' c / (p h)) - 0.175 of the way from the one to the other, within 0.003, with
+//! E' = E / (1 - nu^2): a pixel of even pressure stands for its whole width, so that the last one may have its centre
+//! outside.
+
+use super::Solution;
+use super::lattice::Lattice;
+use crate::core::base::grid::{Grid, Rect};
+
+/// Slope of the object between two pixels of the solver's from which on there is a wall: where it is, only the object itself
+/// knows.
+const WALL: f32 = 2.0;
+
+/// A lower wall: one of the camera's pixels on the way has this share of the way's whole drop,
+const STEP: f32 = 0.75;
+
+/// which is as steep as this at least.
+const LOWEST: f32 = 0.3;
+
+/// Weight of the gap against the pressure.
+const WEIGHT: f32 = 0.563;
+
+/// How far the edge is from where pressure and gap balance, pixels.
+const SHIFT: f32 = 0.175;
+
+/// How far within the contact each pixel of the solution's box is, mm, up to about the way to the next pixel; below 0
+/// outside. `coarse` is the overlap on the solver's grid, `fine` on the
+/// camera's; `stiffness` is E' of Young's modulus 1.
+pub fn inside_mm(
+    solution: &Solution,
+    coarse: &Grid<f32>,
+    (fine, lattice): (&Grid<f32>, Lattice),
+    mm_per_px: [f64; 2],
+    stiffness: f32,
+) -> Grid<f32> {
+    let Rect { x0, y0, .. } = solution.contact_box;
+    let pressure = &solution.pressure;
+    let (width, height) = (pressure.width, pressure.height);
+    let pitch = mm_per_px.map(|mm| mm as f32);
+    let far = pitch[0].max(pitch[1]);
+    let shift = SHIFT * pitch[0].min(pitch[1]);
+    let object = |[x, y]: [usize; 2]| coarse.at(x0 + x, y0 + y);
+    let gap = |at: [usize; 2]| {
+        let w = solution.displacement.at(x0 + at[0] - solution.seen.x0, y0 + at[1] - solution.seen.y0);
+        (w - object(at)).max(0.0)
+    };
+    // Below it nothing was captured.
+    let floor = coarse.data.iter().fold(0.0_f32, |floor, g| floor.min(*g));
+    let walled = |touching: [usize; 2], next: [usize; 2], k: usize| {
+        let drop = object(touching) - object(next);
+        if drop > WALL * pitch[k] || object(next) <= floor {
+            return true;
+        }
+        let on_pixels = lattice.axes.iter().all(|axis| !axis.between);
+        if drop < LOWEST * pitch[k] || !on_pixels {
+            return false;
+        }
+        let place = |at: [usize; 2]| [x0 + at[0], y0 + at[1]].map(|at| at * lattice.factor);
+        let ([x, y], start) = (place(touching), lattice.axes.map(|axis| axis.first));
+        let back = next[k] < touching[k];
+        let along = |step: usize| {
+            let moved = |at: usize| if back { at - step } else { at + step };
+            match k {
+                0 => fine.at(moved(start[0] + x), start[1] + y),
+                _ => fine.at(start[0] + x, moved(start[1] + y)),
+            }
+        };
+        (0..lattice.factor).any(|step| along(step) - along(step + 1) > STEP * drop)
+    };
+    // Of the way from a pixel in contact to the next one, which is not.
+    let share = |touching: [usize; 2], next: [usize; 2], k: usize| {
+        if walled(touching, next, k) {
+            return 1.0 + SHIFT;
+        }
+        let pitch = pitch[k];
+        1.0 / (1.0 + WEIGHT * stiffness * gap(next) / (pressure.at(touching[0], touching[1]) * pitch))
+    };
+    let mut inside = Grid::new(width, height);
+    for y in 0..height {
+        let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| pressure.row(y));
+        for x in 0..width {
+            let touches = rows[1][x] > 0.0;
+            let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
+            let beside = [rows[1][left], rows[1][right], rows[0][x], rows[2][x]].map(|p| p > 0.0);
+            let mut mm = far;
+            if beside.iter().any(|beside| *beside != touches) {
+                let places = [[left, y], [right, y], [x, y.saturating_sub(1)], [x, (y + 1).min(height - 1)]];
+                let mut nearest = [f32::INFINITY; 2];
+                for (k, (place, beside)) in places.into_iter().zip(beside).enumerate() {
+                    let way = match (touches, beside) {
+                        (true, false) => share([x, y], place, k / 2),
+                        (false, true) => (1.0 - share(place, [x, y], k / 2)).max(0.0),
+                        _ => continue,
+                    };
+                    nearest[k / 2] = nearest[k / 2].min(way * pitch[k / 2]);
+                }
+                // Of a straight edge that cuts both axes.
+                let [across_x, across_y] = nearest.map(|mm| 1.0 / (mm * mm));
+                mm = (1.0 / (across_x + across_y).sqrt()).min(far);
+            }
+            inside.data[y * width + x] = if touches { mm } else { -mm } - shift;
+        }
+    }
+    inside
+}

@@ -1,0 +1,151 @@
+//! The contact of coarse grids as a label: the mask against the reference's, and a scene against its mirror image.
+
+use gelsim::cli::list::OBJECTS;
+use gelsim::core::base::grid::Grid;
+use gelsim::core::base::view::SURFACE_BORDER;
+use gelsim::core::depth::{self, Depth};
+use gelsim::core::fidelity::Fidelity;
+use gelsim::core::gelpad::{Contact, Pad};
+use gelsim::job::plan::Plan;
+use gelsim::job::scene::Scene;
+use gelsim::lab::metrics::image::mask_iou;
+
+use crate::plan::plan;
+
+/// A press of one object, and the pads of the levels `fidelities` that it is pressed into.
+struct Presses {
+    plan: Plan,
+    pads: Vec<Pad>,
+}
+
+impl Presses {
+    fn new(object: &str, resolution_px: [usize; 2], pose: &str, depth_mm: f64, fidelities: &[Fidelity]) -> Self {
+        let plan = plan(&format!(
+            "[dataset]\nname = \"a\"\nsamples = 1\n[[object]]\npath = \"objects/{object}.obj\"\n[sensor]\n\
+             resolution_px = {resolution_px:?}\n[pose]\n{pose}\n[indentation]\ndepth_mm = {depth_mm}\n"
+        ));
+        let pad = |level: &Fidelity| {
+            let sensor = plan.simulator.sensor();
+            let models = level.models(sensor.light_source());
+            Pad::new(&models.gelpad, &sensor.gelpad, plan.simulator.view())
+        };
+        let pads = fidelities.iter().map(pad).collect();
+        Self { plan, pads }
+    }
+
+    /// The object, captured as high as any bulge gets.
+    fn depth(&self, pad: &Pad) -> Depth {
+        let scene = Scene::draw(&self.plan, 0, 0);
+        let thickness_mm = self.plan.thickness_mm();
+        let window = depth::Window { above_mm: thickness_mm, ..pad.window(scene.indentation_depth_mm) };
+        depth::captured(&scene.indenter(&self.plan), self.plan.simulator.view(), window, thickness_mm)
+    }
+}
+
+/// Pixels of the reference's mask, and what another has in common with it.
+fn compared(own: &Grid<u8>, exact: &Grid<u8>) -> (usize, f64) {
+    let pixels = exact.data.iter().filter(|value| **value == 255).count();
+    (pixels, mask_iou(own, exact).unwrap_or(1.0))
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+#[test]
+fn the_contact_mask_of_a_coarse_grid_is_the_references() {
+    let levels = [Fidelity::Draft, Fidelity::Standard, Fidelity::Reference];
+    for resolution_px in [[320, 240], [640, 480]] {
+        let mut found = [vec![], vec![]];
+        for (number, object) in OBJECTS.into_iter().enumerate() {
+            for (step, depth_mm) in [0.3, 0.8, 1.2].into_iter().enumerate() {
+                let turn = (37 * number + 101 * step) % 360;
+                let pose = format!(
+                    "yaw_deg = {turn}.0\ntilt_deg = {}\ntilt_azimuth_deg = {}.0\nx_mm = 0.313\ny_mm = -0.227\n",
+                    [0.0, 2.5, 5.0][(number + step) % 3],
+                    (turn * 7) % 360,
+                );
+                let presses = Presses::new(object, resolution_px, &pose, depth_mm, &levels);
+                let masks: Vec<Grid<u8>> = presses.pads.iter().map(|pad| pad.press(&presses.depth(pad)).mask).collect();
+                let shares = [0, 1].map(|level| compared(&masks[level], &masks[2]));
+                println!("{resolution_px:?} {object} {depth_mm}: {shares:?}");
+                for (found, (pixels, share)) in found.iter_mut().zip(shares) {
+                    found.push((pixels, share));
+                }
+            }
+        }
+        // Median, and the worst of more than 1000 px: ridges and steps a few pixels wide.
+        let least = match resolution_px[0] {
+            320 => [(0.97, 0.77), (0.985, 0.84)],
+            _ => [(0.985, 0.81), (0.99, 0.91)],
+        };
+        for ((level, found), least) in ["draft", "standard"].into_iter().zip(found).zip(least) {
+            let mut shares: Vec<f64> = found.iter().map(|(_, share)| *share).collect();
+            let large = found.iter().filter(|(pixels, _)| *pixels > 1000).map(|(_, share)| *share);
+            let worst = large.clone().fold(1.0, f64::min);
+            let middle = median(&mut shares);
+            println!(
+                "{resolution_px:?} {level}: median {middle:.4}, worst of more than 1000 px {worst:.4}, below 0.97: {}, below 0.95: {} of {}",
+                large.filter(|share| *share < 0.97).count(),
+                shares.iter().filter(|share| **share < 0.95).count(),
+                shares.len(),
+            );
+            assert!(middle > least.0 && worst > least.1, "{level}: {middle}, {worst}");
+        }
+    }
+}
+
+/// The values of a grid in a mirror: left and right exchanged, top and bottom.
+fn mirrored<T: Copy + Default>(grid: &Grid<T>, [left, top]: [bool; 2]) -> Grid<T> {
+    let mut other = Grid::new(grid.width, grid.height);
+    for y in 0..grid.height {
+        for x in 0..grid.width {
+            let [u, v] = [if left { grid.width - 1 - x } else { x }, if top { grid.height - 1 - y } else { y }];
+            other.row_mut(y)[x] = grid.at(u, v);
+        }
+    }
+    other
+}
+
+/// Largest difference of two surfaces in view, um.
+fn apart_um(a: &Contact, b: &Grid<f32>) -> f64 {
+    let (a, b) = (a.surface.inner(SURFACE_BORDER), b.inner(SURFACE_BORDER));
+    a.data.iter().zip(&b.data).map(|(a, b)| 1e3 * f64::from(a - b).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_mirrored_scene_gives_the_mirrored_surface_on_coarse_grids_too() {
+    let levels = [Fidelity::Draft, Fidelity::Standard];
+    let poses = [
+        "yaw_deg = 17.0\ntilt_deg = 1.5\ntilt_azimuth_deg = 40.0\nx_mm = 0.3\ny_mm = -0.2\n",
+        "x_mm = 0.0\ny_mm = 0.0\n",
+    ];
+    let mut worst = [0.0_f64; 2];
+    for resolution_px in [[320, 240], [161, 121], [162, 123]] {
+        for object in OBJECTS {
+            for (number, pose) in poses.iter().enumerate() {
+                let presses = Presses::new(object, resolution_px, pose, 0.8, &levels);
+                for ((level, pad), worst) in levels.iter().zip(&presses.pads).zip(&mut worst) {
+                    let scene = presses.depth(pad);
+                    let straight = pad.press(&scene);
+                    for way in [[true, false], [false, true], [true, true]] {
+                        let mut other = Depth { overlap: mirrored(&scene.overlap, way), ..scene.clone() };
+                        other.measure();
+                        let away = apart_um(&pad.press(&other), &mirrored(&straight.surface, way));
+                        *worst = worst.max(away);
+                        if away > 5.0 {
+                            println!("{resolution_px:?} {object} {number}, {}, {way:?}: {away:.2} um", level.name());
+                        }
+                    }
+                    let own = apart_um(&straight, &mirrored(&straight.surface, [true, false]));
+                    if number == 1 && matches!(object, "cube" | "sphere" | "flat_face") {
+                        println!("{resolution_px:?} {object} itself: {own:.2} um");
+                    }
+                }
+            }
+        }
+    }
+    println!("{worst:.2?} um");
+    assert!(worst.iter().all(|away| *away < 5.0), "{worst:?}");
+}
