@@ -281,7 +281,7 @@ impl Simulator {
             seconds.depth += clock.lap();
 
             // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
-            let contact = gelpad::deform(&self.pad, &depth, &mut effects);
+            let contact = gelpad::deform(&self.pad, &depth, self.in_plane.is_some(), &mut effects);
             seconds.gelpad += clock.lap();
             match self.pad.higher(window, &contact) {
                 Some(higher) => window = higher,
@@ -307,7 +307,8 @@ impl Simulator {
         seconds.gelpad += clock.lap();
         // The motion of the elastomer in its own plane, where markers show it.
         let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
-        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, shear.as_ref(), &mut effects);
+        let held = self.models.gelpad.friction();
+        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, held, shear.as_ref(), &mut effects);
         seconds.gelpad += clock.lap();
 
         // The light that the surface sends to the camera.

@@ -20,6 +20,7 @@ use crate::core::base::simd::simd_dispatch;
 use elastic::Elastic;
 use elastic::inplane::{InPlane, Load};
 use elastic::layer::ElasticLayer;
+use elastic::shear::Friction;
 use gaussian::Gaussian;
 use material::Material;
 use mean_blur::MeanBlur;
@@ -38,7 +39,7 @@ pub enum Model {
     MeanBlur(MeanBlur),
     /// Pyramid of Gaussian blurs with the contact restored (Si and Yuan 2022).
     Gaussian(Gaussian),
-    /// Bonded elastic layer in frictionless contact.
+    /// Bonded elastic layer in contact, frictionless unless friction is given.
     Elastic(Elastic),
 }
 
@@ -50,6 +51,22 @@ impl Model {
             Self::MeanBlur(_) => "mean_blur",
             Self::Gaussian(_) => "gaussian",
             Self::Elastic(_) => "elastic",
+        }
+    }
+
+    /// What holds the pad to the object while it is pressed in, if anything does.
+    pub fn friction(&self) -> Option<Friction> {
+        match self {
+            Self::Elastic(elastic) => elastic.friction,
+            Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
+    /// The same with another friction, if the model knows friction.
+    pub fn with_friction(self, friction: Option<Friction>) -> Self {
+        match self {
+            Self::Elastic(elastic) => Self::Elastic(Elastic { friction, ..elastic }),
+            without => without,
         }
     }
 
@@ -129,17 +146,28 @@ impl Pad {
     }
 }
 
-/// The pad under an object that overlaps it.
-pub fn deform(pad: &Pad, depth: &Depth, effects: &mut EffectLog) -> Contact {
+/// The pad under an object that overlaps it; `markers` if something shows how it moves in its own plane.
+pub fn deform(pad: &Pad, depth: &Depth, markers: bool, effects: &mut EffectLog) -> Contact {
     let need = match pad {
         Pad::None => Requirement::Absent("the gelpad model has none"),
         _ if depth.touching.is_empty() => Requirement::Unneeded("nothing reaches into the pad"),
         _ => Requirement::Needed("the object reaches into the pad"),
     };
     // What a model makes of nothing is its own business: it knows which numbers it would give.
-    match effects.enable(Effect::Deformation, need) || depth.touching.is_empty() {
-        true => effects.timed(Effect::Deformation, || pad.press(depth)),
-        false => none::press(depth),
+    let deforms = effects.enable(Effect::Deformation, need);
+    let friction = match pad {
+        Pad::Elastic(pad) if deforms => pad.friction_required(depth, markers),
+        Pad::Elastic(_) => Requirement::Absent("the pad is not deformed"),
+        Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_) => Requirement::Absent("the gelpad model knows none"),
+    };
+    let holds = effects.enable(Effect::Friction, friction);
+    match pad {
+        Pad::Elastic(pad) if deforms || depth.touching.is_empty() => {
+            let drag = if holds { effects.timed(Effect::Friction, || pad.drag(depth)) } else { None };
+            effects.timed(Effect::Deformation, || pad.press_dragged(depth, drag.as_ref()))
+        }
+        _ if deforms || depth.touching.is_empty() => effects.timed(Effect::Deformation, || pad.press(depth)),
+        _ => none::press(depth),
     }
 }
 

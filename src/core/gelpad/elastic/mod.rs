@@ -1,8 +1,8 @@
-//! The pad as a linear elastic layer bonded to the shell, pressed by a rigid frictionless object.
+//! The pad as a linear elastic layer bonded to the shell, pressed by a rigid object, without friction or with it.
 //!
 //! From the overlap g come the pressure p >= 0 and the surface's displacement w >= g with p (w - g) = 0 (`solve`), w
 //! being p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur this bulges, leaves
-//! the object where it should, and knows forces. Linear theory holds for small strain; what it gets wrong: [`model_error`].
+//! the object where it should, and knows forces. Friction adds tractions, and what they displace ([`friction`]). Linear theory holds for small strain; what it gets wrong: [`model_error`].
 //! Displacements do not depend on Young's modulus; pressures are proportional to it.
 
 use crate::core::base::grid::Resolution;
@@ -21,6 +21,7 @@ use crate::core::gelpad::material::Material;
 
 pub mod convolve;
 pub mod fft;
+pub mod friction;
 pub mod inplane;
 pub mod kernel;
 pub mod layer;
@@ -35,7 +36,9 @@ use convolve::{Buffers, Lengths, Spectrum, Torus};
 use inplane::Load;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
+use friction::Drag;
 use resample::Lattice;
+use shear::Friction;
 use solve::{ContactProblem, Outcome, Scratch};
 
 /// Parameters of the contact solver.
@@ -49,11 +52,14 @@ pub struct Elastic {
     pub tolerance_um: f64,
     /// Iterations after which the solver gives up, 1 to 10000.
     pub max_iterations: u32,
+    /// What holds the pad to the object while it is pressed in. `None`: nothing, the surface slides along it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
 }
 
 impl Default for Elastic {
     fn default() -> Self {
-        Self { resolution: Resolution::Full, tolerance_um: 1.0, max_iterations: 200 }
+        Self { resolution: Resolution::Full, tolerance_um: 1.0, max_iterations: 200, friction: None }
     }
 }
 
@@ -115,6 +121,8 @@ struct Workspace {
     displacement: Grid<f32>,
     /// Of the coarser grid.
     nested: Option<Box<Workspace>>,
+    /// Of the grid on which tractions are solved for.
+    rubbed: Option<Box<Workspace>>,
 }
 
 thread_local! {
@@ -190,8 +198,13 @@ impl Pad {
         if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.close_mm()) }
     }
 
-    /// Presses the object into the pad.
+    /// Presses the object into the pad, with the friction that there is.
     pub fn press(&self, depth: &Depth) -> Contact {
+        self.press_dragged(depth, self.drag(depth).as_ref())
+    }
+
+    /// Presses the object into a pad that tractions already displace.
+    pub fn press_dragged(&self, depth: &Depth, drag: Option<&Drag>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
         let solved = Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), ..Numerics::DIRECT };
@@ -199,24 +212,33 @@ impl Pad {
         if depth.touching.is_empty() {
             return contact;
         }
-        WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, &mut contact));
+        WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, drag, &mut contact));
         contact
     }
 
-    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, contact: &mut Contact) {
+    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, drag: Option<&Drag>, contact: &mut Contact) {
         let lattice = Lattice::new(self.elastic.resolution);
         let mut thinned = std::mem::take(&mut workspace.coarse);
-        let overlap = if lattice.factor == 1 {
+        let overlap = if lattice.factor == 1 && drag.is_none() {
             &depth.overlap
         } else {
             lattice.thin_out(&depth.overlap, &mut thinned);
+            if let Some(drag) = drag {
+                // The pressure has to do what the tractions do not.
+                drag.add_to(&mut thinned, self.placed(depth), [0; 2], -1.0);
+            }
             &thinned
         };
         let fine = [depth.overlap.width, depth.overlap.height];
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine));
+        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine), None);
+        if let Some(drag) = drag {
+            let Rect { x0, y0, .. } = solution.seen;
+            drag.add_to(&mut solution.displacement, self.placed(depth), [x0, y0], 1.0);
+            solution.converged &= drag.converged;
+        }
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
         self.fill(&solution, depth, seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
@@ -236,10 +258,7 @@ impl Pad {
     /// The solution's pressure, and where it acts. `None` without contact.
     fn load(&self, solution: &mut Solution, depth: &Depth, lattice: Lattice) -> Option<Load> {
         let (fine, corner) = ([depth.overlap.width, depth.overlap.height], solution.contact_box);
-        let centre_mm = |coarse: usize, k: usize| {
-            // From the middle of the view, which is the middle of the window.
-            (lattice.fine(coarse, fine[k]) as f64 + 0.5 - fine[k] as f64 / 2.0) * self.mm_per_px[k]
-        };
+        let centre_mm = |coarse: usize, k: usize| self.centre_mm(lattice, coarse, fine[k], k);
         let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
         touches.then(|| Load {
             pressure: std::mem::take(&mut solution.pressure),
@@ -248,8 +267,20 @@ impl Pad {
         })
     }
 
-    /// Solves for the contact within `overlap` and for the displacement in `seen` at least.
-    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect) -> Solution {
+    /// Where a pixel of the solver's grid lies: from the middle of the view, which is the middle of the window.
+    fn centre_mm(&self, lattice: Lattice, coarse: usize, fine: usize, k: usize) -> f64 {
+        (lattice.fine(coarse, fine) as f64 + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
+    }
+
+    /// Solves for the contact within `overlap` and for the displacement in `seen` at least, beginning with the pressure of
+    /// `like`, if there is one.
+    fn solve(
+        &self,
+        workspace: &mut Workspace,
+        overlap: &Grid<f32>,
+        seen: Rect,
+        like: Option<&Solution>,
+    ) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);
@@ -294,7 +325,10 @@ impl Pad {
             };
             let mut pressure = Grid::default();
             let large = touching.area() > COARSER_FROM_PX;
-            if round == 0
+            if let Some(like) = like.filter(|_| round == 0) {
+                pressure.reset(contact_box.width(), contact_box.height());
+                pressure.paste(&like.pressure, like.contact_box, contact_box);
+            } else if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
                 pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box);
@@ -336,7 +370,7 @@ impl Pad {
         let size = [fine.width, fine.height];
         let mut overlap = std::mem::take(&mut workspace.coarse);
         lattice.thin_out(fine, &mut overlap);
-        let solution = self.solve(workspace, &overlap, Rect::default());
+        let solution = self.solve(workspace, &overlap, Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, size, shape);
