@@ -1,7 +1,7 @@
 """Presses that stick, and how surfaces move in their own plane: finite elements beside linear, sticking theory.
 
-    python sticking_elements.py TABLE            solve every press and write the table (40 minutes)
-    python sticking_elements.py TABLE --quick    one ball, sticking and frictionless (a few minutes)
+    python sticking_elements.py TABLE            solve every press and write the table (five minutes)
+    python sticking_elements.py TABLE --quick    one ball, sticking and frictionless (half a minute)
 
 tests/physics/data/sticking_elements.json is such a table. Layer, objects and meshes are those of finite_elements.py, which must lie
 beside this file. Linear theory that sticks: small strains, w >= g and pressure >= 0, no motion along the surface where it touches.

@@ -253,7 +253,8 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
             if let Some(held) = elastic.friction {
                 friction(check, "gelpad.elastic.friction", held);
                 if job.shear.any() && job.shear.friction != held {
-                    let message = "the object is held by one friction while it is pressed in, by another while it is moved";
+                    let message =
+                        "the object is held by one friction while it is pressed in, by another while it is moved";
                     check.error("shear.friction", message.to_owned(), "write that of gelpad.elastic.friction");
                 }
             }

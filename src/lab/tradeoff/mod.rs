@@ -156,15 +156,12 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
         rows(&measured, &(0..few.len()).collect::<Vec<_>>())
     };
     let friction = exact.simulator.models().gelpad.friction();
-    let elastic = |resolution, tolerance_um| {
-        Model::Elastic(Elastic { resolution, tolerance_um, max_iterations: 1000, friction })
-    };
+    let elastic =
+        |resolution, tolerance_um| Model::Elastic(Elastic { resolution, tolerance_um, max_iterations: 1000, friction });
     let tolerances = study(
         [30.0, 10.0, 3.0, 1.0, 0.3, 0.1]
             .into_iter()
-            .map(|tolerance_um| {
-                (format!("full grid, {tolerance_um} um"), elastic(Resolution::Full, tolerance_um))
-            })
+            .map(|tolerance_um| (format!("full grid, {tolerance_um} um"), elastic(Resolution::Full, tolerance_um)))
             .collect(),
     );
     let models = study(vec![

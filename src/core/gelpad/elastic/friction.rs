@@ -9,13 +9,16 @@
 //! contact needs and no finer than the pad's own; there the press is then one without friction, into a pad that is
 //! displaced already ([`Drag`]).
 
+use super::model_error::{ContactEdge, force_over_linear};
 use super::resample::Lattice;
-use super::shear::{Friction, Grip, Vector};
+use super::shear::{Friction, Grip, Point, Vector};
 use super::{Pad, Solution, WORKSPACE, Workspace};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::SURFACE_BORDER;
 use crate::core::depth::Depth;
 use crate::core::effects::Requirement;
+use crate::core::gelpad::Contact;
 
 /// The longer side of the contact has at most so many pixels of the grid on which pressure and tractions are solved for in
 /// turn, as long as there is a grid so coarse.
@@ -25,10 +28,19 @@ const PRESSURE_PX: usize = 64;
 const TRACTION_PX: usize = 40;
 
 /// Turns after which to give up.
-const MOST_TURNS: u32 = 24;
+const MOST_TURNS: u32 = 20;
+
+/// Turns after which steps get shorter: pixels at the edge may touch in one turn and not in the next.
+const FREE_TURNS: u32 = 7;
+
+/// Room around the contact, so that the torus's copies are not felt, thicknesses.
+const ROOM: f64 = 4.0;
+
+/// What may change from turn to turn where pixels come and go, in what does not count.
+const SETTLED: f32 = 6.0;
 
 /// How far beyond the contact tractions displace the pad, thicknesses.
-const REACH: f64 = 2.0;
+const REACH: f64 = 0.5 * ROOM;
 
 /// Share of that over which what they displace fades to 0.
 const FADE: f64 = 0.3;
@@ -42,6 +54,8 @@ pub struct Drag {
     /// mm; 0 at the border.
     down: Grid<f32>,
     placed: Placed,
+    /// Share of the contact that slips.
+    slipping: f64,
     /// Whether it was solved for within the tolerance.
     pub converged: bool,
 }
@@ -156,12 +170,16 @@ impl Pad {
             let fits = |held: &Held| held.part.united(part) == held.part;
             let mut now = match held.take().filter(fits) {
                 Some(held) => held,
-                None => Held::new(self, placed, part.grown(2 + part.width().max(part.height()) / 16, window.x1, window.y1)),
+                None => {
+                    Held::new(self, placed, part.grown(2 + part.width().max(part.height()) / 16, window.x1, window.y1))
+                }
             };
-            let solved = now.turn(self, &next, friction);
+            let solved = now.turn(self, &next, friction, turn);
             let largest = now.change.iter().fold(0.0_f32, |most, change| most.max(change.abs()));
-            now.drag.converged = solved && next.converged && largest <= 2.0 * tolerance_mm;
-            if largest <= tolerance_mm || turn + 1 == MOST_TURNS {
+            // What the last turns would still change is what an edge pixel more or less does.
+            let accepted = if turn < FREE_TURNS { tolerance_mm } else { SETTLED * tolerance_mm };
+            now.drag.converged = solved && next.converged && largest <= accepted;
+            if now.share as f32 * largest <= tolerance_mm || turn + 1 == MOST_TURNS {
                 return Some(now.drag);
             }
             overlap.clone_from(&undisplaced);
@@ -177,7 +195,7 @@ struct Held {
     /// Pixels of the pressure's window that may touch.
     part: Rect,
     grip: Grip,
-    /// Of the last turn, in `grip`'s box.
+    /// Of the last turn, in `grip`'s box; where they may slip, over pressure, so that what slipped begins at its new limit.
     tractions: Grid<Vector>,
     drag: Drag,
     /// By how much the last turn would have changed what they displace, and by which share of that it did.
@@ -187,7 +205,7 @@ struct Held {
 
 impl Held {
     fn new(pad: &Pad, placed: Placed, part: Rect) -> Self {
-        let grip = Grip::new(pad.layer, placed.origin_mm, placed.mm_per_px, part, TRACTION_PX);
+        let grip = Grip::new(pad.layer, [placed.origin_mm, placed.mm_per_px], part, TRACTION_PX, ROOM);
         let torus = grip.plane.size();
         // Half of the room on the torus: beyond it the tractions' copies are nearer.
         let reach = |k: usize| {
@@ -200,21 +218,27 @@ impl Held {
         let placed = Placed { origin_mm, mm_per_px: grip.mm_per_px };
         let tractions = Grid::new(grip.size[0], grip.size[1]);
         let change = vec![0.0; down.data.len()];
-        Self { part, grip, tractions, drag: Drag { down, placed, converged: false }, change, share: 1.0 }
+        Self { part, grip, tractions, drag: Drag { down, placed, slipping: 0.0, converged: false }, change, share: 1.0 }
     }
 
     /// Tractions under a pressure, and what they displace. Whether they were found.
-    fn turn(&mut self, pad: &Pad, solution: &Solution, friction: Friction) -> bool {
+    fn turn(&mut self, pad: &Pad, solution: &Solution, friction: Friction, turn: u32) -> bool {
         let mut pressure = Grid::new(self.part.width(), self.part.height());
         pressure.paste(&solution.pressure, solution.contact_box, self.part);
         self.grip.touch(&pressure, Rect::whole(pressure.width, pressure.height));
         self.grip.want_rest();
-        let pixels: Vec<[usize; 2]> = self.grip.points.iter().map(|point| point.pixel).collect();
-        let mut tractions: Vec<Vector> = pixels.iter().map(|[x, y]| self.tractions.at(*x, *y)).collect();
-        let (residual_mm, _) = self.grip.hold(friction, &mut tractions, &mut 0);
+        let unit = |point: &Point| if friction == Friction::Stick { 1.0 } else { point.pressure };
+        let of_last = |point: &Point| {
+            let [x, y] = point.pixel;
+            self.tractions.at(x, y).map(|share| share * unit(point))
+        };
+        let mut tractions: Vec<Vector> = self.grip.points.iter().map(of_last).collect();
+        let (residual_mm, slipping) = self.grip.hold(friction, &mut tractions, &mut 0);
+        self.drag.slipping = slipping;
         self.tractions.data.fill([0.0; 2]);
-        for ([x, y], t) in pixels.iter().zip(&tractions) {
-            self.tractions.row_mut(*y)[*x] = *t;
+        for (point, t) in self.grip.points.iter().zip(&tractions) {
+            let [x, y] = point.pixel;
+            self.tractions.row_mut(y)[x] = t.map(|part| part / unit(point));
         }
         let down = self.displaced(&tractions);
         let change: Vec<f32> = down.iter().zip(&self.drag.down.data).map(|(next, last)| next - last).collect();
@@ -227,6 +251,9 @@ impl Held {
         }
         let extrapolated = -self.share * along / square;
         self.share = if extrapolated.is_finite() && along != 0.0 { extrapolated.clamp(0.3, 4.0) } else { 1.0 };
+        if turn >= FREE_TURNS {
+            self.share = self.share.min(1.0) / f64::from(turn - FREE_TURNS + 2);
+        }
         let share = self.share as f32;
         for (down, change) in self.drag.down.data.iter_mut().zip(&change) {
             *down += share * change;
@@ -297,10 +324,31 @@ impl Drag {
         }
     }
 
+    /// Raises pressures and force by what finite elements that stick have more than linear theory, as far as nothing slips.
+    pub(super) fn stiffen(&self, contact: &mut Contact, thickness_mm: f64, edge: Option<ContactEdge>) {
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for y in 0..contact.mask.height {
+            let surface = &contact.surface.row(y + SURFACE_BORDER)[SURFACE_BORDER..];
+            for (_, w) in contact.mask.row(y).iter().zip(surface).filter(|(touches, _)| **touches != 0) {
+                sum += f64::from(*w);
+                count += 1;
+            }
+        }
+        let mean_mm = sum / f64::from(count.max(1));
+        let more = (1.0 - self.slipping) * (force_over_linear(mean_mm, thickness_mm, edge) - 1.0);
+        let factor = 1.0 + more;
+        contact.force_n = contact.force_n.map(|force| factor * force);
+        contact.peak_pressure_kpa = contact.peak_pressure_kpa.map(|peak| factor * peak);
+        if let Some(pressure) = &mut contact.pressure {
+            pressure.data.iter_mut().for_each(|kpa| *kpa *= factor as f32);
+        }
+    }
+
     /// The first of a line's pixels that this reaches, and what each from there on takes.
     fn taps(&self, k: usize, placed: Placed, corner: usize, count: usize) -> (usize, Vec<Taps>) {
         let values = [self.down.width, self.down.height][k];
-        let place = |at: usize| (placed.centre_mm(k, corner + at) - self.placed.origin_mm[k]) / self.placed.mm_per_px[k];
+        let place =
+            |at: usize| (placed.centre_mm(k, corner + at) - self.placed.origin_mm[k]) / self.placed.mm_per_px[k];
         let within = |at: &usize| (1.0..(values - 2) as f64).contains(&place(*at));
         let Some(first) = (0..count).find(within) else { return (0, Vec::new()) };
         let taps = (first..count).take_while(within).map(|at| {

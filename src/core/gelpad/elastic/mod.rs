@@ -33,10 +33,10 @@ mod solve;
 mod surface;
 
 use convolve::{Buffers, Lengths, Spectrum, Torus};
+use friction::Drag;
 use inplane::Load;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
-use friction::Drag;
 use resample::Lattice;
 use shear::Friction;
 use solve::{ContactProblem, Outcome, Scratch};
@@ -242,8 +242,11 @@ impl Pad {
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
         self.fill(&solution, depth, seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
-        let error_mm =
-            edge.map_or(0.0, |edge| model_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm, edge));
+        let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
+        let error_mm = edge.map_or(0.0, |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
+        if let Some(drag) = drag {
+            drag.stiffen(contact, thickness_mm, edge);
+        }
         contact.numerics = Numerics {
             converged: solution.converged,
             iterations: solution.iterations,
@@ -274,13 +277,7 @@ impl Pad {
 
     /// Solves for the contact within `overlap` and for the displacement in `seen` at least, beginning with the pressure of
     /// `like`, if there is one.
-    fn solve(
-        &self,
-        workspace: &mut Workspace,
-        overlap: &Grid<f32>,
-        seen: Rect,
-        like: Option<&Solution>,
-    ) -> Solution {
+    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect, like: Option<&Solution>) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);

@@ -95,7 +95,7 @@ pub fn shear_from(
     if part.is_empty() {
         return (Traction { mm_per_px: load.mm_per_px, origin_mm: load.origin_mm, ..Traction::default() }, outcome);
     }
-    let mut grip = Grip::new(layer, load.origin_mm, load.mm_per_px, part, CONTACT_PX);
+    let mut grip = Grip::new(layer, [load.origin_mm, load.mm_per_px], part, CONTACT_PX, ROOM);
     grip.touch(&load.pressure, part);
     grip.want(|place_mm| {
         let wanted = motion.at(place_mm);
@@ -149,14 +149,15 @@ pub(super) struct Point {
     pub pixel: [usize; 2],
     place_mm: [f64; 2],
     /// Over Young's modulus.
-    pressure: f32,
+    pub pressure: f32,
     /// Where the object takes it, mm.
-    pub wanted: [f32; 2],
+    wanted: [f32; 2],
 }
 
 impl Grip {
     /// For contacts in the part `part` of a pressure's pixels, the longer side of which is to have at most `most_px`.
-    pub fn new(layer: ElasticLayer, from_mm: [f64; 2], pitch_mm: [f64; 2], part: Rect, most_px: usize) -> Self {
+    /// `room` thicknesses are left around them.
+    pub fn new(layer: ElasticLayer, [from_mm, pitch_mm]: [[f64; 2]; 2], part: Rect, most_px: usize, room: f64) -> Self {
         let box_px = [part.width(), part.height()];
         let box_mm = [0, 1].map(|k| box_px[k] as f64 * pitch_mm[k]);
         let widest_px_mm = box_mm[0].max(box_mm[1]) / most_px as f64;
@@ -164,7 +165,7 @@ impl Grip {
         let mm_per_px = [0, 1].map(|k| factor[k] as f64 * pitch_mm[k]);
         let size = [0, 1].map(|k| box_px[k].div_ceil(factor[k]));
         let torus = [0, 1].map(|k| {
-            let room = (ROOM * layer.thickness_mm / mm_per_px[k]).min(TORUS_PX as f64) as usize;
+            let room = (room * layer.thickness_mm / mm_per_px[k]).min(TORUS_PX as f64) as usize;
             fast_length((size[k] + room).min(TORUS_PX).max(2 * size[k]))
         });
         let plane = Plane::new(torus);
@@ -172,9 +173,8 @@ impl Grip {
         let torus_mm = [0, 1].map(|k| torus[k] as f64 * mm_per_px[k]);
         let response = plane.response(mm_per_px, |wave| layer_response(layer, wave, torus_mm).map(|part| part * norm));
         let first = [part.x0, part.y0];
-        let origin_mm = std::array::from_fn(|k| {
-            from_mm[k] + (first[k] as f64 + 0.5 * (factor[k] - 1) as f64) * pitch_mm[k]
-        });
+        let origin_mm =
+            std::array::from_fn(|k| from_mm[k] + (first[k] as f64 + 0.5 * (factor[k] - 1) as f64) * pitch_mm[k]);
         Self {
             values: plane.zeros(),
             inverse: response.inverse(norm),
