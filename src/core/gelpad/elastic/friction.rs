@@ -177,9 +177,12 @@ impl Pad {
             let solved = now.turn(self, &next, friction, turn);
             let largest = now.change.iter().fold(0.0_f32, |most, change| most.max(change.abs()));
             // What the last turns would still change is what an edge pixel more or less does.
-            let accepted = if turn < FREE_TURNS { tolerance_mm } else { SETTLED * tolerance_mm };
+            let (step, accepted) = match turn < FREE_TURNS {
+                true => (largest, tolerance_mm),
+                false => (now.share as f32 * largest, SETTLED * tolerance_mm),
+            };
             now.drag.converged = solved && next.converged && largest <= accepted;
-            if now.share as f32 * largest <= tolerance_mm || turn + 1 == MOST_TURNS {
+            if step <= tolerance_mm || turn + 1 == MOST_TURNS {
                 return Some(now.drag);
             }
             overlap.clone_from(&undisplaced);
