@@ -44,6 +44,7 @@ effects! {
     Texture, "texture", "micro relief of the object; runs where a textured object reaches into the pad";
     RestShape, "rest_shape", "a curved pad under the object; runs where a pad that is not flat meets an object";
     Deformation, "deformation", "the pad's shape under and around the object; runs where the object reaches into it";
+    Friction, "friction", "friction while the object is pressed in; runs where markers or the surface show it";
     Supersampling, "supersampling", "light averaged over a pixel; runs for pixels within which the surface bends";
     Shear, "shear", "in-plane motion under an object that is pushed or turned; runs where markers show it";
     Shading, "shading", "light of the LEDs on the deformed surface; runs where the surface is not flat";

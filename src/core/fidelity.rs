@@ -76,7 +76,7 @@ impl Fidelity {
     /// The models that it stands for where this is known of the sensor's light.
     pub fn models(self, light: LightSource) -> Models {
         let elastic = |resolution, tolerance_um, max_iterations| {
-            gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations })
+            gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations, friction: None })
         };
         let phong = |shadows| optics::Model::Phong(Phong { shadows, ..Phong::default() });
         Models {

@@ -6,6 +6,7 @@ pub mod depth;
 pub mod effects;
 pub mod fidelity;
 pub mod gelpad;
+pub mod impression;
 pub mod mesh;
 pub mod optics;
 pub mod pose;

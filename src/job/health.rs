@@ -7,7 +7,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::simulator::Impression;
+use crate::core::impression::Impression;
 use crate::job::scene::{Pressed, Scene};
 
 /// What a check of the sample found.

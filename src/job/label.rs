@@ -15,9 +15,10 @@ use crate::core::camera::markers::MarkerPositions;
 use crate::core::effects::{Note, PerEffect};
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
 use crate::core::gelpad::tangential::TangentialMotion;
+use crate::core::impression::Impression;
 use crate::core::optics::led::Led;
 use crate::core::sensor::{Background, Sensor};
-use crate::core::simulator::{Impression, Simulator};
+use crate::core::simulator::Simulator;
 use crate::job::health::Health;
 use crate::job::layout::Split;
 use crate::job::plan::Plan;
@@ -273,7 +274,7 @@ pub struct NumericsLabel {
     pub strain: f64,
     /// True if the strain is over 0.5, where the linear theory of the elastic pad has ended.
     pub beyond_theory: bool,
-    /// Largest error of the surface within 2 mm of the contact that the model's theory (linear, frictionless) is expected to have,
+    /// Largest error of the surface within 2 mm of the contact that the model's linear theory is expected to have,
     /// um, within a factor of two; 0 if no edge of a contact is in view, null if it is not known.
     pub model_error_um: Option<f64>,
     /// Share of the pixels in contact whose slope or displacement lies beyond the presses that the sensor's optics were

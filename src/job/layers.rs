@@ -7,7 +7,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::simulator::OUT_OF_REACH_MM;
+use crate::core::impression::OUT_OF_REACH_MM;
 use crate::files::exr::Pixel;
 
 /// A layer of a sample.

@@ -4,7 +4,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::core::base::clock::{Clock, Seconds};
-use crate::core::simulator::{Impression, Simulator};
+use crate::core::impression::Impression;
+use crate::core::simulator::Simulator;
 use crate::job::config::output::OnUnhealthy;
 use crate::job::label::Label;
 use crate::job::plan::Plan;

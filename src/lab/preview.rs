@@ -6,7 +6,7 @@ use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
 use crate::core::base::grid::Grid;
-use crate::core::simulator::Impression;
+use crate::core::impression::Impression;
 use crate::dataset::archive::Files;
 use crate::dataset::decode;
 use crate::files::png;

@@ -237,6 +237,15 @@ fn an_object_that_rests_does_not_slip_even_without_friction() {
 }
 
 #[test]
+fn friction_that_nothing_shows_changes_nothing() {
+    for elastic in ["tolerance_um = 300.0", "tolerance_um = 30.0", "resolution = 'half'"] {
+        let press = format!("gelpad.elastic = {{ {elastic}, friction = 'stick' }}");
+        assert_gating_is_safe(&press);
+        assert_gating_is_safe(&format!("{press}\nmarkers = {{}}\nshear.x_mm = {{ choice = [0.0, 0.3] }}"));
+    }
+}
+
+#[test]
 fn a_near_led_gives_a_flat_pixel_the_same_in_every_part_of_the_view() {
     // Half of an odd grey level is on the edge between two.
     assert_gating_is_safe("gelpad.none = {}\noptics.led = {}\ncamera.exposure = 0.5");

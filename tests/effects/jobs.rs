@@ -91,6 +91,24 @@ fn sensor() -> impl Strategy<Value = String> {
     (head, shape, grain, leds).prop_map(|(head, shape, grain, leds)| head + &shape + &grain + &leds)
 }
 
+/// Pads that an object cannot slide along while it is pressed in; some so inexact that this is nothing.
+const HELD: &[&str] = &[
+    "{ friction = 'stick' }",
+    "{ resolution = 'half', friction = 'stick' }",
+    "{ resolution = 'quarter', tolerance_um = 3.0, friction = { coulomb = { coefficient = 0.3 } } }",
+    "{ tolerance_um = 1000.0, friction = 'stick' }",
+];
+
+/// The scene of a pad whose object is held by a friction: the same holds it when it is moved.
+fn held(scene: &str, gelpad: &str) -> String {
+    let Some((_, friction)) = gelpad.split_once("friction = ") else { return scene.to_owned() };
+    let friction = friction.trim_end().strip_suffix(" }").expect("the last key of its table");
+    let line = |line: &str| {
+        if line.starts_with("friction = ") { format!("friction = {friction}\n") } else { format!("{line}\n") }
+    };
+    scene.lines().map(line).collect()
+}
+
 fn gelpad() -> impl Strategy<Value = String> {
     prop_oneof![
         5 => line("fidelity", &["'paper'", "'draft'", "'standard'", "'high'", "'reference'"]),
@@ -98,6 +116,7 @@ fn gelpad() -> impl Strategy<Value = String> {
         1 => line("gelpad.mean_blur.kernel_px", &["1", "3", "7"]),
         1 => line("gelpad.gaussian", &["{ kernels_px = [7, 3], smoothing_px = 3 }", "{ kernels_px = [5] }"]),
         1 => line("gelpad.elastic.resolution", &["'full'", "'half'", "'quarter'"]),
+        2 => line("gelpad.elastic", HELD),
     ]
 }
 
@@ -211,6 +230,7 @@ pub fn job() -> impl Strategy<Value = String> {
             let lamps = sensor.contains("gelsight-series2") && !sensor.contains("[sensor.led]");
             let optics = if lamps { String::new() } else { optics };
             let dataset = format!("[dataset]\nname = 'random'\nsamples = 2\nseed = {seed}\n");
+            let scene = held(&scene, &gelpad);
             [gelpad, dataset, optics, sensor, object, scene, texture, markers, camera].concat()
         },
     )

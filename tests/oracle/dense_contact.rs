@@ -3,7 +3,7 @@
 use gelsim::core::base::grid::Grid;
 
 /// Solves a dense symmetric positive system by Cholesky's method.
-fn solved(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
+pub fn solved(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
     let n = right.len();
     for k in 0..n {
         let (done, rest) = matrix.split_at_mut(k);

@@ -3,7 +3,9 @@
 
 use gelsim::core::base::grid::Resolution;
 use gelsim::core::gelpad::Contact;
+use gelsim::core::gelpad::elastic::Elastic;
 use gelsim::core::gelpad::elastic::model_error::{curvature_error_mm, ring_rms_mm};
+use gelsim::core::gelpad::elastic::shear::Friction;
 use serde_json::Value;
 
 use super::rig::{NOTHING, Rig, Setup};
@@ -12,9 +14,10 @@ use super::rig::{NOTHING, Rig, Setup};
 const SMALL_UM: f64 = 1.0;
 
 /// Beside a block in plane strain and on every side of a body of revolution a thickness, at a usual camera's pixels.
-fn rig(resolution: Resolution) -> Rig {
+pub fn rig(resolution: Resolution, friction: Option<Friction>) -> Rig {
     let setup = Setup { resolution_px: [240, 240], mm_per_px: [0.06; 2], ..Setup::default() };
-    setup.solved(resolution, 1.0).rig()
+    let setup = setup.solved(resolution, 1.0);
+    Setup { elastic: Elastic { friction, ..setup.elastic }, ..setup }.rig()
 }
 
 /// How far the object of a row is below the undeformed pad at a distance from its axis, mm.
@@ -53,7 +56,7 @@ fn drop_mm(row: &Value, r: f64) -> f64 {
     row["dome_mm"].as_f64().map_or(0.0, |dome| dome - (dome * dome - r * r).max(0.0).sqrt())
 }
 
-fn press(rig: &Rig, row: &Value) -> Contact {
+pub fn press(rig: &Rig, row: &Value) -> Contact {
     let is_prism = row["geometry"] == "plane strain";
     let overlap = |r: f64| overlap(row, r) - drop_mm(row, r);
     rig.press(|x, y| overlap(if is_prism { x.abs() } else { x.hypot(y) }))
@@ -79,7 +82,7 @@ fn the_label_knows_the_error_of_linear_theory_within_a_factor_of_two() {
     let rows = rows();
     assert!(rows.len() >= 60, "{} presses", rows.len());
     for resolution in [Resolution::Full, Resolution::Half] {
-        let rig = rig(resolution);
+        let rig = rig(resolution, None);
         let mut worst = [1.0_f64; 2];
         for row in &rows {
             let true_um = row["error_max_um"].as_f64().expect("an error");
@@ -113,7 +116,7 @@ fn the_root_mean_square_beside_the_contact_follows_from_the_largest_error() {
 /// The table is of the same presses: gelsim's surface is no further from it than the error that it states.
 #[test]
 fn surfaces_are_as_far_from_finite_elements_as_the_table_says() {
-    let rig = rig(Resolution::Full);
+    let rig = rig(Resolution::Full, None);
     for row in rows().iter().filter(|row| row["geometry"] == "axisymmetric" && row["dome_mm"].is_null()) {
         let contact = press(&rig, row);
         let of = |key: &str| row[key].as_f64().expect("a number");

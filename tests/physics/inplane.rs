@@ -78,7 +78,7 @@ fn transform(values: &mut [Complex<f64>], width: usize, inverse: bool) {
 
 /// Displacement at the pixels of a pressure and of tractions along x and y, from the layer's responses part by part, on
 /// a torus with `room_mm` beyond the load.
-fn oracle(layer: ElasticLayer, load: [&Grid<f32>; 3], mm_per_px: [f64; 2], room_mm: f64) -> [Grid<f64>; 2] {
+pub fn oracle(layer: ElasticLayer, load: [&Grid<f32>; 3], mm_per_px: [f64; 2], room_mm: f64) -> [Grid<f64>; 2] {
     let Grid { width, height, .. } = *load[0];
     let long = |count: usize, pitch: f64| fast_length((count as f64 + room_mm / pitch) as usize);
     let size = [long(width, mm_per_px[0]), long(height, mm_per_px[1])];

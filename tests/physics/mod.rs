@@ -14,6 +14,7 @@ mod contact;
 mod convolution;
 mod finite_elements;
 mod frames;
+mod friction;
 mod gaussian;
 mod gelpad;
 mod greens;

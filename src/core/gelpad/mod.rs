@@ -19,9 +19,10 @@ pub mod tangential;
 pub mod whole;
 
 use crate::core::base::simd::simd_dispatch;
-use elastic::Elastic;
 use elastic::inplane::{InPlane, Load};
 use elastic::layer::ElasticLayer;
+use elastic::shear::Friction;
+use elastic::{Elastic, Given};
 use gaussian::Gaussian;
 use material::Material;
 use mean_blur::MeanBlur;
@@ -41,7 +42,7 @@ pub enum Model {
     MeanBlur(MeanBlur),
     /// Pyramid of Gaussian blurs with the contact restored (Si and Yuan 2022).
     Gaussian(Gaussian),
-    /// Bonded elastic layer in frictionless contact.
+    /// Bonded elastic layer in contact, frictionless unless friction is given.
     Elastic(Elastic),
 }
 
@@ -53,6 +54,22 @@ impl Model {
             Self::MeanBlur(_) => "mean_blur",
             Self::Gaussian(_) => "gaussian",
             Self::Elastic(_) => "elastic",
+        }
+    }
+
+    /// What holds the pad to the object while it is pressed in, if anything does.
+    pub fn friction(&self) -> Option<Friction> {
+        match self {
+            Self::Elastic(elastic) => elastic.friction,
+            Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
+    /// The same with another friction, if the model knows friction.
+    pub fn with_friction(self, friction: Option<Friction>) -> Self {
+        match self {
+            Self::Elastic(elastic) => Self::Elastic(Elastic { friction, ..elastic }),
+            without => without,
         }
     }
 
@@ -140,13 +157,14 @@ impl Pad {
             Self::None => none::press(depth),
             Self::MeanBlur(blur) => mean_blur::press(blur, depth),
             Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
-            Self::Elastic(pad) => pad.press_with(depth, beyond),
+            Self::Elastic(pad) => pad.press(depth, beyond.and_then(|beyond| beyond.displacement.as_ref())),
         }
     }
 }
 
-/// The pad under an object that overlaps it, with what touches beyond the window.
-pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, effects: &mut EffectLog) -> Contact {
+/// The pad under an object that overlaps it, with what touches beyond the window; `markers` if something shows how it
+/// moves in its own plane.
+pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, markers: bool, effects: &mut EffectLog) -> Contact {
     let clear = depth.touching.is_empty() && beyond.is_none_or(|beyond| beyond.displacement.is_none());
     let need = match pad {
         Pad::None => Requirement::Absent("the gelpad model has none"),
@@ -154,9 +172,21 @@ pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, effects: &mut E
         _ => Requirement::Needed("the object reaches into the pad"),
     };
     // What a model makes of nothing is its own business: it knows which numbers it would give.
-    match effects.enable(Effect::Deformation, need) || clear {
-        true => effects.timed(Effect::Deformation, || pad.press_with(depth, beyond)),
-        false => none::press(depth),
+    let deforms = effects.enable(Effect::Deformation, need);
+    let friction = match pad {
+        Pad::Elastic(pad) if deforms => pad.friction_required(depth, markers),
+        Pad::Elastic(_) => Requirement::Absent("the pad is not deformed"),
+        Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_) => Requirement::Absent("the gelpad model knows none"),
+    };
+    let holds = effects.enable(Effect::Friction, friction);
+    match pad {
+        Pad::Elastic(pad) if deforms || clear => {
+            let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
+            let drag = if holds { effects.timed(Effect::Friction, || pad.drag(depth, beyond)) } else { None };
+            effects.timed(Effect::Deformation, || pad.press_into(depth, Given { beyond, drag: drag.as_ref() }))
+        }
+        _ if deforms || clear => effects.timed(Effect::Deformation, || pad.press(depth)),
+        _ => none::press(depth),
     }
 }
 
@@ -184,6 +214,8 @@ pub struct Contact {
     pub force_n: Option<f64>,
     /// How the contact in view is part of a whole; set by [`crate::core::simulator::Simulator`].
     pub whole: Whole,
+    /// By what factor pressures and forces are larger than [`Contact::load`] has them: friction, as finite elements have it.
+    pub stiffened: f64,
     /// Largest pressure in view, kPa, if the model knows it.
     pub peak_pressure_kpa: Option<f64>,
     /// The surface between pixel centres, where it was sampled.
@@ -254,6 +286,7 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
         pressure: None,
         force_n,
         whole: Whole::default(),
+        stiffened: 1.0,
         peak_pressure_kpa: force_n,
         subpixel: None,
         numerics,

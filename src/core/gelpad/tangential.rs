@@ -1,5 +1,5 @@
-//! Motion of the pad's surface in its own plane: what pressure pushes aside, and what an object that is pushed or turned
-//! takes along.
+//! Motion of the pad's surface in its own plane: what pressure pushes aside, what friction holds back, and what an object
+//! that is pushed or turned takes along.
 
 use super::elastic::inplane::{Field, InPlane, Load};
 use super::elastic::layer::ElasticLayer;
@@ -12,7 +12,7 @@ use crate::core::effects::{Effect, EffectLog, Requirement};
 pub struct TangentialMotion {
     /// The motion.
     pub field: Field,
-    /// What pushing and turning the object did, if it was.
+    /// What friction did, if the object was pushed or turned, or friction held the pad while it was pressed in.
     pub shear: Option<shear::Outcome>,
 }
 
@@ -27,10 +27,14 @@ pub struct Shear {
 
 /// How a press moves the pad in its plane. `None` where nothing would show it, or no model knows. Without `shear` no press
 /// of the kind has any.
+///
+/// With the friction `held` while pressing, one law holds for press and motion together: in the contact the surface goes
+/// where the object takes it, from where it was before the press.
 pub fn tangential(
     in_plane: Option<&InPlane>,
     material: &Material,
     load: Option<&Load>,
+    held: Option<Friction>,
     shear: Option<&Shear>,
     effects: &mut EffectLog,
 ) -> Option<TangentialMotion> {
@@ -45,9 +49,15 @@ pub fn tangential(
     let moves = effects.enable(Effect::Shear, need);
     let (in_plane, load) = in_plane.zip(load)?;
     let mut field = effects.timed(Effect::Markers, || in_plane.under_pressure(load));
-    let shear = shear.filter(|_| moves).map(|Shear { motion, friction }| {
-        effects.timed(Effect::Shear, || {
-            let (traction, outcome) = shear::shear(ElasticLayer::new(material), load, *motion, *friction);
+    let held = held.filter(|_| effects.notes[Effect::Friction].ran);
+    let moved = shear.filter(|_| moves);
+    let friction = held.or(moved.map(|shear| shear.friction));
+    let shear = friction.map(|friction| {
+        let effect = if moved.is_some() { Effect::Shear } else { Effect::Friction };
+        let motion = moved.map_or_else(Motion::default, |shear| shear.motion);
+        effects.timed(effect, || {
+            let pushed = held.is_some().then_some(&field);
+            let (traction, outcome) = shear::shear_from(ElasticLayer::new(material), load, motion, friction, pushed);
             field.add(&in_plane.under_traction(&traction));
             outcome
         })

@@ -79,7 +79,7 @@ impl Whole {
             (_, None) => (0.0, overlapped_around(depth) as f64 * dx * dy),
         };
         // kPa mm^2 are mN.
-        let force_n = force * youngs_modulus_kpa * 1e-3;
+        let force_n = contact.stiffened * force * youngs_modulus_kpa * 1e-3;
         let solved = beyond.is_none_or(|beyond| beyond.solved);
         area_mm2 += beyond.map_or(0.0, |beyond| beyond.area_mm2);
         let force_unknown = match (contact.force_n, solved) {
@@ -93,7 +93,7 @@ impl Whole {
         let all_mm2 = in_view_mm2 + area_mm2;
         Self {
             total_force_n: contact.force_n.map(|in_view| match area_mm2 > 0.0 {
-                true => in_view + force_n + beyond.and_then(|beyond| beyond.force_n).unwrap_or(0.0),
+                true => in_view + force_n + contact.stiffened * beyond.and_then(|beyond| beyond.force_n).unwrap_or(0.0),
                 false => in_view,
             }),
             cut_by_view: area_mm2 > 0.0,

@@ -252,9 +252,11 @@ impl Plan {
         self.with_simulator(self.simulator.models().clone(), policy)
     }
 
-    /// The same with the models of a fidelity level, whatever gelpad the job chose; a light that the job names stays.
+    /// The same with the models of a fidelity level, whatever gelpad the job chose; a light that the job names stays, and so
+    /// does its friction.
     pub fn with_fidelity(&self, fidelity: Fidelity) -> Self {
         let mut models = fidelity.models(self.simulator.sensor().light_source());
+        models.gelpad = models.gelpad.with_friction(self.simulator.models().gelpad.friction());
         if self.optics_named {
             models.optics = self.simulator.models().optics.clone();
         }

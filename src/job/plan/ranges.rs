@@ -250,6 +250,14 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
             check.number("gelpad.elastic.tolerance_um", elastic.tolerance_um, 0.01..=1e3, "um");
             let most = f64::from(elastic.max_iterations);
             check.number("gelpad.elastic.max_iterations", most, 1.0..=1e4, "iterations");
+            if let Some(held) = elastic.friction {
+                friction(check, "gelpad.elastic.friction", held);
+                if job.shear.any() && job.shear.friction != held {
+                    let message =
+                        "the object is held by one friction while it is pressed in, by another while it is moved";
+                    check.error("shear.friction", message.to_owned(), "write that of gelpad.elastic.friction");
+                }
+            }
         }
     }
     match optics.phong() {
@@ -344,8 +352,12 @@ pub fn object_effects(check: &mut Check<'_>, job: &Job) {
     check.quantity("shear.x_mm", &shear.x_mm, -10.0..=10.0, "mm");
     check.quantity("shear.y_mm", &shear.y_mm, -10.0..=10.0, "mm");
     check.quantity("shear.twist_deg", &shear.twist_deg, -45.0..=45.0, "degrees");
-    if let Friction::Coulomb { coefficient } = shear.friction {
-        check.number("shear.friction.coulomb.coefficient", coefficient, 0.0..=10.0, "");
+    friction(check, "shear.friction", shear.friction);
+}
+
+fn friction(check: &mut Check<'_>, at: &str, friction: Friction) {
+    if let Friction::Coulomb { coefficient } = friction {
+        check.number(&format!("{at}.coulomb.coefficient"), coefficient, 0.0..=10.0, "");
     }
 }
 

@@ -160,16 +160,15 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
             .collect();
         rows(&measured, &(0..few.len()).collect::<Vec<_>>())
     };
+    let friction = exact.simulator.models().gelpad.friction();
+    let elastic =
+        |resolution, tolerance_um| Model::Elastic(Elastic { resolution, tolerance_um, max_iterations: 1000, friction });
     let tolerances = study(
         [30.0, 10.0, 3.0, 1.0, 0.3, 0.1]
             .into_iter()
-            .map(|tolerance_um| {
-                let elastic = Elastic { resolution: Resolution::Full, tolerance_um, max_iterations: 1000 };
-                (format!("full grid, {tolerance_um} um"), Model::Elastic(elastic))
-            })
+            .map(|tolerance_um| (format!("full grid, {tolerance_um} um"), elastic(Resolution::Full, tolerance_um)))
             .collect(),
     );
-    let elastic = |resolution, tolerance_um| Model::Elastic(Elastic { resolution, tolerance_um, max_iterations: 1000 });
     let models = study(vec![
         (String::from("none"), Model::None(NoDeformation::default())),
         (String::from("gaussian"), Model::Gaussian(Gaussian::default())),

@@ -95,7 +95,7 @@ impl Pad {
             }
             let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
-            let solution = pad.solve(workspace, &overlap, Rect::default(), false);
+            let solution = pad.solve(workspace, &overlap, Rect::default(), false, None);
             solved &= solution.converged;
             let whole = Rect::whole(overlap.width, overlap.height);
             let mut pressure = Grid::new(overlap.width, overlap.height);

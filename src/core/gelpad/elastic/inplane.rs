@@ -102,12 +102,7 @@ impl InPlane {
         let seen = Rect { x0: first[0], y0: first[1], x1: size[0] - first[0], y1: size[1] - first[1] };
         let norm = 1.0 / (size[0] * size[1]) as f64;
         let spreading = |wave: Wave| norm / (hat(wave.q[0] * pitch_mm) * hat(wave.q[1] * pitch_mm));
-        let under_pressure = plane.symbol([pitch_mm; 2], |wave| {
-            let [cos, sin] = wave.direction();
-            let size = layer.coupling(wave.length()) * spreading(wave);
-            // i (cos + i sin).
-            [-sin * size, cos * size]
-        });
+        let under_pressure = plane.gradient([pitch_mm; 2], |wave| layer.coupling(wave.length()) * spreading(wave));
         let under_traction = plane.response([pitch_mm; 2], |wave| {
             layer_response(layer, wave, size.map(|count| count as f64 * pitch_mm)).map(|part| part * spreading(wave))
         });

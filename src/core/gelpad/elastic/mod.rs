@@ -1,8 +1,8 @@
-//! The pad as a linear elastic layer bonded to the shell, pressed by a rigid frictionless object.
+//! The pad as a linear elastic layer bonded to the shell, pressed by a rigid object, without friction or with it.
 //!
 //! From the overlap g come the pressure p >= 0 and the surface's displacement w >= g with p (w - g) = 0 (`solve`), w
 //! being p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur this bulges, leaves
-//! the object where it should, and knows forces. Linear theory holds for small strain; what it gets wrong: [`model_error`].
+//! the object where it should, and knows forces. Friction adds tractions, and what they displace ([`friction`]). Linear theory holds for small strain; what it gets wrong: [`model_error`].
 //! Displacements do not depend on Young's modulus; pressures are proportional to it.
 
 use crate::core::base::grid::Resolution;
@@ -12,10 +12,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::whole::Beyond;
 use super::{Contact, Numerics, untouched};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
 use crate::core::depth::{Depth, Window};
@@ -25,6 +23,7 @@ mod beyond_view;
 pub mod convolve;
 mod edge;
 pub mod fft;
+pub mod friction;
 pub mod inplane;
 pub mod kernel;
 mod lattice;
@@ -33,6 +32,7 @@ pub mod model_error;
 pub mod plane;
 mod resample;
 pub mod shear;
+mod solution;
 mod solve;
 mod surface;
 
@@ -43,6 +43,9 @@ use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
 use resample::Shape;
+use shear::Friction;
+pub use solution::Given;
+use solution::Solution;
 use solve::{ContactProblem, Outcome, Scratch};
 
 /// Parameters of the contact solver.
@@ -56,11 +59,14 @@ pub struct Elastic {
     pub tolerance_um: f64,
     /// Iterations after which the solver gives up, 1 to 10000.
     pub max_iterations: u32,
+    /// What holds the pad to the object while it is pressed in. `None`: nothing, the surface slides along it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Friction>,
 }
 
 impl Default for Elastic {
     fn default() -> Self {
-        Self { resolution: Resolution::Full, tolerance_um: 1.0, max_iterations: 200 }
+        Self { resolution: Resolution::Full, tolerance_um: 1.0, max_iterations: 200, friction: None }
     }
 }
 
@@ -124,6 +130,8 @@ struct Workspace {
     displacement: Grid<f32>,
     /// Of the coarser grid.
     nested: Option<Box<Workspace>>,
+    /// Of the grid on which tractions are solved for.
+    rubbed: Option<Box<Workspace>>,
 }
 
 thread_local! {
@@ -200,55 +208,59 @@ impl Pad {
         if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.close_mm()) }
     }
 
-    /// Presses the object into the pad.
-    pub fn press(&self, depth: &Depth) -> Contact {
-        self.press_with(depth, None)
+    /// Presses the object into the pad, with the friction that there is, and with what loads beyond the window displace on
+    /// the grid of the overlap.
+    pub fn press(&self, depth: &Depth, beyond: Option<&Grid<f32>>) -> Contact {
+        let drag = self.drag(depth, beyond);
+        self.press_into(depth, Given { beyond, drag: drag.as_ref() })
     }
 
-    /// The same with what touches beyond the window.
-    pub fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
+    /// Presses the object into a pad that is displaced already.
+    pub fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
         let solved = Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), ..Numerics::DIRECT };
         let mut contact = untouched(width, height, Some(0.0), solved);
-        let given = beyond.and_then(|beyond| beyond.displacement.as_ref());
-        if depth.touching.is_empty() && given.is_none() {
+        if depth.touching.is_empty() && given.beyond.is_none() {
             return contact;
         }
         WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, given, &mut contact));
         contact
     }
 
-    /// `given` is the displacement that loads beyond the window cause, on the grid of the overlap.
-    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, given: Option<&Grid<f32>>, contact: &mut Contact) {
-        let lattice = Lattice::under(self.elastic.resolution, &depth.overlap, depth.touching, self.wall_mm());
+    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, given: Given<'_>, contact: &mut Contact) {
+        let lattice = self.lattice(depth);
         let mut thinned = std::mem::take(&mut workspace.coarse);
-        let left = given.map(|given| less(&depth.overlap, given));
-        let overlap = left.as_ref().unwrap_or(&depth.overlap);
-        let overlap = if lattice.factor == 1 {
-            overlap
+        let object = if lattice.factor == 1 {
+            &depth.overlap
         } else {
-            lattice.thin_out(overlap, &mut thinned, self.wall_mm());
+            lattice.thin_out(&depth.overlap, &mut thinned, self.wall_mm());
             &thinned
         };
+        // The pressure has to do what is not done yet.
+        let mut left = Cow::Borrowed(object);
+        if !given.is_nothing() {
+            given.add_to(left.to_mut(), self.placed(depth, lattice), lattice, [0; 2], -1.0);
+        }
         let fine = [depth.overlap.width, depth.overlap.height];
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(workspace, overlap, lattice.box_around(seen, fine), lattice.factor > 1);
-        let mut object = Cow::Borrowed(overlap);
-        if let Some(given) = given {
-            solution.add(given, lattice);
-            contact.surface = given.crop(seen);
-            if lattice.factor > 1 {
-                lattice.thin_out(&depth.overlap, object.to_mut(), self.wall_mm());
-            }
+        let mut solution = self.solve(workspace, &left, lattice.box_around(seen, fine), lattice.factor > 1, None);
+        let Rect { x0, y0, .. } = solution.seen;
+        given.add_to(&mut solution.displacement, self.placed(depth, lattice), lattice, [x0, y0], 1.0);
+        solution.converged &= given.drag.is_none_or(|drag| drag.converged);
+        if let Some(beyond) = given.beyond {
+            contact.surface = beyond.crop(seen);
         }
         contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
-        self.fill(&solution, depth, &object, seen, lattice, contact);
+        self.fill(&solution, depth, object, seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
-        let error_mm =
-            edge.map_or(0.0, |edge| model_error_mm(f64::from(depth.deepest_mm), self.layer.thickness_mm, edge));
+        let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
+        let error_mm = edge.map_or(0.0, |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
+        if let Some(drag) = given.drag {
+            drag.stiffen(contact, thickness_mm, edge);
+        }
         contact.numerics = Numerics {
             converged: solution.converged,
             iterations: solution.iterations,
@@ -260,13 +272,15 @@ impl Pad {
         workspace.displacement = solution.displacement;
     }
 
+    /// The points on which the solver works.
+    fn lattice(&self, depth: &Depth) -> Lattice {
+        Lattice::under(self.elastic.resolution, &depth.overlap, depth.touching, self.wall_mm())
+    }
+
     /// The solution's pressure, and where it acts. `None` without contact.
     fn load(&self, solution: &mut Solution, depth: &Depth, lattice: Lattice) -> Option<Load> {
         let (fine, corner) = ([depth.overlap.width, depth.overlap.height], solution.contact_box);
-        let centre_mm = |coarse: usize, k: usize| {
-            // From the middle of the view, which is the middle of the window.
-            (lattice.place(coarse, k) + 0.5 - fine[k] as f64 / 2.0) * self.mm_per_px[k]
-        };
+        let centre_mm = |coarse: usize, k: usize| self.centre_mm(lattice, coarse, fine[k], k);
         let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
         touches.then(|| Load {
             pressure: std::mem::take(&mut solution.pressure),
@@ -275,9 +289,22 @@ impl Pad {
         })
     }
 
-    /// Solves for the contact within `overlap` and for the displacement in `seen` at least. With `follows`, a guess is made on
-    /// a grid that follows the object: two solutions within the tolerance differ by more where it is coarse.
-    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect, follows: bool) -> Solution {
+    /// Where a pixel of the solver's grid lies: from the middle of the view, which is the middle of the window.
+    fn centre_mm(&self, lattice: Lattice, coarse: usize, fine: usize, k: usize) -> f64 {
+        (lattice.place(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
+    }
+
+    /// Solves for the contact within `overlap` and for the displacement in `seen` at least, beginning with the pressure of
+    /// `like`, if there is one. With `follows`, a guess is made on a grid that follows the object: two solutions within the
+    /// tolerance differ by more where it is coarse.
+    fn solve(
+        &self,
+        workspace: &mut Workspace,
+        overlap: &Grid<f32>,
+        seen: Rect,
+        follows: bool,
+        like: Option<&Solution>,
+    ) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);
@@ -322,7 +349,10 @@ impl Pad {
             };
             let mut pressure = Grid::default();
             let large = touching.area() > COARSER_FROM_PX;
-            if round == 0
+            if let Some(like) = like.filter(|_| round == 0) {
+                pressure.reset(contact_box.width(), contact_box.height());
+                pressure.paste(&like.pressure, like.contact_box, contact_box);
+            } else if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
                 pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box, follows);
@@ -366,7 +396,7 @@ impl Pad {
         };
         let mut overlap = std::mem::take(&mut workspace.coarse);
         lattice.thin_out(fine, &mut overlap, self.wall_mm());
-        let solution = self.solve(workspace, &overlap, Rect::default(), follows);
+        let solution = self.solve(workspace, &overlap, Rect::default(), follows, None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, shape);
@@ -402,76 +432,5 @@ impl Pad {
             target: [target.width(), target.height()],
         };
         Torus::new(&self.lengths, shape, [self.kernel.width, self.kernel.height])
-    }
-}
-
-/// Pressure and displacement on the solver's grid.
-struct Solution {
-    contact_box: Rect,
-    /// In `contact_box`, for Young's modulus 1.
-    pressure: Grid<f32>,
-    /// Where `displacement` is known.
-    seen: Rect,
-    /// mm.
-    displacement: Grid<f32>,
-    converged: bool,
-    iterations: u32,
-    residual_mm: f32,
-}
-
-/// An overlap less a displacement.
-fn less(overlap: &Grid<f32>, displacement: &Grid<f32>) -> Grid<f32> {
-    let mut left = overlap.clone();
-    left.data.iter_mut().zip(&displacement.data).for_each(|(g, w)| *g -= w);
-    left
-}
-
-impl Solution {
-    /// Adds a displacement that is given on the camera's grid.
-    fn add(&mut self, given: &Grid<f32>, lattice: Lattice) {
-        let mut there = Grid::default();
-        // It is smooth: there is no wall in it.
-        lattice.thin_out_part(given, self.seen, &mut there, f32::INFINITY);
-        self.displacement.data.iter_mut().zip(&there.data).for_each(|(w, given)| *w += given);
-    }
-
-    /// Notes the largest violation of the contact conditions; where, outside the contact's box, the object reaches through
-    /// the surface by more than `accepted`.
-    fn check(&mut self, overlap: &Grid<f32>, accepted: f32) -> Rect {
-        let Rect { x0, x1, .. } = self.seen;
-        let mut missed = Rect::default();
-        let mut touching = vec![0.0; x1 - x0];
-        self.residual_mm = 0.0;
-        for y in self.seen.y0..self.seen.y1 {
-            let inside = (self.contact_box.y0..self.contact_box.y1).contains(&y);
-            touching.fill(0.0);
-            if inside {
-                let row = self.pressure.row(y - self.contact_box.y0);
-                touching[self.contact_box.x0 - x0..][..row.len()].copy_from_slice(row);
-            }
-            let (w, g) = (self.displacement.row(y - self.seen.y0), &overlap.row(y)[x0..x1]);
-            let (mut worst, mut through) = (0.0_f32, 0.0_f32);
-            simd_dispatch(
-                #[inline(always)]
-                || {
-                    for ((w, g), p) in w.iter().zip(g).zip(&touching) {
-                        let gap = w - g;
-                        let wrong = if *p > 0.0 { gap.abs() } else { -gap };
-                        worst = if wrong > worst { wrong } else { worst };
-                        through = if -gap > through { -gap } else { through };
-                    }
-                },
-            );
-            self.residual_mm = self.residual_mm.max(worst);
-            if through > accepted {
-                for (x, (w, g)) in (x0..x1).zip(w.iter().zip(g)) {
-                    let boxed = inside && (self.contact_box.x0..self.contact_box.x1).contains(&x);
-                    if !boxed && g - w > accepted {
-                        missed = missed.united(Rect { x0: x, y0: y, x1: x + 1, y1: y + 1 });
-                    }
-                }
-            }
-        }
-        missed
     }
 }

@@ -1,4 +1,4 @@
-//! How far the linear, frictionless layer is from a real one: a law fitted to finite elements.
+//! How far the linear layer is from a real one: laws fitted to finite elements.
 //!
 //! Against neo-Hookean finite elements (frictionless, h = 3 mm, nu = 0.48; `tests/oracle/finite_elements.py`) the largest error
 //! of the surface within 2 mm of the contact is, as a share of the depth d,
@@ -10,16 +10,50 @@
 //! with the slope m of the object at the contact's edge where that is gentle, with the strain s = d / h alone where it is a wall,
 //! and more under contacts that are wide beside the pad's thickness: u is their area over their perimeter and h. On a curved
 //! pad t^2 D is added, with the slope t of the pad at rest where the contact ends.
+//!
+//! A layer that sticks to the object, against finite elements that do (`tests/oracle/sticking_elements.py`), is off by as much
+//! with other numbers, and the last term C u^3: under wide contacts points stick where they were moved to before they touched,
+//! at any strain. Its force is too small: by [`force_over_linear`].
 
+use super::shear::Friction;
 use crate::core::base::grid::Grid;
 use crate::core::base::view::SURFACE_BORDER;
 
-/// A and a: of an edge as gentle as a ball's.
-const GENTLE: [f64; 2] = [0.0233, 1.74];
-/// B and b: of a wall.
-const WALL: [f64; 2] = [1.013, 1.59];
-/// C: of a wide contact.
-const WIDE: f64 = 0.0341;
+/// The numbers of the law for one kind of contact.
+struct Law {
+    /// A and a: of an edge as gentle as a ball's.
+    gentle: [f64; 2],
+    /// B and b: of a wall.
+    wall: [f64; 2],
+    /// What wide contacts add: of strain, area over perimeter, and thickness.
+    wide: fn(f64, f64, f64) -> f64,
+}
+
+const FRICTIONLESS: Law = Law {
+    gentle: [0.0233, 1.74],
+    wall: [1.013, 1.59],
+    wide: |strain, width_mm, thickness_mm| {
+        let wide = strain * width_mm / thickness_mm;
+        0.0341 * wide * wide
+    },
+};
+const STICKING: Law = Law {
+    gentle: [0.013, 1.409],
+    wall: [0.301, 1.413],
+    wide: |_, width_mm, thickness_mm| {
+        let width = (width_mm / thickness_mm).min(WIDEST);
+        0.0172 * width * width * width
+    },
+};
+
+/// u of the widest contact that sticks in the finite elements' table: wider ones count as this wide.
+const WIDEST: f64 = 1.5;
+
+/// By how much the force of a contact that sticks exceeds the linear layer's.
+const STIFFER: f64 = 10.6;
+/// The width u at which half of that has come.
+const STIFFER_FROM: f64 = 1.72;
+
 /// D: of a curved pad.
 const CURVED: f64 = 1.2;
 
@@ -68,14 +102,37 @@ impl ContactEdge {
     }
 }
 
+impl Law {
+    fn error_mm(&self, depth_mm: f64, thickness_mm: f64, edge: ContactEdge) -> f64 {
+        let strain = (depth_mm / thickness_mm).max(0.0);
+        let gentle = self.gentle[0] * libm::pow(edge.slope.max(0.0), self.gentle[1]);
+        let wall = self.wall[0] * libm::pow(strain, self.wall[1]);
+        let beside = if gentle > 0.0 && wall > 0.0 { 1.0 / (1.0 / gentle + 1.0 / wall) } else { 0.0 };
+        depth_mm * (beside + (self.wide)(strain, edge.area_over_perimeter_mm, thickness_mm))
+    }
+}
+
 /// Largest error expected of the surface within 2 mm of the contact, mm: of an object `depth_mm` deep whose contact ends so.
-pub fn model_error_mm(depth_mm: f64, thickness_mm: f64, edge: ContactEdge) -> f64 {
-    let strain = (depth_mm / thickness_mm).max(0.0);
-    let gentle = GENTLE[0] * libm::pow(edge.slope.max(0.0), GENTLE[1]);
-    let wall = WALL[0] * libm::pow(strain, WALL[1]);
-    let beside = if gentle > 0.0 && wall > 0.0 { 1.0 / (1.0 / gentle + 1.0 / wall) } else { 0.0 };
-    let wide = strain * edge.area_over_perimeter_mm / thickness_mm;
-    depth_mm * (beside + WIDE * wide * wide)
+/// Where the contact slips in parts, the larger one of what is expected without friction and of what is if nothing slips.
+pub fn model_error_mm(depth_mm: f64, thickness_mm: f64, edge: ContactEdge, friction: Option<Friction>) -> f64 {
+    let of = |law: Law| law.error_mm(depth_mm, thickness_mm, edge);
+    match friction {
+        None => of(FRICTIONLESS),
+        Some(Friction::Stick) => of(STICKING),
+        Some(Friction::Coulomb { .. }) => of(FRICTIONLESS).max(of(STICKING)),
+    }
+}
+
+/// Force of a contact that sticks over that of the linear layer: 1 + 10.6 e^2 u / (u + 1.72), with the mean displacement in the
+/// contact over the pad's thickness e, and the contact's area over its perimeter and that thickness u. Without an edge in view
+/// the contact is as wide as can be.
+pub fn force_over_linear(mean_mm: f64, thickness_mm: f64, edge: Option<ContactEdge>) -> f64 {
+    let strain = mean_mm / thickness_mm;
+    let confined = edge.map_or(1.0, |edge| {
+        let width = edge.area_over_perimeter_mm / thickness_mm;
+        width / (width + STIFFER_FROM)
+    });
+    1.0 + STIFFER * strain * strain * confined
 }
 
 /// What is added on a curved pad, mm. `drop_mm` is how far it lies below its highest point, with [`SURFACE_BORDER`] around the mask.
@@ -154,7 +211,7 @@ mod tests {
     #[test]
     fn the_error_grows_with_depth_slope_and_width_and_is_finite() {
         let of = |depth_mm, slope, area_over_perimeter_mm| {
-            model_error_mm(depth_mm, 3.0, ContactEdge { slope, area_over_perimeter_mm })
+            model_error_mm(depth_mm, 3.0, ContactEdge { slope, area_over_perimeter_mm }, None)
         };
         assert_eq!(of(0.0, 1.0, 1.0), 0.0);
         assert_eq!(of(1.0, 0.0, 0.0), 0.0);
@@ -163,5 +220,24 @@ mod tests {
         let errors = [1e-30, 0.1, 0.5, 1.5, 3.0].map(|depth_mm| of(depth_mm, 2.0, 1.0));
         assert!(errors.is_sorted() && errors.iter().all(|mm| mm.is_finite()), "{errors:?}");
         assert!(of(0.6, 0.5, 3.0) > of(0.6, 0.5, 1.0));
+    }
+
+    #[test]
+    fn the_error_of_a_contact_that_slips_in_parts_is_the_larger_one() {
+        for (slope, area_over_perimeter_mm) in [(0.3, 0.5), (100.0, 0.5), (0.3, 4.0), (100.0, 40.0)] {
+            let of = |friction| model_error_mm(0.6, 3.0, ContactEdge { slope, area_over_perimeter_mm }, friction);
+            let [slides, sticks] = [of(None), of(Some(Friction::Stick))];
+            assert_eq!(of(Some(Friction::Coulomb { coefficient: 0.5 })), slides.max(sticks));
+            assert!(slides > 0.0 && sticks > 0.0 && sticks < 0.6, "{slides}, {sticks}");
+        }
+    }
+
+    #[test]
+    fn forces_grow_with_compression_and_width_and_are_linear_theory_s_without_either() {
+        let edge = |area_over_perimeter_mm| Some(ContactEdge { slope: 1.0, area_over_perimeter_mm });
+        assert_eq!(force_over_linear(0.0, 3.0, edge(1.0)), 1.0);
+        assert_eq!(force_over_linear(0.5, 3.0, edge(0.0)), 1.0);
+        let by_width = [edge(0.1), edge(1.0), edge(10.0), None].map(|edge| force_over_linear(0.5, 3.0, edge));
+        assert!(by_width.is_sorted() && by_width[0] > 1.0 && by_width[3] < 1.4, "{by_width:?}");
     }
 }

@@ -120,16 +120,41 @@ impl Plane {
         symbol
     }
 
-    /// The response whose parts along and across a wave are `value`, the same for a wave and its mirror images.
-    pub fn response(&self, pitch_mm: [f64; 2], value: impl Fn(Wave) -> [f64; 2]) -> Response {
+    /// The factor that takes a pressure to a displacement along the wave, `value` times i: a quarter period ahead. It is
+    /// the same for a wave and its mirror images.
+    pub fn gradient(&self, pitch_mm: [f64; 2], value: impl Fn(Wave) -> f64) -> Symbol {
         let [width, height] = self.size();
-        let count = width * height;
+        let parts = self.quarter(pitch_mm, value);
+        let mut symbol = Symbol { re: vec![0.0; width * height], im: vec![0.0; width * height] };
+        for y in 0..height {
+            for x in 0..width {
+                let at = self.frequency(x, y);
+                let [cos, sin] = self.wave(pitch_mm, x, y).direction();
+                let size = parts.at(x.min(width - x), y.min(height - y));
+                // i (cos + i sin).
+                (symbol.re[at], symbol.im[at]) = ((-sin * size) as f32, (cos * size) as f32);
+            }
+        }
+        symbol
+    }
+
+    /// Values of the frequencies from 0 up along x and y.
+    fn quarter<T: Copy + Default>(&self, pitch_mm: [f64; 2], value: impl Fn(Wave) -> T) -> Grid<T> {
+        let [width, height] = self.size();
         let mut parts = Grid::new(width / 2 + 1, height / 2 + 1);
         for y in 0..parts.height {
             for x in 0..parts.width {
                 parts.row_mut(y)[x] = value(self.wave(pitch_mm, x, y));
             }
         }
+        parts
+    }
+
+    /// The response whose parts along and across a wave are `value`, the same for a wave and its mirror images.
+    pub fn response(&self, pitch_mm: [f64; 2], value: impl Fn(Wave) -> [f64; 2]) -> Response {
+        let [width, height] = self.size();
+        let count = width * height;
+        let parts = self.quarter(pitch_mm, value);
         let (mut mean, mut opposite) = (vec![0.0; count], vec![0; count]);
         let mut turn = Symbol { re: vec![0.0; count], im: vec![0.0; count] };
         for y in 0..height {
@@ -197,6 +222,21 @@ impl Values {
                 }
             },
         );
+    }
+
+    /// From the spectrum of tractions to that of the displacement into the pad that they cause: `symbol` is what takes a
+    /// pressure to displacements along the surface, and this its transpose. The field is real: its x.
+    pub fn sink(&mut self, symbol: &Symbol, response: &Response) {
+        let before = self.rows.clone();
+        let Signals { re, im } = &mut self.rows;
+        let parts = symbol.re.iter().zip(&symbol.im).zip(&response.opposite);
+        for ((re, im), ((a, b), there)) in re.iter_mut().zip(im).zip(parts) {
+            let (other_re, other_im) = (before.re[*there as usize], -before.im[*there as usize]);
+            (*re, *im) = (
+                0.5 * (a * *re + b * *im - (a * other_re - b * other_im)),
+                0.5 * (a * *im - b * *re - (a * other_im + b * other_re)),
+            );
+        }
     }
 
     /// The spectrum of what `response` makes of it.

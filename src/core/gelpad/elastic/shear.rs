@@ -1,6 +1,7 @@
-//! Tangential tractions under an object that, pressed into the pad, is moved and twisted in the pad's plane.
+//! Tangential tractions under an object that holds the pad while it is pressed in ([`super::friction`]), or that is then moved
+//! and twisted in the pad's plane.
 //!
-//! The contact and its pressure p stay as they were pressed; what tractions do to them in turn is left out. Full stick:
+//! The contact and its pressure p are given; what tractions do to them in turn is [`super::friction`]'s. Full stick:
 //! the surface follows the object wherever they touch (conjugate gradients, preconditioned with the inverse response).
 //! Coulomb's law: |t| <= coefficient p, the tractions being those of least energy (Kalker 1990), by accelerated
 //! projected gradients (Beck and Teboulle 2009) with restarts (O'Donoghue and Candes 2015); all of a motion in one step.
@@ -8,9 +9,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::fft::fast_length;
-use super::inplane::{Load, Traction, layer_response};
+use super::inplane::{Field, Load, Traction, layer_response};
 use super::layer::ElasticLayer;
-use super::plane::{Plane, Response, Values};
+use super::plane::{Plane, Response, Symbol, Values};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 
 /// Motion of the object in the pad's plane after the press.
@@ -77,24 +78,35 @@ const SLIPS_FROM: f32 = 0.999;
 /// The tractions that a motion needs or friction allows, on the pressure's own pixels or on a multiple of them. A
 /// contact of a few pixels is as coarse as those are; without contact there are no tractions.
 pub fn shear(layer: ElasticLayer, load: &Load, motion: Motion, friction: Friction) -> (Traction, Outcome) {
+    shear_from(layer, load, motion, friction, None)
+}
+
+/// The same where the pressure alone would move the surface by `moved`, and friction holds it against that, too.
+pub fn shear_from(
+    layer: ElasticLayer,
+    load: &Load,
+    motion: Motion,
+    friction: Friction,
+    moved: Option<&Field>,
+) -> (Traction, Outcome) {
     let part = bounding_box(&load.pressure, |p| p > 0.0);
     let mut outcome =
         Outcome { iterations: 0, residual_um: 0.0, converged: true, slipping: 0.0, force: [0.0; 2], moment: 0.0 };
     if part.is_empty() {
         return (Traction { mm_per_px: load.mm_per_px, origin_mm: load.origin_mm, ..Traction::default() }, outcome);
     }
-    let mut grip = Grip::new(layer, load, part, motion);
+    let mut grip = Grip::new(layer, [load.origin_mm, load.mm_per_px], part, CONTACT_PX, ROOM);
+    grip.touch(&load.pressure, part);
+    grip.want(|place_mm| {
+        let wanted = motion.at(place_mm);
+        moved.map_or(wanted, |field| {
+            let by = field.at(place_mm);
+            [0, 1].map(|k| wanted[k] - f64::from(by[k]))
+        })
+    });
     let mut tractions = vec![[0.0; 2]; grip.points.len()];
-    let mut residual_mm = grip.stick(&mut tractions, &mut outcome.iterations);
-    if let Friction::Coulomb { coefficient } = friction {
-        let limits: Vec<f32> = grip.points.iter().map(|point| coefficient as f32 * point.pressure).collect();
-        if tractions.iter().zip(&limits).any(|(t, limit)| length(*t) > *limit) {
-            residual_mm = grip.slip(&mut tractions, &limits, &mut outcome.iterations);
-            let slips = |(t, limit): &(&[f32; 2], &f32)| length(**t) >= SLIPS_FROM * **limit;
-            let slipping = tractions.iter().zip(&limits).filter(slips).count();
-            outcome.slipping = slipping as f64 / limits.len() as f64;
-        }
-    }
+    let (residual_mm, slipping) = grip.hold(friction, &mut tractions, &mut outcome.iterations);
+    outcome.slipping = slipping;
     outcome.residual_um = 1e3 * residual_mm;
     outcome.converged = residual_mm <= TOLERANCE_MM;
     let traction = grip.spread_out(&tractions);
@@ -102,39 +114,58 @@ pub fn shear(layer: ElasticLayer, load: &Load, motion: Motion, friction: Frictio
     (traction, outcome)
 }
 
+impl Motion {
+    /// How far it takes a point, mm.
+    fn at(self, place_mm: [f64; 2]) -> [f64; 2] {
+        let from = [0, 1].map(|k| place_mm[k] - self.about_mm[k]);
+        let turned = [-self.twist_rad * from[1], self.twist_rad * from[0]];
+        [0, 1].map(|k| self.shift_mm[k] + turned[k])
+    }
+}
+
+/// A displacement or a traction: its parts along x and y.
+pub(super) type Vector = [f32; 2];
+
 /// A contact ready for tractions. Vectors are lists with one entry for each pixel that touches.
-struct Grip {
-    plane: Plane,
-    values: Values,
+pub(super) struct Grip {
+    pub plane: Plane,
+    pub values: Values,
+    layer: ElasticLayer,
     response: Response,
     inverse: Response,
+    /// From pressure to displacement, once it was needed.
+    push: Option<Symbol>,
     /// Pixels of the contact's box.
-    size: [usize; 2],
-    origin_mm: [f64; 2],
-    mm_per_px: [f64; 2],
-    points: Vec<Point>,
+    pub size: [usize; 2],
+    pub origin_mm: [f64; 2],
+    pub mm_per_px: [f64; 2],
+    /// Pixels of the pressure in one of these.
+    factor: [usize; 2],
+    pub points: Vec<Point>,
 }
 
 /// A pixel that touches.
-struct Point {
-    pixel: [usize; 2],
+pub(super) struct Point {
+    pub pixel: [usize; 2],
     place_mm: [f64; 2],
     /// Over Young's modulus.
-    pressure: f32,
+    pub pressure: f32,
     /// Where the object takes it, mm.
     wanted: [f32; 2],
 }
 
 impl Grip {
-    fn new(layer: ElasticLayer, load: &Load, part: Rect, motion: Motion) -> Self {
+    /// For contacts in the part `part` of a pressure's pixels, the longer side of which is to have at most `most_px`.
+    /// `room` thicknesses are left around them.
+    pub fn new(layer: ElasticLayer, [from_mm, pitch_mm]: [[f64; 2]; 2], part: Rect, most_px: usize, room: f64) -> Self {
         let box_px = [part.width(), part.height()];
-        let box_mm = [0, 1].map(|k| box_px[k] as f64 * load.mm_per_px[k]);
-        let widest_px_mm = box_mm[0].max(box_mm[1]) / CONTACT_PX as f64;
-        let factor = load.mm_per_px.map(|pitch| (libm::ceil(widest_px_mm / pitch - 1e-9) as usize).max(1));
-        let mm_per_px = [0, 1].map(|k| factor[k] as f64 * load.mm_per_px[k]);
+        let box_mm = [0, 1].map(|k| box_px[k] as f64 * pitch_mm[k]);
+        let widest_px_mm = box_mm[0].max(box_mm[1]) / most_px as f64;
+        let factor = pitch_mm.map(|pitch| (libm::ceil(widest_px_mm / pitch - 1e-9) as usize).max(1));
+        let mm_per_px = [0, 1].map(|k| factor[k] as f64 * pitch_mm[k]);
         let size = [0, 1].map(|k| box_px[k].div_ceil(factor[k]));
         let torus = [0, 1].map(|k| {
-            let room = (ROOM * layer.thickness_mm / mm_per_px[k]).min(TORUS_PX as f64) as usize;
+            let room = (room * layer.thickness_mm / mm_per_px[k]).min(TORUS_PX as f64) as usize;
             fast_length((size[k] + room).min(TORUS_PX).max(2 * size[k]))
         });
         let plane = Plane::new(torus);
@@ -142,40 +173,88 @@ impl Grip {
         let torus_mm = [0, 1].map(|k| torus[k] as f64 * mm_per_px[k]);
         let response = plane.response(mm_per_px, |wave| layer_response(layer, wave, torus_mm).map(|part| part * norm));
         let first = [part.x0, part.y0];
-        let origin_mm = std::array::from_fn(|k| {
-            load.origin_mm[k] + (first[k] as f64 + 0.5 * (factor[k] - 1) as f64) * load.mm_per_px[k]
-        });
-        let mut grip = Self {
+        let origin_mm =
+            std::array::from_fn(|k| from_mm[k] + (first[k] as f64 + 0.5 * (factor[k] - 1) as f64) * pitch_mm[k]);
+        Self {
             values: plane.zeros(),
             inverse: response.inverse(norm),
             response,
+            push: None,
+            layer,
             plane,
             size,
             origin_mm,
             mm_per_px,
+            factor,
             points: Vec::new(),
-        };
-        grip.points = grip.touching(&thinned(&load.pressure, part, factor), motion);
-        grip
+        }
     }
 
-    fn touching(&self, pressure: &Grid<f32>, motion: Motion) -> Vec<Point> {
-        let mut points = Vec::new();
+    /// Notes where in its part `part` a pressure touches; nothing is wanted of these points yet.
+    pub fn touch(&mut self, pressure: &Grid<f32>, part: Rect) {
+        let pressure = thinned(pressure, part, self.factor);
+        self.points.clear();
         for y in 0..pressure.height {
             for (x, p) in pressure.row(y).iter().enumerate().filter(|(_, p)| **p > 0.0) {
                 let place_mm = [x, y].map(|at| at as f64);
                 let place_mm = [0, 1].map(|k| self.origin_mm[k] + place_mm[k] * self.mm_per_px[k]);
-                let from = [0, 1].map(|k| place_mm[k] - motion.about_mm[k]);
-                let turned = [-motion.twist_rad * from[1], motion.twist_rad * from[0]];
-                let wanted = [0, 1].map(|k| (motion.shift_mm[k] + turned[k]) as f32);
-                points.push(Point { pixel: [x, y], place_mm, pressure: *p, wanted });
+                self.points.push(Point { pixel: [x, y], place_mm, pressure: *p, wanted: [0.0; 2] });
             }
         }
-        points
     }
 
-    /// Displacements in the contact under tractions in it; or roughly the way back, with the inverse.
-    fn respond(&mut self, vectors: &[[f32; 2]], back: bool) -> Vec<[f32; 2]> {
+    /// Wants every point to go `by` from its place.
+    fn want(&mut self, by: impl Fn([f64; 2]) -> [f64; 2]) {
+        for point in &mut self.points {
+            point.wanted = by(point.place_mm).map(|mm| mm as f32);
+        }
+    }
+
+    /// Wants every point to stay where it is under the pressure.
+    pub fn want_rest(&mut self) {
+        let pressures: Vec<[f32; 2]> = self.points.iter().map(|point| [point.pressure, 0.0]).collect();
+        self.scatter(&pressures);
+        self.plane.forward(&mut self.values);
+        self.values.times(push(&mut self.push, self.layer, &self.plane, self.mm_per_px));
+        self.plane.back(&mut self.values);
+        let moved = self.gathered();
+        for (point, moved) in self.points.iter_mut().zip(moved) {
+            point.wanted = moved.map(|mm| -mm);
+        }
+    }
+
+    /// Displacement into the pad under tractions, as the x of the values.
+    pub fn sink(&mut self, tractions: &[[f32; 2]]) {
+        self.scatter(tractions);
+        self.plane.forward(&mut self.values);
+        self.values.sink(push(&mut self.push, self.layer, &self.plane, self.mm_per_px), &self.response);
+        self.plane.back(&mut self.values);
+    }
+
+    /// Tractions that hold the points where they are wanted, as far as friction does, beginning with the ones given; the
+    /// largest distance, mm, from that, and the share of the points that slip.
+    pub fn hold(&mut self, friction: Friction, tractions: &mut Vec<[f32; 2]>, iterations: &mut u32) -> (f64, f64) {
+        let limits: Vec<f32> = match friction {
+            Friction::Stick => Vec::new(),
+            Friction::Coulomb { coefficient } => {
+                self.points.iter().map(|point| coefficient as f32 * point.pressure).collect()
+            }
+        };
+        let slips = |(t, limit): &(&[f32; 2], &f32)| length(**t) >= SLIPS_FROM * **limit;
+        // What slipped before will slip again: sticking is no way there.
+        let begun = tractions.iter().any(|t| *t != [0.0; 2]);
+        if !begun || !tractions.iter().zip(&limits).any(|pair| slips(&pair)) {
+            let residual_mm = self.stick(tractions, iterations);
+            if !tractions.iter().zip(&limits).any(|(t, limit)| length(*t) > *limit) {
+                return (residual_mm, 0.0);
+            }
+        }
+        let residual_mm = self.slip(tractions, &limits, iterations);
+        let slipping = tractions.iter().zip(&limits).filter(slips).count();
+        (residual_mm, slipping as f64 / limits.len() as f64)
+    }
+
+    fn scatter(&mut self, vectors: &[[f32; 2]]) {
         let [x, y] = self.values.vectors_mut();
         x.fill(0.0);
         y.fill(0.0);
@@ -183,18 +262,30 @@ impl Grip {
             let at = self.plane.place(point.pixel[0], point.pixel[1]);
             [x[at], y[at]] = *vector;
         }
-        self.plane.forward(&mut self.values);
-        self.values.respond(if back { &self.inverse } else { &self.response });
-        self.plane.back(&mut self.values);
+    }
+
+    fn gathered(&self) -> Vec<[f32; 2]> {
         let [x, y] = self.values.vectors();
         let at = |point: &Point| self.plane.place(point.pixel[0], point.pixel[1]);
         self.points.iter().map(|point| [x[at(point)], y[at(point)]]).collect()
     }
 
-    /// Solves for tractions with which every point goes where it is wanted, beginning with none; the largest distance
-    /// that is left, mm.
+    /// Displacements in the contact under tractions in it; or roughly the way back, with the inverse.
+    fn respond(&mut self, vectors: &[[f32; 2]], back: bool) -> Vec<[f32; 2]> {
+        self.scatter(vectors);
+        self.plane.forward(&mut self.values);
+        self.values.respond(if back { &self.inverse } else { &self.response });
+        self.plane.back(&mut self.values);
+        self.gathered()
+    }
+
+    /// Solves for tractions with which every point goes where it is wanted, beginning with the ones given; the largest
+    /// distance that is left, mm.
     fn stick(&mut self, tractions: &mut [[f32; 2]], iterations: &mut u32) -> f64 {
         let mut left: Vec<[f32; 2]> = self.points.iter().map(|point| point.wanted).collect();
+        if tractions.iter().any(|t| *t != [0.0; 2]) {
+            left = difference(&left, &self.respond(tractions, false));
+        }
         let mut direction = vec![[0.0; 2]; left.len()];
         let mut last_product = 0.0;
         loop {
@@ -314,6 +405,15 @@ fn thinned(pressure: &Grid<f32>, part: Rect, factor: [usize; 2]) -> Grid<f32> {
         }
     }
     out
+}
+
+/// The response to pressure, made when it is needed first.
+fn push<'a>(known: &'a mut Option<Symbol>, layer: ElasticLayer, plane: &Plane, pitch_mm: [f64; 2]) -> &'a Symbol {
+    known.get_or_insert_with(|| {
+        let [width, height] = plane.size();
+        let norm = 1.0 / (width * height) as f64;
+        plane.gradient(pitch_mm, |wave| layer.coupling(wave.length()) * norm)
+    })
 }
 
 fn length([x, y]: [f32; 2]) -> f32 {

@@ -1,0 +1,99 @@
+//! What the solver found on its own grid, and what displaced the pad before it.
+
+use super::friction::{Drag, Placed};
+use super::lattice::Lattice;
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::simd::simd_dispatch;
+
+/// Pressure and displacement on the solver's grid.
+pub(super) struct Solution {
+    pub contact_box: Rect,
+    /// In `contact_box`, for Young's modulus 1.
+    pub pressure: Grid<f32>,
+    /// Where `displacement` is known.
+    pub seen: Rect,
+    /// mm.
+    pub displacement: Grid<f32>,
+    pub converged: bool,
+    pub iterations: u32,
+    pub residual_mm: f32,
+}
+
+/// What displaces the pad before the press.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Given<'a> {
+    /// What loads beyond the window displace, mm, on the grid of the overlap.
+    pub beyond: Option<&'a Grid<f32>>,
+    /// What friction under the object displaces.
+    pub drag: Option<&'a Drag>,
+}
+
+impl Given<'_> {
+    pub(super) fn is_nothing(self) -> bool {
+        self.beyond.is_none() && self.drag.is_none()
+    }
+
+    /// Adds it, times `factor`, to a grid whose first pixel is pixel `corner` of the solver's grid `lattice`.
+    pub(super) fn add_to(
+        self,
+        target: &mut Grid<f32>,
+        placed: Placed,
+        lattice: Lattice,
+        corner: [usize; 2],
+        factor: f32,
+    ) {
+        if let Some(beyond) = self.beyond {
+            let [x0, y0] = corner;
+            let mut there = Grid::default();
+            // It is smooth: there is no wall in it.
+            let part = Rect { x0, y0, x1: x0 + target.width, y1: y0 + target.height };
+            lattice.thin_out_part(beyond, part, &mut there, f32::INFINITY);
+            target.data.iter_mut().zip(&there.data).for_each(|(w, given)| *w += factor * given);
+        }
+        if let Some(drag) = self.drag {
+            drag.add_to(target, placed, corner, factor);
+        }
+    }
+}
+
+impl Solution {
+    /// Notes the largest violation of the contact conditions; where, outside the contact's box, the object reaches through
+    /// the surface by more than `accepted`.
+    pub fn check(&mut self, overlap: &Grid<f32>, accepted: f32) -> Rect {
+        let Rect { x0, x1, .. } = self.seen;
+        let mut missed = Rect::default();
+        let mut touching = vec![0.0; x1 - x0];
+        self.residual_mm = 0.0;
+        for y in self.seen.y0..self.seen.y1 {
+            let inside = (self.contact_box.y0..self.contact_box.y1).contains(&y);
+            touching.fill(0.0);
+            if inside {
+                let row = self.pressure.row(y - self.contact_box.y0);
+                touching[self.contact_box.x0 - x0..][..row.len()].copy_from_slice(row);
+            }
+            let (w, g) = (self.displacement.row(y - self.seen.y0), &overlap.row(y)[x0..x1]);
+            let (mut worst, mut through) = (0.0_f32, 0.0_f32);
+            simd_dispatch(
+                #[inline(always)]
+                || {
+                    for ((w, g), p) in w.iter().zip(g).zip(&touching) {
+                        let gap = w - g;
+                        let wrong = if *p > 0.0 { gap.abs() } else { -gap };
+                        worst = if wrong > worst { wrong } else { worst };
+                        through = if -gap > through { -gap } else { through };
+                    }
+                },
+            );
+            self.residual_mm = self.residual_mm.max(worst);
+            if through > accepted {
+                for (x, (w, g)) in (x0..x1).zip(w.iter().zip(g)) {
+                    let boxed = inside && (self.contact_box.x0..self.contact_box.x1).contains(&x);
+                    if !boxed && g - w > accepted {
+                        missed = missed.united(Rect { x0: x, y0: y, x1: x + 1, y1: y + 1 });
+                    }
+                }
+            }
+        }
+        missed
+    }
+}

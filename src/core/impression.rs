@@ -1,0 +1,133 @@
+//! What a press gives, and its layers in the geometry of the image.
+
+use std::sync::Arc;
+
+use crate::core::base::clock::Seconds;
+use crate::core::base::grid::Grid;
+use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::camera::lens::Lens;
+use crate::core::camera::markers::MarkerPositions;
+use crate::core::camera::{CameraParams, Image};
+use crate::core::depth::Depth;
+use crate::core::effects::EffectLog;
+use crate::core::gelpad::Contact;
+use crate::core::optics::lamps;
+use crate::core::optics::normals::normals;
+
+/// What a press gives: the tactile image, and what is known beneath it.
+#[non_exhaustive]
+pub struct Impression {
+    /// The tactile image, 8-bit RGB.
+    pub image: Image,
+    /// How far the object reaches below the undeformed pad. As the pad is, not as the lens shows it; see
+    /// [`Impression::depth_mm`].
+    pub depth: Depth,
+    /// The pad under it: surface, contact mask, pressure, force. As the pad is, not as the lens shows it.
+    pub contact: Contact,
+    /// The pad's markers, if it has any.
+    pub markers: Option<MarkerPositions>,
+    /// Distortion of the lens, if it has any.
+    pub lens: Option<Lens>,
+    /// The camera's parameters, less what was left out.
+    pub camera: CameraParams,
+    /// Which effects ran, and why.
+    pub effects: EffectLog,
+    /// CPU seconds that each stage took.
+    pub seconds: Seconds,
+    pub(super) view: View,
+    /// Height over the undeformed pad up to which the object was captured, mm.
+    pub(super) above_mm: f64,
+    pub(super) lamps: Option<Arc<lamps::Shader>>,
+}
+
+/// What [`Impression::gap_mm`] is where no object was captured.
+pub const OUT_OF_REACH_MM: f32 = -1.0;
+
+/// Layers in the geometry of the image: row-major, one value per pixel, with the lens's distortion.
+impl Impression {
+    /// How far the object reaches below the undeformed pad, mm; 0 where it does not.
+    pub fn depth_mm(&self) -> Vec<f32> {
+        self.through_lens(self.depth.below_pad())
+    }
+
+    /// Displacement of the pad's surface, mm, positive into the pad, towards the camera.
+    pub fn surface_mm(&self) -> Vec<f32> {
+        self.through_lens(self.contact.surface.inner(SURFACE_BORDER))
+    }
+
+    /// Clearance between the pad's surface and the object above it, mm: 0 in contact. [`OUT_OF_REACH_MM`] where no object
+    /// was captured, and everywhere if none reaches into the pad.
+    pub fn gap_mm(&self) -> Vec<f32> {
+        let [width, height] = self.view.resolution_px;
+        if self.depth.touching.is_empty() {
+            return vec![OUT_OF_REACH_MM; width * height];
+        }
+        let mut gap = self.contact.surface.inner(SURFACE_BORDER);
+        let object = self.depth.overlap.inner(self.depth.margin_px);
+        let mut captured = Grid::new(width, height);
+        for ((gap, g), captured) in gap.data.iter_mut().zip(&object.data).zip(&mut captured.data) {
+            *gap = (*gap - g).max(0.0);
+            *captured = if *g > -self.above_mm as f32 { 255 } else { 0 };
+        }
+        let captured = self.lens.as_ref().map_or(captured.clone(), |lens| lens.warp_mask(&captured));
+        let mut gap = self.through_lens(gap);
+        for (gap, captured) in gap.iter_mut().zip(&captured.data) {
+            *gap = if *captured > 0 { *gap } else { OUT_OF_REACH_MM };
+        }
+        gap
+    }
+
+    /// 255 where the pad touches the object.
+    pub fn contact_mask(&self) -> Vec<u8> {
+        match &self.lens {
+            Some(lens) => lens.warp_mask(&self.contact.mask).data,
+            None => self.contact.mask.data.clone(),
+        }
+    }
+
+    /// Unit normals of the pad's surface, towards the camera: a flat pad is (0, 0, -1).
+    pub fn normals(&self) -> Vec<[f32; 3]> {
+        let mut normals = normals(&self.contact, &self.view);
+        if self.lens.is_some() {
+            let [width, height] = self.view.resolution_px;
+            let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();
+            let planes = [0, 1, 2].map(|k| self.through_lens(Grid { width, height, data: plane(k) }));
+            for (i, normal) in normals.iter_mut().enumerate() {
+                let [x, y, z] = planes.each_ref().map(|plane| plane[i]);
+                // Interpolated normals are a little short.
+                let length = (x * x + y * y + z * z).sqrt();
+                *normal = [x / length, y / length, z / length];
+            }
+        }
+        normals
+    }
+
+    /// Pressure between pad and object, kPa; 0 without contact. `None` if the model of the gelpad knows none.
+    pub fn pressure_kpa(&self) -> Option<Vec<f32>> {
+        self.contact.peak_pressure_kpa?;
+        let [width, height] = self.view.resolution_px;
+        let pressure = self.contact.pressure.clone();
+        Some(pressure.map_or_else(|| vec![0.0; width * height], |pressure| self.through_lens(pressure)))
+    }
+
+    /// The grey image under each of the sensor's lamps, 0 to 1, without markers and the camera's blur, exposure and noise; empty
+    /// on a sensor without lamps.
+    pub fn lamps(&self) -> Vec<Vec<f32>> {
+        let planes = self.lamps.as_ref().map_or_else(Vec::new, |lamps| lamps.grey(&self.contact.surface));
+        planes.into_iter().map(|plane| self.through_lens(plane)).collect()
+    }
+
+    /// Where each marker in view was printed, and where the pad carried it, px: the first pixel's centre is at (0.5, 0.5).
+    pub fn marker_positions(&self) -> Vec<([f64; 2], [f64; 2])> {
+        let in_view =
+            |markers: &MarkerPositions| markers.in_view(self.lens.as_ref(), self.view.resolution_px).collect();
+        self.markers.as_ref().map_or_else(Vec::new, in_view)
+    }
+
+    fn through_lens(&self, plane: Grid<f32>) -> Vec<f32> {
+        match &self.lens {
+            Some(lens) => lens.warp_plane(&plane).data,
+            None => plane.data,
+        }
+    }
+}
