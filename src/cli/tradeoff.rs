@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::progress::bar::Bar;
 use super::{Failure, Log, print, say};
 use crate::files::diagnostic::user_error;
 use crate::files::write::write_whole;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
+use crate::lab::finite::{self, Options, finite};
 use crate::lab::tradeoff::{plot, report, tradeoff};
 
 /// Samples, if the user names no number.
@@ -20,7 +22,8 @@ const SAMPLES: u64 = 32;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  gelsim tradeoff configs/quickstart.toml --samples 16 --out /tmp/tradeoff")]
+  gelsim tradeoff configs/quickstart.toml --samples 16 --out /tmp/tradeoff
+  gelsim tradeoff configs/elementary.toml --finite-elements --sticking")]
 pub struct Tradeoff {
     /// The job
     #[arg(value_name = "JOB.toml")]
@@ -29,6 +32,19 @@ pub struct Tradeoff {
     /// of all [default: 32, or one of each object if that is more]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     samples: Option<u64>,
+    /// Instead of the levels: the error of the linear elastic layer itself, against finite elements of rubber at large strains, for
+    /// the deepest press of each round object. Writes finite.csv and finite.json, if --out is given. Seconds to a minute an object
+    #[arg(long, conflicts_with = "samples")]
+    finite_elements: bool,
+    /// The pad sticks to the object instead of sliding without friction
+    #[arg(long, requires = "finite_elements")]
+    sticking: bool,
+    /// Radius that sharper edges of the object get, mm; at a sharp one the pressure is infinite
+    #[arg(long, value_name = "MM", default_value = "0.2", value_parser = edge, requires = "finite_elements")]
+    edge_mm: f64,
+    /// How much finer the elements are than usual
+    #[arg(long, value_name = "N", default_value = "1", value_parser = refine, requires = "finite_elements")]
+    refine: f64,
     /// Folder for the results [default: out/NAME-tradeoff]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -50,6 +66,9 @@ impl Tradeoff {
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         Log::text(self.quiet).notes(&plan.notes);
+        if self.finite_elements {
+            return self.finite(&plan);
+        }
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));
         if folder.exists() && !folder.is_dir() {
             let message = format!("{} is not a folder", folder.display());
@@ -84,4 +103,48 @@ impl Tradeoff {
         }
         Ok(())
     }
+
+    /// The linear layer against finite elements.
+    fn finite(self, plan: &Plan) -> Result<(), Failure> {
+        let options = Options { sticking: self.sticking, rounding_mm: self.edge_mm, refine: self.refine };
+        if let Some(folder) = &self.out {
+            // Before the work, lest it be in vain.
+            std::fs::create_dir_all(folder).map_err(|error| Failure::from_path(folder, &error))?;
+        }
+        let bar = Bar::thousandths(!self.quiet);
+        let result = finite(plan, options, |object, share| bar.show((1000.0 * share) as u64, object.to_owned()));
+        bar.end();
+        print(&finite::report::table(&result))?;
+        if let Some(folder) = &self.out {
+            let json =
+                serde_json::to_string_pretty(&result).map_err(|error| Failure::from_path(folder, &error))? + "\n";
+            for (name, text) in [("finite.csv", finite::report::csv(&result)), ("finite.json", json)] {
+                let path = folder.join(name);
+                write_whole(&path, text.as_bytes()).map_err(|error| Failure::from_path(&path, &error))?;
+            }
+            if !self.quiet {
+                say(&format!("-> {}", folder.display()));
+            }
+        }
+        if result.presses.is_empty() {
+            let message = format!("{}: no press could be compared with finite elements", self.job.display());
+            let help = "they know bodies of revolution on flat pads and domes, pressed along their axis: a sphere, a cone, a \
+                        standing cylinder";
+            return Err(user_error(message, help).into());
+        }
+        Ok(())
+    }
+}
+
+fn edge(text: &str) -> Result<f64, String> {
+    within(text, 0.02, 5.0, "a radius of 0.02 to 5 mm")
+}
+
+fn refine(text: &str) -> Result<f64, String> {
+    within(text, 0.25, 4.0, "0.25 (four times as coarse) to 4 (four times as fine, 64 times as slow)")
+}
+
+fn within(text: &str, least: f64, most: f64, allowed: &str) -> Result<f64, String> {
+    let number = text.parse::<f64>().ok().filter(|number| (least..=most).contains(number));
+    number.ok_or_else(|| format!("give {allowed}"))
 }

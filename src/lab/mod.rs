@@ -3,6 +3,7 @@
 pub mod augment;
 pub mod calibrate;
 pub mod compare;
+pub mod finite;
 pub mod inspect;
 pub mod metrics;
 pub mod numbers;

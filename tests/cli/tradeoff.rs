@@ -347,3 +347,44 @@ fn results_of_an_earlier_run_are_replaced_and_other_files_stay() {
     assert_eq!(folder.files("out").len(), 5);
     assert!(folder.files("out").into_keys().all(|name| !Path::new(&name).starts_with(".")));
 }
+
+/// Standard output of a run that succeeds.
+fn printed(folder: &Folder, line: &str) -> String {
+    let assert = folder.gelsim(line).assert().success();
+    String::from_utf8(assert.get_output().stdout.clone()).expect("UTF-8")
+}
+
+#[test]
+fn finite_elements_find_the_error_that_the_label_states() {
+    let folder = Folder::with_job(&smooth());
+    let table = printed(&folder, "tradeoff job.toml --finite-elements --refine 0.5 --out out");
+    let rows = rows(&folder, "out/finite.csv");
+    let [row] = rows.as_slice() else { panic!("one object, so one press: {rows:?}") };
+    assert_eq!(row["object"], "sphere");
+    let of = |column: &str| number(row, column);
+    let line = table.lines().find(|line| line.starts_with("sphere ")).expect("a line of the object");
+    assert!(line.contains(&format!("{:.2}", of("ring_max_um"))), "{line}");
+    assert_eq!(of("reached_mm"), of("depth_mm"), "a gentle press converges");
+    assert!(of("ring_rms_um") < of("ring_max_um") && of("ring_max_um") < 2.5 * of("stated_um"), "{row:?}");
+    assert!((0.9..1.1).contains(&of("force_ratio")), "{row:?}");
+    let json: Value = serde_json::from_str(&folder.read("out/finite.json")).expect("JSON");
+    assert_eq!(json["presses"][0]["ring_max_um"].as_f64(), Some(of("ring_max_um")));
+
+    let sticking = printed(&folder, "tradeoff job.toml --finite-elements --sticking --refine 0.5 --quiet");
+    assert!(sticking.contains("(sticking)") && !sticking.contains(line), "{sticking}");
+}
+
+#[test]
+fn an_object_that_is_not_round_is_named_with_its_asymmetry() {
+    let folder = Folder::with_job(&edited(JOB, &[("no_contact = 0.25", "")]));
+    folder.succeed("tradeoff job.toml --finite-elements --refine 0.5 --out out");
+    let json: Value = serde_json::from_str(&folder.read("out/finite.json")).expect("JSON");
+    let left_out = json["left_out"].as_array().expect("a list");
+    let cube = left_out.iter().find(|object| object["object"] == "cube").expect("the cube");
+    assert!(cube["asymmetry_mm"].as_f64() > Some(0.1), "{cube}");
+    assert_eq!(json["presses"][0]["object"], "cone");
+
+    let text = folder.fail("tradeoff job.toml --sticking", 2);
+    assert!(text.contains("--finite-elements"), "{text}");
+    assert!(folder.fail("tradeoff job.toml --finite-elements --refine 9", 2).contains("0.25"));
+}

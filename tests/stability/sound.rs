@@ -6,7 +6,7 @@
 //! So no pixel is displaced by more than sqrt(K sum p max g), K being what a pixel's own pressure does to it; nor is any
 //! raised by more than sum p times the most that a pixel's pressure raises another.
 
-use gelsim::core::simulator::Impression;
+use gelsim::core::impression::Impression;
 use std::fmt;
 use std::io::Cursor;
 use std::time::Duration;

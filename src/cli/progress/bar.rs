@@ -8,11 +8,21 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 pub struct Bar(ProgressBar);
 
 impl Bar {
-    /// One that is shown if it is `wanted` and there is a terminal.
+    /// One of samples that is shown if it is `wanted` and there is a terminal.
     pub fn new(wanted: bool) -> Self {
+        Self::of(wanted, "{bar:32} {human_pos}/{human_len} samples  {msg}  {rate}  {eta} left")
+    }
+
+    /// The same of thousandths of some work.
+    pub fn thousandths(wanted: bool) -> Self {
+        let bar = Self::of(wanted, "{bar:32} {percent:>3} %  {msg}");
+        bar.start(1000);
+        bar
+    }
+
+    fn of(wanted: bool, template: &str) -> Self {
         let visible = wanted && std::io::stderr().is_terminal();
         let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let template = "{bar:32} {human_pos}/{human_len} samples  {msg}  {rate}  {eta} left";
         let style = ProgressStyle::with_template(template).unwrap_or(ProgressStyle::default_bar()).with_key(
             "rate",
             |state: &ProgressState, out: &mut dyn std::fmt::Write| {
@@ -34,10 +44,10 @@ impl Bar {
         self.0.reset_elapsed();
     }
 
-    /// Shows how many samples there are, and what else is to be said.
-    pub fn show(&self, samples: u64, message: String) {
+    /// Shows how many there are, and what else is to be said.
+    pub fn show(&self, done: u64, message: String) {
         self.0.set_message(message);
-        self.0.set_position(samples);
+        self.0.set_position(done);
     }
 
     /// Clears it.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-mod bar;
+pub(super) mod bar;
 
 use super::log::{Format, Log};
 use crate::dataset::generate::{Expected, Watch};

@@ -157,7 +157,7 @@ impl Pad {
             Self::None => none::press(depth),
             Self::MeanBlur(blur) => mean_blur::press(blur, depth),
             Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
-            Self::Elastic(pad) => pad.press(depth, beyond.and_then(|beyond| beyond.displacement.as_ref())),
+            Self::Elastic(pad) => pad.press_with(depth, beyond),
         }
     }
 }

@@ -20,7 +20,7 @@ const MOST: u64 = 4096;
 /// The samples of a plan; of more than 4096, so many spread over them.
 pub fn drawn(plan: &Plan) -> Vec<Drawn> {
     let of = |index| {
-        let scene = Scene::draw(plan, index, 0);
+        let scene = Scene::draw(plan.of_sample(index, 0), index, 0);
         let object = match scene.pressed {
             Pressed::Object(object) => object,
             // Jobs draw objects only.

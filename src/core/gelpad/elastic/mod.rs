@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::whole::Beyond;
 use super::{Contact, Numerics, untouched};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::view::SURFACE_BORDER;
@@ -208,9 +209,14 @@ impl Pad {
         if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.close_mm()) }
     }
 
-    /// Presses the object into the pad, with the friction that there is, and with what loads beyond the window displace on
-    /// the grid of the overlap.
-    pub fn press(&self, depth: &Depth, beyond: Option<&Grid<f32>>) -> Contact {
+    /// Presses the object into the pad, with the friction that there is.
+    pub fn press(&self, depth: &Depth) -> Contact {
+        self.press_with(depth, None)
+    }
+
+    /// The same with what touches beyond the window.
+    pub fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
+        let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
         let drag = self.drag(depth, beyond);
         self.press_into(depth, Given { beyond, drag: drag.as_ref() })
     }
