@@ -4,7 +4,6 @@
 
 use crate::files::fail_point::Step;
 use std::fs;
-use std::io;
 use std::path::PathBuf;
 
 use super::card::card;
@@ -15,7 +14,7 @@ use super::manifest::Manifest;
 use super::recorded::Recorded;
 use super::refused::Refused;
 use super::stats::Stats;
-use super::verify::{CheckLevel, Finding, look};
+use super::verify::{CheckLevel, Finding, look, strays};
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
 use crate::files::write::write_whole;
@@ -49,6 +48,8 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
             None => {}
         }
     }
+    let shards = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number));
+    findings.extend(strays(recorded, shards));
     if !findings.is_empty() {
         return Ok(Finalized::Wanting(findings));
     }
@@ -63,12 +64,8 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
     }
     cleanup::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
     Step::DatasetSwept.reached(&recorded.root);
-    let manifest = Manifest::new(recorded, &stats);
-    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
-    let [dataset, index, readme] = DESCRIPTIONS.map(|name| recorded.root.join(name));
-    let value = serde_json::to_value(&manifest).map_err(|error| failed(dataset.clone())(io::Error::other(error)))?;
-    let index = manifest.wids().map(|value| (index, pretty(&value)));
-    for (path, text) in [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index) {
+    for (name, text) in descriptions(recorded, &stats) {
+        let path = recorded.root.join(name);
         // What is the same stays, so that nobody who reads it is disturbed.
         if !fs::read(&path).is_ok_and(|there| there == text.as_bytes()) {
             write_whole(&path, text.as_bytes()).map_err(failed(path.clone()))?;
@@ -76,6 +73,16 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
     }
     Step::DatasetDescribed.reached(&recorded.root);
     Ok(Finalized::Whole { bytes: stats.iter().map(|stats| stats.bytes).sum() })
+}
+
+/// The files that describe a dataset of which these are the stats of all shards, in order: their names and texts.
+pub fn descriptions(recorded: &Recorded, stats: &[Stats]) -> Vec<(&'static str, String)> {
+    let manifest = Manifest::new(recorded, stats);
+    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
+    let [dataset, index, readme] = DESCRIPTIONS;
+    let value = serde_json::to_value(&manifest).expect("a manifest has string keys");
+    let index = manifest.wids().map(|value| (index, pretty(&value)));
+    [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index).collect()
 }
 
 /// Refuses a dataset that another version of gelsim made: this one would describe it otherwise.
