@@ -176,7 +176,9 @@ fn overwrite_removes_nothing_but_the_dataset() {
         folder.write(name, folder.read("cube.obj"));
     }
     // Also if a mesh of the job is among it.
-    folder.succeed("generate job.toml --quiet --out out --overwrite --set object.0.path=\"out/data/cube.obj\"");
+    let said =
+        folder.fail("generate job.toml --quiet --out out --overwrite --set object.0.path=\"out/data/cube.obj\"", 1);
+    assert!(said.contains("data/cube.obj: belongs to no shard") && said.contains("stats/notes.txt: "), "{said}");
     for name in theirs {
         assert_eq!(folder.read(name), folder.read("cube.obj"));
     }
