@@ -3,7 +3,6 @@
 //! Whoever finishes last does it, and doing it again gives the same bytes.
 
 use crate::files::fail_point::Step;
-use std::fs;
 use std::path::PathBuf;
 
 use super::card::card;
@@ -17,6 +16,7 @@ use super::stats::Stats;
 use super::verify::{CheckLevel, Finding, look, strays};
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
+use crate::files::input::{self, MOST_METADATA_BYTES};
 use crate::files::write::write_whole;
 use crate::job::plan::fingerprint;
 
@@ -67,7 +67,7 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
     for (name, text) in descriptions(recorded, &stats) {
         let path = recorded.root.join(name);
         // What is the same stays, so that nobody who reads it is disturbed.
-        if !fs::read(&path).is_ok_and(|there| there == text.as_bytes()) {
+        if !input::read_inside(&path, MOST_METADATA_BYTES).is_ok_and(|there| there == text.as_bytes()) {
             write_whole(&path, text.as_bytes()).map_err(failed(path.clone()))?;
         }
     }

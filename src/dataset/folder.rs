@@ -14,8 +14,9 @@ use super::stats::Stats;
 use super::versioned::Versioned;
 use crate::core::fidelity::Fidelity;
 use crate::files::diagnostic::user_error;
+use crate::files::input;
 use crate::files::write::write_whole;
-use crate::job::config::document::RESOLVED;
+use crate::job::config::document::{MOST_READ, RESOLVED};
 use crate::job::plan::{Plan, stem};
 
 /// What stands before the seal in a job.toml.
@@ -104,7 +105,7 @@ enum There {
 fn admitted(root: &Path, plan: &Plan, overwrite: bool) -> Result<There, Refused> {
     let refused = |message: String, help: &str| Err(Refused::Usage(user_error(message, help)));
     let job_path = root.join("job.toml");
-    let text = match fs::read(&job_path) {
+    let text = match input::read_inside(&job_path, MOST_READ) {
         Ok(bytes) => Some(bytes),
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
         Err(error) => return Err(Refused::Io(job_path, error)),
@@ -154,15 +155,9 @@ fn fingerprints(root: &Path) -> Result<BTreeSet<String>, Refused> {
     stats.into_iter().filter_map(|path| read(path).transpose()).collect()
 }
 
-/// Refuses if the dataset in `root` is no longer the plan's: another run may have replaced it.
+/// Refuses if the dataset in `root` is no longer the plan's: another run may have replaced it. Under the dataset's lock.
 pub fn still_ours(root: &Path, plan: &Plan) -> Result<(), Refused> {
-    let mut text = recorded_text(root).unwrap_or_default();
-    if !is_as_written(&text) {
-        // It may just be exchanged.
-        let lock = lock(root);
-        let _alone = Lock::wait(&lock).map_err(|error| Refused::Io(lock.clone(), error))?;
-        text = recorded_text(root).unwrap_or_default();
-    }
+    let text = recorded_text(root).unwrap_or_default();
     let mut differs = differences(&text, plan);
     // Another run may have made it larger.
     differs.retain(|key| !key.starts_with("dataset.samples "));
@@ -179,11 +174,9 @@ pub fn is_as_written(text: &str) -> bool {
 }
 
 /// The text of the job.toml of a dataset in `root`, if there is one.
-fn recorded_text(root: &Path) -> Option<String> {
-    let path = root.join("job.toml");
-    // Opening a pipe would wait for its other end.
-    let plain = path.symlink_metadata().is_ok_and(|meta| meta.is_file());
-    plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(RESOLVED))
+pub fn recorded_text(root: &Path) -> Option<String> {
+    let bytes = input::read_inside(&root.join("job.toml"), MOST_READ).ok()?;
+    String::from_utf8(bytes).ok().filter(|text| text.starts_with(RESOLVED))
 }
 
 /// The fidelity level that the dataset in `root` was begun with, if there is one.

@@ -21,6 +21,7 @@ use crate::core::base::clock::Clock;
 use crate::core::base::clock::Seconds;
 use crate::core::effects::PerEffect;
 use crate::dataset::archive::Member;
+use crate::dataset::cleanup;
 use crate::dataset::encode::members;
 use crate::dataset::finalize::{Finalized, finalize};
 use crate::dataset::folder::{prepare, still_ours};
@@ -267,12 +268,19 @@ fn write_shard(
     let paths = Paths::new(root, shard, plan.output().container);
     let partial = paths.partial.clone();
     let io = |error| GenerateError::Io(partial.clone(), error);
-    let lock = match Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))? {
+    let lock = {
+        // Another run that replaces the dataset meanwhile finds the shard locked, or is found to have done it.
+        let of_all = cleanup::lock(root);
+        let _alone = Lock::wait(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
+        let taken = Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
+        still_ours(root, plan)?;
+        taken
+    };
+    let lock = match lock {
         Ok(lock) => lock,
         Err(holder) => return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())])),
     };
     Step::ShardLocked.reached(&paths.data);
-    still_ours(root, plan)?;
     // Another process may have finished it since we looked.
     if let ShardState::Whole(stats) = there(plan, root, shard)? {
         return Ok(*stats);

@@ -16,7 +16,8 @@ use serde_json::Value;
 use super::archive::{self, Files};
 use super::cleanup::DESCRIPTIONS;
 use super::finalize::descriptions;
-use super::folder::{is_as_written, recorded_version};
+use super::folder::{is_as_written, recorded_text, recorded_version};
+use super::lock::holder;
 use super::manifest::Manifest;
 use super::paths::Paths;
 use super::recorded::Recorded;
@@ -26,7 +27,7 @@ use super::versioned::Versioned;
 use super::{decode, imagefolder};
 use crate::core::base::clock::Seconds;
 use crate::core::effects::PerEffect;
-use crate::files::{exr, npy, png};
+use crate::files::{exr, input, npy, png};
 use crate::job::config::output::Container;
 use crate::job::label::{Label, SCHEMA_VERSION, key};
 use crate::job::layers::{Coding, Form, OutputLayer, Scale};
@@ -160,7 +161,9 @@ pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
             verified.bytes += bytes;
             verified.samples += one.stats.as_ref().map_or(0, |stats| stats.samples);
         }
-        verified.findings.extend(exchanged(one, &looked, recorded.job.output.container));
+        if depth > CheckLevel::Sizes {
+            verified.findings.extend(exchanged(&recorded, one, &looked));
+        }
     }
     verified.findings.extend(strays(&recorded, looked.iter().map(|one| one.shard)));
     verified.findings.extend(of_this_job(&recorded, &looked, verified.made_by.as_deref()));
@@ -172,8 +175,18 @@ pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
 }
 
 /// A shard that has another one's place.
-fn exchanged(one: &Looked, all: &[Looked], container: Container) -> Option<Finding> {
-    let there = one.sha256.as_deref()?;
+fn exchanged(recorded: &Recorded, one: &Looked, all: &[Looked]) -> Option<Finding> {
+    let container = recorded.job.output.container;
+    let length = one.bytes?;
+    let mut others = all.iter().filter(|other| other.shard != one.shard);
+    let there = match &one.sha256 {
+        Some(there) => there.clone(),
+        // Of its length there is another.
+        None if others.any(|other| other.stats.as_ref().is_some_and(|stats| stats.bytes == length)) => {
+            container.checksum(&recorded.paths(&one.shard).data).ok()?.1
+        }
+        None => return None,
+    };
     if one.stats.as_ref().is_some_and(|stats| stats.sha256 == there) {
         return None;
     }
@@ -204,10 +217,14 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
         Some(_) => {}
     }
     let (mut sha256, mut bytes) = (None, None);
-    let measured = match depth {
-        CheckLevel::Sizes => paths.container.measure(&paths.data).map(|length| (length, None)),
-        _ => paths.container.checksum(&paths.data).map(|(length, found)| (length, Some(found))),
-    };
+    let as_long = |length: u64| stats.as_ref().is_none_or(|stats| stats.bytes == length);
+    // What is as long as nothing that was written is not worth reading.
+    let measured = paths.container.measure(&paths.data).and_then(|length| match depth {
+        CheckLevel::Checksums | CheckLevel::Everything if as_long(length) => {
+            paths.container.checksum(&paths.data).map(|(length, found)| (length, Some(found)))
+        }
+        _ => Ok((length, None)),
+    });
     match measured {
         Ok((length, found)) => {
             let same = |stats: &&Stats| found.as_ref().is_none_or(|found| stats.sha256 == *found);
@@ -225,8 +242,7 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             // A killed run leaves its name there.
-            let writer = fs::read_to_string(&paths.lock).unwrap_or_default();
-            let writer = match writer.trim() {
+            let writer = match &*holder(input::open_inside(&paths.lock).ok().map(|(file, _)| file)) {
                 "" => String::new(),
                 writer => format!("; {writer} writes it, or was stopped"),
             };
@@ -484,7 +500,7 @@ fn of_this_job(recorded: &Recorded, looked: &[Looked], made_by: Option<&str>) ->
     };
     let version = made_by.unwrap_or(env!("CARGO_PKG_VERSION"));
     let agrees = stats().all(|(_, stats)| stats.fingerprint == ours);
-    let text = fs::read_to_string(recorded.root.join("job.toml")).unwrap_or_default();
+    let text = recorded_text(&recorded.root).unwrap_or_default();
     let mut found = Vec::new();
     if !is_as_written(&text) {
         let (what, cure) = match agrees {
@@ -516,7 +532,7 @@ fn described(recorded: &Recorded, looked: &[Looked], by_another: bool) -> Vec<Fi
         return names.filter(|name| wanting(name)).map(|name| Finding::new(name, "is missing")).collect();
     };
     let check = |(name, expected): (&str, String)| {
-        let what = match fs::read(recorded.root.join(name)) {
+        let what = match input::read_inside(&recorded.root.join(name), input::MOST_METADATA_BYTES) {
             Ok(there) if there == expected.as_bytes() => return None,
             Ok(there) => difference(&String::from_utf8_lossy(&there), &expected),
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::from("is missing"),
