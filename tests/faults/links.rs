@@ -5,7 +5,6 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::time::Duration;
-use std::time::Duration;
 
 use gelsim::dataset::lock::Lock;
 use gelsim::files::write::write_whole;
