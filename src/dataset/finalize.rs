@@ -13,7 +13,7 @@ use super::manifest::Manifest;
 use super::recorded::Recorded;
 use super::refused::Refused;
 use super::stats::Stats;
-use super::verify::{CheckLevel, Finding, look, strays};
+use super::verify::{CheckLevel, Finding, absent, look, strays};
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
 use crate::files::input::{self, MOST_METADATA_BYTES};
@@ -37,7 +37,9 @@ pub enum Finalized {
 pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Refused> {
     let (mut stats, mut findings) = (Vec::new(), Vec::new());
     let fingerprint = fingerprint(&recorded.job);
-    for looked in look(recorded, depth)? {
+    let all = look(recorded, depth)?;
+    findings.extend(absent(recorded, &all));
+    for looked in all {
         findings.extend(looked.findings);
         let of_this_job = |stats: &Stats| stats.fingerprint == fingerprint;
         match looked.stats {

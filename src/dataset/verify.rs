@@ -141,6 +141,8 @@ pub struct Looked {
     pub stats: Option<Stats>,
     /// Everything that is wrong with it.
     pub findings: Vec<Finding>,
+    /// Nothing is there of it.
+    absent: bool,
     /// Of the shard as it is.
     sha256: Option<String>,
     /// Its bytes as they are, if it can be read.
@@ -165,6 +167,7 @@ pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
             verified.findings.extend(exchanged(&recorded, one, &looked));
         }
     }
+    verified.findings.extend(absent(&recorded, &looked));
     verified.findings.extend(strays(&recorded, looked.iter().map(|one| one.shard)));
     verified.findings.extend(of_this_job(&recorded, &looked, verified.made_by.as_deref()));
     verified.findings.extend(described(&recorded, &looked, verified.made_by.is_some()));
@@ -206,6 +209,10 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
     let (file, stats_name) = (paths.container.file(&shard), format!("stats/{}.json", shard.name()));
     let stats = Stats::read(&paths.stats)?;
     let mut findings = Vec::new();
+    let absent = ![&paths.stats, &paths.data, &paths.lock].iter().any(|path| path.symlink_metadata().is_ok());
+    if absent {
+        return Ok(Looked { shard, stats: None, sha256: None, bytes: None, findings, absent });
+    }
     let mut wrong = |file: &str, what: String| findings.push(Finding::new(file, what));
     match &stats {
         None if paths.stats.exists() => wrong(&stats_name, String::from("is not what was written")),
@@ -260,7 +267,7 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
         let differs = differs.map(|what| Finding::new(&*stats_name, what));
         findings.extend(mistakes.chain(differs).map(|finding| finding.mended_by(cure.clone())));
     }
-    Ok(Looked { shard, stats, sha256, bytes, findings })
+    Ok(Looked { shard, stats, sha256, bytes, findings, absent })
 }
 
 /// Mistakes named for one shard; the rest are counted.
@@ -488,6 +495,19 @@ pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) 
     }
     found.sort_by(|a, b| a.file.cmp(&b.file));
     found
+}
+
+/// Shards of which nothing is there, those that follow each other at once.
+pub fn absent(recorded: &Recorded, looked: &[Looked]) -> Vec<Finding> {
+    let file = |one: &Looked| recorded.job.output.container.file(&one.shard);
+    let runs = looked.chunk_by(|a, b| a.absent == b.absent).filter(|run| run[0].absent);
+    let said = |run: &[Looked]| match run {
+        [.., last] if run.len() > 1 => {
+            format!("is missing, as are all shards after it up to {}, {} in all", file(last), run.len())
+        }
+        _ => String::from("is missing"),
+    };
+    runs.map(|run| Finding::new(file(&run[0]), said(run))).collect()
 }
 
 /// Where job.toml is not what was written, and stats are of another job than it or of another version.
