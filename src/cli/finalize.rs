@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 
+use super::verify::mended_by;
 use super::{Failure, print};
 use crate::dataset::finalize::{Finalized, finalize, same_version};
 use crate::dataset::recorded::Recorded;
@@ -20,7 +21,7 @@ Example:
   gelsim generate job.toml --out presses --partition 1/2
   gelsim finalize presses
 
-What is named is made by `gelsim generate` with the same job and folder; shards that are whole stay as they are.")]
+Below what is wrong it names the commands that mend it; shards that are whole stay as they are.")]
 pub struct Finalize {
     /// The dataset's folder
     #[arg(value_name = "DIR")]
@@ -42,7 +43,7 @@ impl Finalize {
             Finalized::Whole { bytes } => print(&format!("{all}, {}: finalized\n", HumanBytes(bytes))),
             Finalized::Wanting(findings) => {
                 let named: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
-                print(&format!("{named}{all}: not finalized\n"))?;
+                print(&format!("{named}{all}: not finalized\n{}", mended_by(&self.dir, &findings)))?;
                 // What is wrong has been said.
                 Err(Failure::reported(1))
             }

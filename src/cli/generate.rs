@@ -11,6 +11,7 @@ use super::long_run::long_run;
 use super::{Extent, Failure, JobOverrides, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::dataset::generate::{Done, GenerateError, Request, generate};
+use crate::dataset::verify::{Cure, Finding};
 use crate::files::diagnostic::user_error;
 use crate::job::label::key;
 use crate::job::plan::Plan;
@@ -152,6 +153,15 @@ fn failure(stopped: GenerateError, seed: u64, signal: usize) -> Failure {
             "{}\n  all other shards are done; the same command checks again",
             holders.join("\n  ")
         )),
+        GenerateError::Wanting(findings) => {
+            let strays = findings.iter().filter(|finding| matches!(finding.cure, Cure::Remove(_)));
+            let named: Vec<String> = strays.map(Finding::to_string).collect();
+            Failure::running(format!(
+                "{}\n  all shards are done, but readers would take this for data; remove it, the same command then ends \
+                 the dataset",
+                named.join("\n  ")
+            ))
+        }
         GenerateError::Unhealthy(unfit) => Failure::running(format!(
             "{unfit}\n  finished shards stay; output.on_unhealthy = \"keep\" takes such samples into the dataset, \
              \"reject\" draws them again"

@@ -94,9 +94,9 @@ pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
     let arguments = match Arguments::try_parse_from(line) {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help, or what is wrong with the line. If nobody can hear it, that changes nothing.
-            let _ = error.print();
-            return error.exit_code() as u8;
+            // Help, or what is wrong with the line. Help that nobody can hear is no success.
+            let printed = error.print().and_then(|()| std::io::stdout().flush());
+            return if printed.is_ok() { error.exit_code() as u8 } else { (error.exit_code() as u8).max(1) };
         }
     };
     let Err(failure) = run(arguments) else { return 0 };

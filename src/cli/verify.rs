@@ -1,12 +1,12 @@
 //! `gelsim verify`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 
 use super::{Failure, print};
-use crate::dataset::verify::{CheckLevel, verify};
+use crate::dataset::verify::{CheckLevel, Finding, cures, verify};
 
 /// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged shards,
 /// files that cannot be decoded, numbers that are not finite, labels that break the schema. Exit status 1 if there is any.
@@ -16,7 +16,7 @@ Example:
   gelsim verify out/quickstart
   gelsim verify out/quickstart --checksums
 
-What is named is made again by the command that generated the dataset; shards that are whole stay as they are.")]
+Below what is wrong it names the commands that mend it; shards that are whole stay as they are.")]
 pub struct Verify {
     /// The dataset's folder
     #[arg(value_name = "DIR")]
@@ -24,6 +24,12 @@ pub struct Verify {
     /// Compare checksums only: as quick as the disk
     #[arg(long)]
     checksums: bool,
+}
+
+/// What mends a dataset, if anything is wrong with it.
+pub(super) fn mended_by(root: &Path, findings: &[Finding]) -> String {
+    let cures: String = cures(root, findings).iter().map(|command| format!("  {command}\n")).collect();
+    if cures.is_empty() { cures } else { format!("mend it with\n{cures}") }
 }
 
 impl Verify {
@@ -40,6 +46,12 @@ impl Verify {
             1 => String::from("1 thing is wrong\n"),
             count => format!("{count} things are wrong\n"),
         };
+        if let Some(version) = &verified.made_by {
+            text += &format!(
+                "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say\n"
+            );
+        }
+        text += &mended_by(&self.dir, &verified.findings);
         print(&text)?;
         // What is wrong has been said.
         if count == 0 { Ok(()) } else { Err(Failure::reported(1)) }

@@ -1,6 +1,7 @@
 //! A shard as a tar: written, and read back sample by sample.
 
 use crate::files::fail_point::Step;
+use crate::files::input;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
@@ -129,8 +130,7 @@ pub fn open(
     wanted: impl FnMut(Head) -> bool,
     visit: impl FnMut(Files) -> ControlFlow<()>,
 ) -> Result<(), String> {
-    let file = File::open(path).map_err(|error| error.to_string())?;
-    let length = file.metadata().map_err(|error| error.to_string())?.len();
+    let (file, length) = input::open_inside(path).map_err(|error| error.to_string())?;
     let mut archive = tar::Archive::new(Skipping(BufReader::with_capacity(1 << 14, file)));
     walk(archive.entries_with_seek().map_err(|error| error.to_string())?, length, wanted, visit)
 }

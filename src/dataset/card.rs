@@ -196,14 +196,28 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     }
 }
 
-/// A name of the user's in one line, whatever is in it.
+/// A name of the user's in one line, whatever is in it; what cannot be seen but turns or hides text, by its number.
 fn one_line(name: &str) -> String {
-    name.replace(|c: char| c.is_control() || matches!(c, '\u{2028}' | '\u{2029}'), " ")
+    let shown = |letter: char| match letter {
+        '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}' => {
+            format!("U+{:04X}", u32::from(letter))
+        }
+        letter if letter.is_control() || matches!(letter, '\u{2028}' | '\u{2029}') => String::from(" "),
+        letter => String::from(letter),
+    };
+    name.chars().map(shown).collect()
 }
 
-/// The same where Markdown could take it for a cell's border, a tag or an escape.
+/// The same where Markdown takes it as it stands: no border of a cell, tag, link, image, entity or emphasis.
 fn in_table(name: &str) -> String {
-    one_line(name).replace('\\', "\\\\").replace('|', "\\|").replace('<', "\\<")
+    let escaped = |letter: char| match letter {
+        '\\' | '`' | '*' | '_' | '[' | ']' | '(' | ')' | '!' | '<' | '>' | '&' | '|' | '~' | '#' | ':' | '.' | '@'
+        | '$' => {
+            format!("\\{letter}")
+        }
+        letter => String::from(letter),
+    };
+    one_line(name).chars().map(escaped).collect()
 }
 
 /// What a layer holds, and in what form.
@@ -220,5 +234,24 @@ fn meaning(layer: OutputLayer, coding: Coding) -> String {
             format!("16-bit grey; {zero}times {label}`png16.{}`, {what}", scale.step_key())
         }
         Coding::Png | Coding::Json => what,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_class_name_is_nothing_but_text() {
+        let cases = [
+            ("gear 2", "gear 2"),
+            ("![x](https://a.b/c.png)", "\\!\\[x\\]\\(https\\://a\\.b/c\\.png\\)"),
+            ("a|b\\c", "a\\|b\\\\c"),
+            ("&amp;<b>", "\\&amp;\\<b\\>"),
+            ("a\nb\u{202e}c", "a bU+202Ec"),
+        ];
+        for (name, expected) in cases {
+            assert_eq!(in_table(name), expected);
+        }
     }
 }

@@ -150,10 +150,16 @@ pub fn is_foreign(root: &Path) -> io::Result<bool> {
     Ok(false)
 }
 
-/// Removes the dataset in `root` and nothing else. The inner error says who is writing there: then nothing is removed.
+/// The stats of shards in `root`, whole or not.
+pub fn stats(root: &Path) -> Result<Vec<PathBuf>, Failed> {
+    let of_shards = of_shards(root, "stats")?.into_iter().map(|ours| ours.path);
+    let is_stats = |path: &PathBuf| path.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
+    Ok(of_shards.filter(is_stats).collect())
+}
+
+/// Removes the dataset in `root` and nothing else, under its [`lock`]. The inner error says who is writing there: then
+/// nothing is removed.
 pub fn clear(root: &Path) -> Result<Result<(), String>, Failed> {
-    let path = lock(root);
-    let _alone = Lock::wait(&path).map_err(|error| (path, error))?;
     let mut held = Vec::new();
     for Ours { path, shard, .. } in of_shards(root, DATA)? {
         if path.extension().is_some_and(|ending| ending == "lock") {

@@ -2,8 +2,9 @@
 //! appended to, finished, put in place; measured, checked, read.
 
 use crate::files::fail_point::Step;
+use crate::files::input;
 use std::fs;
-use std::io;
+use std::io::{self, Read};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -87,7 +88,7 @@ impl Container {
     /// Bytes of the shard at `path`.
     pub fn measure(self, path: &Path) -> io::Result<u64> {
         match self {
-            Self::Tar => fs::metadata(path).map(|meta| meta.len()),
+            Self::Tar => input::open_inside(path).map(|(_, length)| length),
             Self::Folder => imagefolder::measure(path),
         }
     }
@@ -95,7 +96,11 @@ impl Container {
     /// Bytes and SHA-256 of the shard at `path`: reads all of it.
     pub fn checksum(self, path: &Path) -> io::Result<(u64, String)> {
         match self {
-            Self::Tar => Ok((fs::metadata(path)?.len(), hash::sha256_of(path)?)),
+            Self::Tar => {
+                let (file, length) = input::open_inside(path)?;
+                // What is written to it meanwhile is no longer what was measured.
+                Ok((length, hash::sha256_of(file.take(length))?))
+            }
             Self::Folder => imagefolder::checksum(path),
         }
     }

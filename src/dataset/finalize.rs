@@ -3,8 +3,6 @@
 //! Whoever finishes last does it, and doing it again gives the same bytes.
 
 use crate::files::fail_point::Step;
-use std::fs;
-use std::io;
 use std::path::PathBuf;
 
 use super::card::card;
@@ -15,9 +13,10 @@ use super::manifest::Manifest;
 use super::recorded::Recorded;
 use super::refused::Refused;
 use super::stats::Stats;
-use super::verify::{CheckLevel, Finding, look};
+use super::verify::{CheckLevel, Finding, absent, look, strays};
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
+use crate::files::input::{self, MOST_METADATA_BYTES};
 use crate::files::write::write_whole;
 use crate::job::plan::fingerprint;
 
@@ -38,7 +37,9 @@ pub enum Finalized {
 pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Refused> {
     let (mut stats, mut findings) = (Vec::new(), Vec::new());
     let fingerprint = fingerprint(&recorded.job);
-    for looked in look(recorded, depth)? {
+    let all = look(recorded, depth)?;
+    findings.extend(absent(recorded, &all));
+    for looked in all {
         findings.extend(looked.findings);
         let of_this_job = |stats: &Stats| stats.fingerprint == fingerprint;
         match looked.stats {
@@ -49,6 +50,8 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
             None => {}
         }
     }
+    let shards = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number));
+    findings.extend(strays(recorded, shards));
     if !findings.is_empty() {
         return Ok(Finalized::Wanting(findings));
     }
@@ -63,19 +66,25 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
     }
     cleanup::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
     Step::DatasetSwept.reached(&recorded.root);
-    let manifest = Manifest::new(recorded, &stats);
-    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
-    let [dataset, index, readme] = DESCRIPTIONS.map(|name| recorded.root.join(name));
-    let value = serde_json::to_value(&manifest).map_err(|error| failed(dataset.clone())(io::Error::other(error)))?;
-    let index = manifest.wids().map(|value| (index, pretty(&value)));
-    for (path, text) in [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index) {
+    for (name, text) in descriptions(recorded, &stats) {
+        let path = recorded.root.join(name);
         // What is the same stays, so that nobody who reads it is disturbed.
-        if !fs::read(&path).is_ok_and(|there| there == text.as_bytes()) {
+        if !input::read_inside(&path, MOST_METADATA_BYTES).is_ok_and(|there| there == text.as_bytes()) {
             write_whole(&path, text.as_bytes()).map_err(failed(path.clone()))?;
         }
     }
     Step::DatasetDescribed.reached(&recorded.root);
     Ok(Finalized::Whole { bytes: stats.iter().map(|stats| stats.bytes).sum() })
+}
+
+/// The files that describe a dataset of which these are the stats of all shards, in order: their names and texts.
+pub fn descriptions(recorded: &Recorded, stats: &[Stats]) -> Vec<(&'static str, String)> {
+    let manifest = Manifest::new(recorded, stats);
+    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
+    let [dataset, index, readme] = DESCRIPTIONS;
+    let value = serde_json::to_value(&manifest).expect("a manifest has string keys");
+    let index = manifest.wids().map(|value| (index, pretty(&value)));
+    [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index).collect()
 }
 
 /// Refuses a dataset that another version of gelsim made: this one would describe it otherwise.

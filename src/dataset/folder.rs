@@ -1,6 +1,7 @@
 //! The folder of a dataset: made, recognised, refused if another job made it.
 
 use crate::files::fail_point::Step;
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,11 +9,18 @@ use std::path::{Path, PathBuf};
 use super::cleanup::{self, DESCRIPTIONS, FOLDERS, is_foreign, lock};
 use super::lock::Lock;
 use super::refused::Refused;
+use super::seal::{BLANK, is_sealed, sealed};
+use super::stats::Stats;
+use super::versioned::Versioned;
 use crate::core::fidelity::Fidelity;
 use crate::files::diagnostic::user_error;
+use crate::files::input;
 use crate::files::write::write_whole;
-use crate::job::config::document::RESOLVED;
+use crate::job::config::document::{MOST_READ, RESOLVED};
 use crate::job::plan::{Plan, stem};
+
+/// What stands before the seal in a job.toml.
+const SEAL: &str = "# SHA-256 of this file with 64 zeros in this place: ";
 
 /// Makes `root` ready for `plan`: a new folder, an empty one, or one that the same job began. Nothing in it may be a
 /// link that leads out of it. A job that differs from the recorded one only in having more samples takes the folder
@@ -36,39 +44,8 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
             "remove it, or choose another folder with --out; gelsim writes nothing through a link",
         );
     }
-    let job_path = root.join("job.toml");
-    loop {
-        let there = match fs::read_to_string(&job_path) {
-            Ok(text) => Some(text),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            Err(error) => return Err(Refused::Io(job_path, error)),
-        };
-        match there {
-            Some(text) if text.starts_with(RESOLVED) => {
-                let differs = differences(&text, plan);
-                if overwrite {
-                    if let Err(writer) = cleanup::clear(root).map_err(failed)? {
-                        let message = format!("{} cannot be replaced: {writer}", root.display());
-                        return refused(message, "wait until it is done, or stop it");
-                    }
-                } else if !differs.is_empty() {
-                    let message = format!("{} holds a dataset of another job: {}", root.display(), differs.join("; "));
-                    return refused(
-                        message,
-                        "choose another folder with --out, or replace that dataset with --overwrite",
-                    );
-                }
-                break;
-            }
-            None if !is_foreign(root).map_err(io(root))? => break,
-            // Another process may have begun the dataset just now.
-            None if job_path.exists() => {}
-            _ => {
-                let message = format!("{} is not empty and holds no dataset of gelsim", root.display());
-                return refused(message, "choose a new or empty folder with --out");
-            }
-        }
-    }
+    // Before anything is made there.
+    admitted(root, plan, overwrite)?;
     for folder in FOLDERS {
         let path = root.join(folder);
         fs::create_dir_all(&path).map_err(io(&path))?;
@@ -77,14 +54,28 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
     let lock = lock(root);
     let _alone = Lock::wait(&lock).map_err(io(&lock))?;
     Step::DatasetLocked.reached(root);
-    let grown_from = recorded_samples(root).filter(|there| *there < plan.layout.samples());
-    if !job_path.exists() || grown_from.is_some() {
+    // Another process may have begun a dataset just now.
+    let found = admitted(root, plan, overwrite)?;
+    if overwrite && found != There::Nothing {
+        if let Err(writer) = cleanup::clear(root).map_err(failed)? {
+            let message = format!("{} cannot be replaced: {writer}", root.display());
+            return refused(message, "wait until it is done, or stop it");
+        }
+        for folder in FOLDERS {
+            let path = root.join(folder);
+            fs::create_dir_all(&path).map_err(io(&path))?;
+        }
+    }
+    let is_ours = found == There::Ours && !overwrite;
+    let grown_from = recorded_samples(root).filter(|there| is_ours && *there < plan.layout.samples());
+    if !is_ours || grown_from.is_some() {
         // First, so that none ever stands beside a job that asks for more.
         for name in DESCRIPTIONS.into_iter().chain([cleanup::REPORT]) {
             let path = root.join(name);
             cleanup::remove(&path).map_err(io(&path))?;
             Step::OldFileRemoved.reached(&path);
         }
+        let job_path = root.join("job.toml");
         let text = match resolved_job(root, plan).map_err(io(&job_path))? {
             Ok(text) => text,
             Err(path) => {
@@ -97,12 +88,95 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
     Ok(grown_from)
 }
 
+/// What is in the folder of a dataset to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum There {
+    /// Nothing that counts.
+    Nothing,
+    /// A dataset that the plan goes on with.
+    Ours,
+    /// Shards of the plan beside a job.toml that is lost or not as it was written.
+    JobLost,
+    /// A dataset of another job.
+    Another,
+}
+
+/// Refuses a folder that the plan has no right to.
+fn admitted(root: &Path, plan: &Plan, overwrite: bool) -> Result<There, Refused> {
+    let refused = |message: String, help: &str| Err(Refused::Usage(user_error(message, help)));
+    let job_path = root.join("job.toml");
+    let text = match input::read_inside(&job_path, MOST_READ) {
+        Ok(bytes) => Some(bytes),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(Refused::Io(job_path, error)),
+    };
+    let text = text.map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    let begun = text.as_ref().filter(|text| text.starts_with(RESOLVED));
+    let elsewhere = "choose another folder with --out, or replace that dataset with --overwrite";
+    let differs = begun.map(|text| differences(text, plan)).unwrap_or_default();
+    let another =
+        |differs: &[String]| format!("{} holds a dataset of another job: {}", root.display(), differs.join("; "));
+    if begun.is_some_and(|text| is_as_written(text)) {
+        return match differs.is_empty() {
+            true => Ok(There::Ours),
+            false if overwrite => Ok(There::Another),
+            false => refused(another(&differs), elsewhere),
+        };
+    }
+    // What is left says whose it is.
+    let shards = fingerprints(root)?;
+    match (shards.is_empty(), begun) {
+        (false, _) if overwrite => Ok(There::Another),
+        (false, _) if shards.iter().all(|found| *found == plan.fingerprint) => Ok(There::JobLost),
+        (false, _) => {
+            let what = if text.is_some() { "is not what was written" } else { "is lost" };
+            let why = if differs.is_empty() { String::new() } else { format!(": {}", differs.join("; ")) };
+            let message = format!("{} holds shards of another job, and its job.toml {what}{why}", root.display());
+            refused(message, elsewhere)
+        }
+        (true, Some(_)) if overwrite || differs.is_empty() => Ok(There::JobLost),
+        (true, Some(_)) => refused(another(&differs), elsewhere),
+        (true, None) if text.is_none() && !is_foreign(root).map_err(|error| Refused::Io(root.to_owned(), error))? => {
+            Ok(There::Nothing)
+        }
+        // Another process may have begun the dataset just now.
+        (true, None) if text.is_none() && job_path.exists() => admitted(root, plan, overwrite),
+        (true, None) => {
+            let message = format!("{} is not empty and holds no dataset of gelsim", root.display());
+            refused(message, "choose a new or empty folder with --out")
+        }
+    }
+}
+
+/// Of which jobs the shards in the folder are.
+fn fingerprints(root: &Path) -> Result<BTreeSet<String>, Refused> {
+    let stats = cleanup::stats(root).map_err(|(path, error)| Refused::Io(path, error))?;
+    let read = |path: PathBuf| Ok(Stats::read(&path)?.map(|stats| stats.fingerprint));
+    stats.into_iter().filter_map(|path| read(path).transpose()).collect()
+}
+
+/// Refuses if the dataset in `root` is no longer the plan's: another run may have replaced it. Under the dataset's lock.
+pub fn still_ours(root: &Path, plan: &Plan) -> Result<(), Refused> {
+    let text = recorded_text(root).unwrap_or_default();
+    let mut differs = differences(&text, plan);
+    // Another run may have made it larger.
+    differs.retain(|key| !key.starts_with("dataset.samples "));
+    if is_as_written(&text) && differs.is_empty() {
+        return Ok(());
+    }
+    let message = format!("{} was taken over by a run of another job: {}", root.display(), differs.join("; "));
+    Err(Refused::Usage(user_error(message, "choose another folder with --out")))
+}
+
+/// True if it is the text of a job.toml, byte for byte as it was written.
+pub fn is_as_written(text: &str) -> bool {
+    text.starts_with(RESOLVED) && is_sealed(text.as_bytes(), SEAL)
+}
+
 /// The text of the job.toml of a dataset in `root`, if there is one.
-fn recorded_text(root: &Path) -> Option<String> {
-    let path = root.join("job.toml");
-    // Opening a pipe would wait for its other end.
-    let plain = path.symlink_metadata().is_ok_and(|meta| meta.is_file());
-    plain.then(|| fs::read_to_string(path).ok())?.filter(|text| text.starts_with(RESOLVED))
+pub fn recorded_text(root: &Path) -> Option<String> {
+    let bytes = input::read_inside(&root.join("job.toml"), MOST_READ).ok()?;
+    String::from_utf8(bytes).ok().filter(|text| text.starts_with(RESOLVED))
 }
 
 /// The fidelity level that the dataset in `root` was begun with, if there is one.
@@ -143,7 +217,8 @@ fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>>
         }
     }
     let text = job.to_toml()?;
-    Ok(Ok(format!("{RESOLVED} {}.\n\n{text}", env!("CARGO_PKG_VERSION"))))
+    let text = format!("{RESOLVED} {}.\n{SEAL}{BLANK}\n\n{text}", env!("CARGO_PKG_VERSION"));
+    Ok(Ok(sealed(&text, SEAL)))
 }
 
 fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {

@@ -21,9 +21,10 @@ use crate::core::base::clock::Clock;
 use crate::core::base::clock::Seconds;
 use crate::core::effects::PerEffect;
 use crate::dataset::archive::Member;
+use crate::dataset::cleanup;
 use crate::dataset::encode::members;
 use crate::dataset::finalize::{Finalized, finalize};
-use crate::dataset::folder::prepare;
+use crate::dataset::folder::{prepare, still_ours};
 use crate::dataset::lock::Lock;
 use crate::dataset::manifest::Manifest;
 use crate::dataset::paths::Paths;
@@ -31,7 +32,7 @@ use crate::dataset::recorded::Recorded;
 use crate::dataset::refused::Refused;
 use crate::dataset::shard::Writer;
 use crate::dataset::stats::{LightRange, Stats};
-use crate::dataset::verify::CheckLevel;
+use crate::dataset::verify::{CheckLevel, Cure, Finding};
 use crate::dataset::versioned::Versioned;
 use crate::files::diagnostic::Report;
 use crate::job::label::Label;
@@ -94,6 +95,8 @@ pub enum GenerateError {
     Io(PathBuf, io::Error),
     /// Other processes are writing some of the shards: names and holders.
     Held(Vec<String>),
+    /// The dataset cannot be described: something is there that belongs to no shard.
+    Wanting(Vec<Finding>),
     /// A sample is unhealthy, and the job wants no such sample.
     Unhealthy(Unfit),
     /// Rendering a sample panicked, which is a bug: the sample's number and what was said.
@@ -216,6 +219,11 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
     // Also after a shard was held: who finishes last describes the dataset, whoever that is.
     let finalized = finalize(&Recorded::new(root, plan.job().clone()), CheckLevel::Sizes)?;
     done.complete = matches!(finalized, Finalized::Whole { .. });
+    if let Finalized::Wanting(findings) = finalized
+        && findings.iter().any(|finding| matches!(finding.cure, Cure::Remove(_)))
+    {
+        return Err(GenerateError::Wanting(findings));
+    }
     if !done.complete && !held.is_empty() {
         held.sort();
         return Err(GenerateError::Held(held));
@@ -238,7 +246,7 @@ enum ShardState {
 fn there(plan: &Plan, root: &Path, shard: &Shard) -> Result<ShardState, GenerateError> {
     let paths = Paths::new(root, shard, plan.output().container);
     // The last shard of a split was shorter before the dataset grew.
-    let is_ours = |stats: &Stats| stats.fingerprint == plan.fingerprint && stats.samples == shard.samples;
+    let is_ours = |stats: &Stats| stats.is_of(shard, paths.container, &plan.fingerprint);
     let Some(stats) = known::<Stats>(&paths.stats)?.filter(is_ours) else { return Ok(ShardState::Missing) };
     let whole = stats.vouches_for(&paths).map_err(|error| GenerateError::Io(paths.data.clone(), error))?;
     Ok(if whole { ShardState::Whole(Box::new(stats)) } else { ShardState::Damaged })
@@ -260,7 +268,15 @@ fn write_shard(
     let paths = Paths::new(root, shard, plan.output().container);
     let partial = paths.partial.clone();
     let io = |error| GenerateError::Io(partial.clone(), error);
-    let lock = match Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))? {
+    let lock = {
+        // Another run that replaces the dataset meanwhile finds the shard locked, or is found to have done it.
+        let of_all = cleanup::lock(root);
+        let _alone = Lock::wait(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
+        let taken = Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
+        still_ours(root, plan)?;
+        taken
+    };
+    let lock = match lock {
         Ok(lock) => lock,
         Err(holder) => return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())])),
     };

@@ -6,6 +6,7 @@
 //! in it is opened through a link.
 
 use crate::files::fail_point::Step;
+use crate::files::input;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
 use std::ops::ControlFlow;
@@ -239,11 +240,11 @@ pub fn read(
         let mut files = Files { key: names[0][..9].to_owned(), members: Vec::new() };
         for name in names {
             let (key, suffix) = name.split_once('.').ok_or_else(|| format!("{name} is not named KEY.LAYER"))?;
-            let mut file = old_file(&folder, name).map_err(|error| format!("{name}: {error}"))?;
+            let file = old_file(&folder, name).map_err(|error| format!("{name}: {error}"))?;
             let bytes = file.metadata().map_err(said)?.len();
             if wanted(Head { key, suffix, bytes }) {
-                let mut bytes = Vec::new();
-                file.read_to_end(&mut bytes).map_err(|error| format!("{name}: {error}"))?;
+                let bytes = input::read_opened((file, bytes), input::MOST_IMAGE_BYTES);
+                let bytes = bytes.map_err(|error| format!("{name}: {error}"))?;
                 files.members.push((suffix.to_owned(), bytes));
             }
         }

@@ -20,15 +20,12 @@ impl Lock {
     /// Takes the lock that the file at `path` stands for, or says who has it.
     pub fn take(path: &Path) -> io::Result<Result<Self, String>> {
         loop {
-            let mut file = open_lock(path)?;
+            let file = open_lock(path)?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
-                    let mut holder = String::new();
-                    file.read_to_string(&mut holder)?;
-                    let holder = holder.trim();
-                    let unnamed = String::from("another process");
-                    return Ok(Err(if holder.is_empty() { unnamed } else { holder.to_owned() }));
+                    let holder = holder(Some(file));
+                    return Ok(Err(if holder.is_empty() { String::from("another process") } else { holder }));
                 }
                 Err(TryLockError::Error(error)) if knows_no_locks(&error) => {}
                 Err(TryLockError::Error(error)) => return Err(error),
@@ -74,6 +71,16 @@ impl Drop for Lock {
         // Nothing depends on it: a lock file that stays is locked anew by the next run.
         let _ = fs::remove_file(&self.path);
     }
+}
+
+/// Who holds a lock, as its file says: anybody may have written it, so that it is cut, and nothing in it speaks to a
+/// terminal.
+pub fn holder(file: Option<File>) -> String {
+    const MOST: usize = 200;
+    let mut bytes = Vec::new();
+    // Unreadable, it names nobody.
+    let _ = file.map(|file| file.take(4 * MOST as u64).read_to_end(&mut bytes));
+    String::from_utf8_lossy(&bytes).trim().chars().take(MOST).flat_map(char::escape_debug).collect()
 }
 
 /// True if it is the file system that has no locks, as some network folders. Nothing is then lost but work: who finishes a

@@ -23,6 +23,7 @@ pub mod manifest;
 pub mod paths;
 pub mod recorded;
 pub mod refused;
+mod seal;
 pub mod shard;
 pub mod stats;
 pub mod verify;

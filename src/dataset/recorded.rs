@@ -8,6 +8,7 @@ use super::paths::Paths;
 use crate::files::diagnostic::user_error;
 use crate::files::diagnostic::{Diagnostics, Report};
 use crate::job::config::object::Object;
+use crate::job::config::output::Container;
 use crate::job::config::{self, Job, Overrides};
 use crate::job::label::key;
 use crate::job::layout::{Layout, Shard};
@@ -54,7 +55,8 @@ impl Recorded {
             let message = format!("{} is no dataset: there is no job.toml in it", root.display());
             return Err(user_error(
                 message,
-                "name the folder that `gelsim generate` wrote, the one with data/ and stats/",
+                "name the folder that `gelsim generate` wrote, the one with data/ and stats/; a job.toml that was lost \
+                 is written again by `gelsim generate JOB.toml --out` that folder",
             ));
         }
         let mut problems = Diagnostics::default();
@@ -64,7 +66,7 @@ impl Recorded {
         }
         if let Some(key) = missing(&written.job) {
             let message = format!("{} has no `{key}`, as every dataset's job has", path.display());
-            return Err(user_error(message, "take back the job.toml that `gelsim generate` wrote"));
+            return Err(user_error(message, "it is written again by `gelsim generate JOB.toml --out` that folder"));
         }
         Ok(Self::new(root, written.job))
     }
@@ -77,6 +79,11 @@ impl Recorded {
     /// Its name.
     pub fn name(&self) -> &str {
         self.job.dataset.name.as_deref().expect(RESOLVED)
+    }
+
+    /// True if it has an index of its tars.
+    pub fn has_index(&self) -> bool {
+        self.job.output.container == Container::Tar
     }
 
     /// The objects, in the order of the job.

@@ -65,9 +65,7 @@ impl Writer {
     }
 
     fn write_stats(&self) -> io::Result<()> {
-        let mut text = serde_json::to_vec_pretty(&self.stats).map_err(io::Error::other)?;
-        text.push(b'\n');
-        write_whole(&self.paths.stats, &text)
+        write_whole(&self.paths.stats, self.stats.to_text()?.as_bytes())
     }
 }
 

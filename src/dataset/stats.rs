@@ -6,6 +6,7 @@ use std::io;
 use serde::{Deserialize, Serialize};
 
 use super::paths::Paths;
+use super::seal::{BLANK, is_sealed, sealed};
 use super::versioned::Versioned;
 use crate::core::base::clock::Seconds;
 use crate::core::effects::{Effect, PerEffect};
@@ -51,7 +52,12 @@ pub struct Stats {
     pub effects: PerEffect<Count>,
     /// The rejected draws.
     pub rejections: Vec<Rejection>,
+    /// SHA-256 of this file with 64 zeros in this place.
+    pub seal_sha256: String,
 }
+
+/// What stands before the seal in the file.
+const SEAL: &str = "\"seal_sha256\": \"";
 
 /// Areas in contact, and those of them whose slope or displacement lies beyond the presses that the optics were calibrated
 /// on.
@@ -137,6 +143,10 @@ impl Versioned for Stats {
     fn version(&self) -> u32 {
         self.stats_version
     }
+
+    fn is_as_written(text: &[u8]) -> bool {
+        is_sealed(text, SEAL)
+    }
 }
 
 impl Stats {
@@ -158,7 +168,44 @@ impl Stats {
             seconds: Seconds::default(),
             effects: PerEffect::default(),
             rejections: Vec::new(),
+            seal_sha256: BLANK.to_owned(),
         }
+    }
+
+    /// True if they are about this shard of the job with this fingerprint.
+    pub fn is_of(&self, shard: &Shard, container: Container, fingerprint: &str) -> bool {
+        (self.fingerprint.as_str(), self.samples) == (fingerprint, shard.samples) && self.file == container.file(shard)
+    }
+
+    /// The text of its file, sealed.
+    pub fn to_text(&self) -> io::Result<String> {
+        let blank = Self { seal_sha256: BLANK.to_owned(), ..self.clone() };
+        Ok(sealed(&(serde_json::to_string_pretty(&blank).map_err(io::Error::other)? + "\n"), SEAL))
+    }
+
+    /// What the samples of the shard were counted to be otherwise than in this file, by key. `counted` has no rejected draws, only how
+    /// many.
+    pub fn differs(&self, counted: &Self) -> Option<String> {
+        let numbers = [
+            ("samples", self.samples, counted.samples),
+            ("rejected", self.rejected, counted.rejected),
+            ("rejections", self.rejections.len() as u64, counted.rejected),
+            ("unhealthy", self.unhealthy, counted.unhealthy),
+            ("unconverged", self.unconverged, counted.unconverged),
+        ];
+        if let Some((key, here, there)) = numbers.into_iter().find(|(_, here, there)| here != there) {
+            return Some(format!("{key} is {here}, the labels have {there}"));
+        }
+        if self.classes != counted.classes {
+            return Some(format!("classes are {:?}, the labels have {:?}", self.classes, counted.classes));
+        }
+        if self.light != counted.light {
+            return Some(format!("light is {:?}, the labels have {:?}", self.light, counted.light));
+        }
+        let ran = |stats: &Self, effect| (stats.effects[effect].ran, stats.effects[effect].skipped);
+        let effect = Effect::ALL.into_iter().find(|effect| ran(self, *effect) != ran(counted, *effect))?;
+        let [here, there] = [self, counted].map(|stats| stats.effects[effect].ran);
+        Some(format!("effects.{}.ran is {here}, the labels have {there}", effect.name()))
     }
 
     /// Counts a sample, and the draws of it that were rejected.

@@ -14,6 +14,10 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::archive::{self, Files};
+use super::cleanup::DESCRIPTIONS;
+use super::finalize::descriptions;
+use super::folder::{is_as_written, recorded_text, recorded_version};
+use super::lock::holder;
 use super::manifest::Manifest;
 use super::paths::Paths;
 use super::recorded::Recorded;
@@ -21,11 +25,14 @@ use super::refused::Refused;
 use super::stats::Stats;
 use super::versioned::Versioned;
 use super::{decode, imagefolder};
-use crate::files::{exr, npy, png};
+use crate::core::base::clock::Seconds;
+use crate::core::effects::PerEffect;
+use crate::files::{exr, input, npy, png};
 use crate::job::config::output::Container;
 use crate::job::label::{Label, SCHEMA_VERSION, key};
 use crate::job::layers::{Coding, Form, OutputLayer, Scale};
 use crate::job::layout::{Shard, Split};
+use crate::job::plan::fingerprint;
 use crate::job::steps;
 use crate::job::steps::Steps;
 
@@ -47,12 +54,32 @@ pub struct Finding {
     pub file: String,
     /// What is wrong with it.
     pub what: String,
+    /// What mends it.
+    pub cure: Cure,
+}
+
+/// What mends a finding: all that is asked for, in this order.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Cure {
+    /// The file is to be removed, relative to the dataset's folder.
+    Remove(String),
+    /// The dataset is to be generated again, which makes what is wanting, by its own job.
+    Generate,
+    /// The same, by the job that the user has: the dataset's own is lost.
+    GenerateByJob,
+    /// The dataset is to be described again.
+    Finalize,
 }
 
 impl Finding {
-    /// About a file, relative to the dataset's folder.
+    /// About a file, relative to the dataset's folder, that `gelsim generate` makes again.
     pub fn new(file: impl Into<String>, what: impl Into<String>) -> Self {
-        Self { file: file.into(), what: what.into() }
+        Self { file: file.into(), what: what.into(), cure: Cure::Generate }
+    }
+
+    /// The same with another cure.
+    pub fn mended_by(self, cure: Cure) -> Self {
+        Self { cure, ..self }
     }
 }
 
@@ -60,6 +87,34 @@ impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.file, self.what)
     }
+}
+
+/// The commands that mend what was found in the dataset at `root`, in order.
+pub fn cures(root: &Path, findings: &[Finding]) -> Vec<String> {
+    let cures: BTreeSet<&Cure> = findings.iter().map(|finding| &finding.cure).collect();
+    let own = cures.contains(&Cure::Generate) || cures.iter().any(|cure| matches!(cure, Cure::Remove(_)));
+    let (folder, lost) = (shell_word(root), cures.contains(&Cure::GenerateByJob));
+    let command = |cure: &&Cure| match cure {
+        Cure::Remove(file) => {
+            let path = root.join(file);
+            Some(format!("rm {}{}", if path.is_dir() { "-r " } else { "" }, shell_word(&path)))
+        }
+        Cure::Generate | Cure::GenerateByJob | Cure::Finalize => None,
+    };
+    let job = if lost { String::from("JOB.toml") } else { shell_word(&root.join("job.toml")) };
+    let last = match own || lost {
+        // Ends with a description, too.
+        true => Some(format!("gelsim generate {job} --out {folder}")),
+        false => cures.contains(&Cure::Finalize).then(|| format!("gelsim finalize {folder}")),
+    };
+    cures.iter().filter_map(command).chain(last).collect()
+}
+
+/// A path as a shell takes it.
+fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "/._-+=:@%".contains(letter);
+    if text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', "'\\''").escape_debug()) }
 }
 
 /// What a dataset turned out to be.
@@ -73,6 +128,9 @@ pub struct Verified {
     pub bytes: u64,
     /// Everything that is wrong, by file.
     pub findings: Vec<Finding>,
+    /// The version of gelsim that made it, if it is another one than this: what job and stats make of the rest is then not
+    /// known, and not compared.
+    pub made_by: Option<String>,
 }
 
 /// What one shard turned out to be.
@@ -83,6 +141,8 @@ pub struct Looked {
     pub stats: Option<Stats>,
     /// Everything that is wrong with it.
     pub findings: Vec<Finding>,
+    /// Nothing is there of it.
+    absent: bool,
     /// Of the shard as it is.
     sha256: Option<String>,
     /// Its bytes as they are, if it can be read.
@@ -92,23 +152,25 @@ pub struct Looked {
 /// Looks at every file of the dataset at `root`. Refuses a folder that is no dataset, or a newer gelsim's.
 pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
     let recorded = Recorded::open(root).map_err(Refused::Usage)?;
-    let path = root.join("dataset.json");
-    let manifest = Manifest::read(&path)?;
+    // A newer gelsim's is refused.
+    Manifest::read(&root.join("dataset.json"))?;
     let looked = look(&recorded, depth)?;
 
-    let mut verified = Verified { shards: looked.len() as u64, ..Verified::default() };
+    let made_by = recorded_version(root).filter(|version| version != env!("CARGO_PKG_VERSION"));
+    let mut verified = Verified { shards: looked.len() as u64, made_by, ..Verified::default() };
     for one in &looked {
         if let Some(bytes) = one.bytes {
             verified.bytes += bytes;
             verified.samples += one.stats.as_ref().map_or(0, |stats| stats.samples);
         }
-        verified.findings.extend(exchanged(one, &looked, recorded.job.output.container));
+        if depth > CheckLevel::Sizes {
+            verified.findings.extend(exchanged(&recorded, one, &looked));
+        }
     }
-    verified.findings.extend(strays(&recorded, &looked));
-    match &manifest {
-        Some(manifest) => verified.findings.extend(described(&recorded, manifest, &looked)),
-        None => verified.findings.push(Finding::new("dataset.json", "is missing or not whole")),
-    }
+    verified.findings.extend(absent(&recorded, &looked));
+    verified.findings.extend(strays(&recorded, looked.iter().map(|one| one.shard)));
+    verified.findings.extend(of_this_job(&recorded, &looked, verified.made_by.as_deref()));
+    verified.findings.extend(described(&recorded, &looked, verified.made_by.is_some()));
     verified.findings.extend(looked.into_iter().flat_map(|one| one.findings));
     // What is wrong with a file as a whole comes before what is wrong in it.
     verified.findings.sort_by(|a, b| a.file.cmp(&b.file));
@@ -116,8 +178,18 @@ pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
 }
 
 /// A shard that has another one's place.
-fn exchanged(one: &Looked, all: &[Looked], container: Container) -> Option<Finding> {
-    let there = one.sha256.as_deref()?;
+fn exchanged(recorded: &Recorded, one: &Looked, all: &[Looked]) -> Option<Finding> {
+    let container = recorded.job.output.container;
+    let length = one.bytes?;
+    let mut others = all.iter().filter(|other| other.shard != one.shard);
+    let there = match &one.sha256 {
+        Some(there) => there.clone(),
+        // Of its length there is another.
+        None if others.any(|other| other.stats.as_ref().is_some_and(|stats| stats.bytes == length)) => {
+            container.checksum(&recorded.paths(&one.shard).data).ok()?.1
+        }
+        None => return None,
+    };
     if one.stats.as_ref().is_some_and(|stats| stats.sha256 == there) {
         return None;
     }
@@ -137,9 +209,13 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
     let (file, stats_name) = (paths.container.file(&shard), format!("stats/{}.json", shard.name()));
     let stats = Stats::read(&paths.stats)?;
     let mut findings = Vec::new();
+    let absent = ![&paths.stats, &paths.data, &paths.lock].iter().any(|path| path.symlink_metadata().is_ok());
+    if absent {
+        return Ok(Looked { shard, stats: None, sha256: None, bytes: None, findings, absent });
+    }
     let mut wrong = |file: &str, what: String| findings.push(Finding::new(file, what));
     match &stats {
-        None if paths.stats.exists() => wrong(&stats_name, String::from("is not whole")),
+        None if paths.stats.exists() => wrong(&stats_name, String::from("is not what was written")),
         None => wrong(&stats_name, String::from("is missing")),
         Some(stats) if stats.file != file => wrong(&stats_name, format!("is about {}", stats.file)),
         Some(stats) if stats.samples != shard.samples => {
@@ -148,10 +224,14 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
         Some(_) => {}
     }
     let (mut sha256, mut bytes) = (None, None);
-    let measured = match depth {
-        CheckLevel::Sizes => paths.container.measure(&paths.data).map(|length| (length, None)),
-        _ => paths.container.checksum(&paths.data).map(|(length, found)| (length, Some(found))),
-    };
+    let as_long = |length: u64| stats.as_ref().is_none_or(|stats| stats.bytes == length);
+    // What is as long as nothing that was written is not worth reading.
+    let measured = paths.container.measure(&paths.data).and_then(|length| match depth {
+        CheckLevel::Checksums | CheckLevel::Everything if as_long(length) => {
+            paths.container.checksum(&paths.data).map(|(length, found)| (length, Some(found)))
+        }
+        _ => Ok((length, None)),
+    });
     match measured {
         Ok((length, found)) => {
             let same = |stats: &&Stats| found.as_ref().is_none_or(|found| stats.sha256 == *found);
@@ -169,8 +249,7 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             // A killed run leaves its name there.
-            let writer = fs::read_to_string(&paths.lock).unwrap_or_default();
-            let writer = match writer.trim() {
+            let writer = match &*holder(input::open_inside(&paths.lock).ok().map(|(file, _)| file)) {
                 "" => String::new(),
                 writer => format!("; {writer} writes it, or was stopped"),
             };
@@ -179,21 +258,29 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
         Err(error) => wrong(&file, error.to_string()),
     }
     if depth == CheckLevel::Everything && bytes.is_some() {
-        check_files(&paths, recorded, shard).into_iter().for_each(|what| wrong(&file, what));
+        let vouched = findings.is_empty();
+        let (mistakes, counted) = check_files(&paths, recorded, shard);
+        // The shard that stats vouch for is only made again without them.
+        let cure = if vouched { Cure::Remove(stats_name.clone()) } else { Cure::Generate };
+        let differs = stats.as_ref().filter(|_| mistakes.is_empty()).and_then(|stats| stats.differs(&counted));
+        let mistakes = mistakes.into_iter().map(|what| Finding::new(&*file, what));
+        let differs = differs.map(|what| Finding::new(&*stats_name, what));
+        findings.extend(mistakes.chain(differs).map(|finding| finding.mended_by(cure.clone())));
     }
-    Ok(Looked { shard, stats, sha256, bytes, findings })
+    Ok(Looked { shard, stats, sha256, bytes, findings, absent })
 }
 
 /// Mistakes named for one shard; the rest are counted.
 const MOST_NAMED: usize = 10;
 
-/// Checks a shard on disk, in a folder also its metadata.jsonl.
-fn check_files(paths: &Paths, recorded: &Recorded, shard: Shard) -> Vec<String> {
+/// Checks a shard on disk, in a folder also its metadata.jsonl, and counts what its labels say.
+fn check_files(paths: &Paths, recorded: &Recorded, shard: Shard) -> (Vec<String>, Stats) {
+    let mut counted = Stats::new(&shard, paths.container, "");
     let mut rows = match paths.container {
         Container::Tar => None,
         Container::Folder => Some(imagefolder::Rows::open(&paths.data, &shard.name())),
     };
-    let mut found = check_samples(recorded, shard, |visit| {
+    let mut found = check_samples(recorded, shard, &mut counted, |visit| {
         paths.container.read(
             &paths.data,
             |_| true,
@@ -206,26 +293,33 @@ fn check_files(paths: &Paths, recorded: &Recorded, shard: Shard) -> Vec<String> 
         )
     });
     found.extend(rows.and_then(|rows| rows.map_or_else(Some, imagefolder::Rows::finish)));
-    found
+    (found, counted)
 }
 
 /// Checks a shard that is a tar: the samples that `recorded` says it has, each with its files, each file what it should
 /// be.
 pub fn check(tar: impl Read, recorded: &Recorded, shard: Shard) -> Vec<String> {
-    check_samples(recorded, shard, |visit| archive::read(tar, visit))
+    let mut counted = Stats::new(&shard, Container::Tar, "");
+    check_samples(recorded, shard, &mut counted, |visit| archive::read(tar, visit))
 }
 
-/// Checks the samples of a shard, which `read` shows to what it is given.
+/// Checks the samples of a shard, which `read` shows to what it is given, and counts them.
 fn check_samples(
     recorded: &Recorded,
     shard: Shard,
+    counted: &mut Stats,
     read: impl FnOnce(&mut dyn FnMut(Files) -> ControlFlow<()>) -> Result<(), String>,
 ) -> Vec<String> {
     let mut found = Vec::new();
     let mut expected = recorded.layout.indices(shard);
     let read = read(&mut |files: Files| {
         match expected.next() {
-            Some(index) => check_sample(&files, recorded, shard.split, index, &mut found),
+            Some(index) => {
+                if let Some(label) = check_sample(&files, recorded, shard.split, index, &mut found) {
+                    counted.count(&label, Vec::new(), &Seconds::default(), &PerEffect::default());
+                    counted.rejected += u64::from(label.attempt);
+                }
+            }
             None => found.push(format!("sample {} is one too many", files.key)),
         }
         ControlFlow::Continue(())
@@ -245,12 +339,20 @@ fn check_samples(
     found
 }
 
-fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, found: &mut Vec<String>) {
+/// Checks the files of a sample; its label, if that is what it should be.
+fn check_sample(
+    files: &Files,
+    recorded: &Recorded,
+    split: Split,
+    index: u64,
+    found: &mut Vec<String>,
+) -> Option<Label> {
     let key = key(index);
     if files.key != key {
         found.push(format!("sample {} stands where {key} belongs", files.key));
-        return;
+        return None;
     }
+    let mut label = None;
     let format = recorded.job.output.depth_format;
     let layers = recorded.job.output.layers_in_order();
     let suffixes: Vec<(String, OutputLayer)> = layers.into_iter().map(|layer| (layer.suffix(format), layer)).collect();
@@ -265,7 +367,7 @@ fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, fo
     for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix.as_str())) {
         let layer = suffixes.iter().find(|(of, _)| of == suffix).map(|(_, layer)| *layer);
         let checked = match layer.map(|layer| (layer, layer.spec().form)) {
-            None if suffix == "json" => check_label(bytes, recorded, split, index),
+            None if suffix == "json" => check_label(bytes, recorded, split, index).map(|read| label = Some(read)),
             None | Some((_, Form::Rgb)) => check_png(bytes, size, image::ColorType::Rgb8),
             Some((_, Form::Grey)) => check_png(bytes, size, image::ColorType::L8),
             Some((_, Form::Positions)) => check_markers(bytes),
@@ -273,6 +375,7 @@ fn check_sample(files: &Files, recorded: &Recorded, split: Split, index: u64, fo
         };
         found.extend(checked.err().map(|what| format!("{key}.{suffix}: {what}")));
     }
+    label
 }
 
 fn check_png(bytes: &[u8], [width, height]: [usize; 2], color: image::ColorType) -> Result<(), String> {
@@ -344,7 +447,7 @@ fn check_markers(bytes: &[u8]) -> Result<(), String> {
 }
 
 /// The label's keys and types are those of its schema, and it is about the sample.
-fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<(), String> {
+fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<Label, String> {
     let value: Value = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
     if let Some(version) = value["schema_version"].as_u64().filter(|version| *version != u64::from(SCHEMA_VERSION)) {
         return Err(format!("has version {version} of the schema, this gelsim knows {SCHEMA_VERSION}"));
@@ -359,21 +462,22 @@ fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> R
         && label.split == split
         && label.seed == recorded.job.dataset.seed
         && [label.sensor.width_px, label.sensor.height_px] == recorded.job.sensor.resolution_px;
-    if same { Ok(()) } else { Err(String::from("is not about this sample")) }
+    if same { Ok(label) } else { Err(String::from("is not about this sample")) }
 }
 
-/// Files in data/ and stats/, and in shards that are folders, that belong to no shard. What begins with a dot is a run's
-/// that goes on, or a program's that shows folders.
-fn strays(recorded: &Recorded, looked: &[Looked]) -> Vec<Finding> {
+/// Files in data/ and stats/, and in `shards` that are folders, that belong to no shard: readers would take them for data.
+/// What begins with a dot is a run's that goes on, or a program's that shows folders.
+pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) -> Vec<Finding> {
     let mut found = Vec::new();
     let mut stray = |folder: &str, name: &str| {
         if !name.starts_with('.') {
-            found.push(Finding::new(format!("{folder}/{name}"), "belongs to no shard"));
+            let file = format!("{folder}/{name}");
+            found.push(Finding::new(&*file, "belongs to no shard").mended_by(Cure::Remove(file)));
         }
     };
     let container = recorded.job.output.container;
-    let data = looked.iter().map(|one| container.file_name(&one.shard)).collect();
-    let stats = looked.iter().map(|one| format!("{}.json", one.shard.name())).collect();
+    let data = shards.clone().map(|shard| container.file_name(&shard)).collect();
+    let stats = shards.clone().map(|shard| format!("{}.json", shard.name())).collect();
     for (folder, known) in [("data", data), ("stats", stats)] {
         let known: BTreeSet<String> = known;
         for entry in fs::read_dir(recorded.root.join(folder)).into_iter().flatten().filter_map(Result::ok) {
@@ -384,44 +488,120 @@ fn strays(recorded: &Recorded, looked: &[Looked]) -> Vec<Finding> {
         }
     }
     if container == Container::Folder {
-        for one in looked {
-            let others = imagefolder::others(&recorded.paths(&one.shard).data).unwrap_or_default();
-            others.iter().for_each(|name| stray(&container.file(&one.shard), name));
+        for shard in shards {
+            let others = imagefolder::others(&recorded.paths(&shard).data).unwrap_or_default();
+            others.iter().for_each(|name| stray(&container.file(&shard), name));
+        }
+    }
+    found.sort_by(|a, b| a.file.cmp(&b.file));
+    found
+}
+
+/// Shards of which nothing is there, those that follow each other at once.
+pub fn absent(recorded: &Recorded, looked: &[Looked]) -> Vec<Finding> {
+    let file = |one: &Looked| recorded.job.output.container.file(&one.shard);
+    let runs = looked.chunk_by(|a, b| a.absent == b.absent).filter(|run| run[0].absent);
+    let said = |run: &[Looked]| match run {
+        [.., last] if run.len() > 1 => {
+            format!("is missing, as are all shards after it up to {}, {} in all", file(last), run.len())
+        }
+        _ => String::from("is missing"),
+    };
+    runs.map(|run| Finding::new(file(&run[0]), said(run))).collect()
+}
+
+/// Where job.toml is not what was written, and stats are of another job than it or of another version.
+fn of_this_job(recorded: &Recorded, looked: &[Looked], made_by: Option<&str>) -> Vec<Finding> {
+    let stats = || looked.iter().filter_map(|one| Some((one.shard, one.stats.as_ref()?)));
+    let ours = match made_by {
+        None => fingerprint(&recorded.job),
+        // Only that version could say. They must at least agree.
+        Some(_) => stats().next().map_or_else(String::new, |(_, stats)| stats.fingerprint.clone()),
+    };
+    let version = made_by.unwrap_or(env!("CARGO_PKG_VERSION"));
+    let agrees = stats().all(|(_, stats)| stats.fingerprint == ours);
+    let text = recorded_text(&recorded.root).unwrap_or_default();
+    let mut found = Vec::new();
+    if !is_as_written(&text) {
+        let (what, cure) = match agrees {
+            true => ("is not what was written", Cure::Generate),
+            false => ("is not what was written, and not the job of its shards", Cure::GenerateByJob),
+        };
+        found.push(Finding::new("job.toml", what).mended_by(cure));
+        return found;
+    }
+    for (shard, stats) in stats() {
+        let file = format!("stats/{}.json", shard.name());
+        if stats.fingerprint != ours {
+            found.push(Finding::new(&*file, "is of another job than job.toml"));
+        }
+        if stats.generator != version {
+            found.push(Finding::new(file, format!("was written by gelsim {}, job.toml by {version}", stats.generator)));
         }
     }
     found
 }
 
-/// Where manifest and index say something else than the shards' stats.
-fn described(recorded: &Recorded, manifest: &Manifest, looked: &[Looked]) -> Vec<Finding> {
-    let mut found = Vec::new();
-    let mut wrong = |file: &str, what: String| found.push(Finding::new(file, what));
-    if manifest.shards.len() != looked.len() || manifest.samples != recorded.layout.samples() {
-        let (shards, samples) = (manifest.shards.len(), manifest.samples);
-        let all = recorded.layout.samples();
-        let what = format!("lists {samples} samples in {shards} shards, the job has {all} in {}", looked.len());
-        wrong("dataset.json", what);
+/// Where manifest, index and card are not what job and stats make of them; of another version's, whether they are there.
+fn described(recorded: &Recorded, looked: &[Looked], by_another: bool) -> Vec<Finding> {
+    let stats = looked.iter().map(|one| one.stats.clone()).collect::<Option<Vec<Stats>>>();
+    let Some(stats) = stats.filter(|_| !by_another) else {
+        // They are made when the last shard is.
+        let wanting = |name: &&str| !recorded.root.join(name).is_file();
+        let names = DESCRIPTIONS.into_iter().filter(|name| *name != "wids.json" || recorded.has_index());
+        return names.filter(|name| wanting(name)).map(|name| Finding::new(name, "is missing")).collect();
+    };
+    let check = |(name, expected): (&str, String)| {
+        let what = match input::read_inside(&recorded.root.join(name), input::MOST_METADATA_BYTES) {
+            Ok(there) if there == expected.as_bytes() => return None,
+            Ok(there) => difference(&String::from_utf8_lossy(&there), &expected),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => String::from("is missing"),
+            Err(error) => error.to_string(),
+        };
+        Some(Finding::new(name, what).mended_by(Cure::Finalize))
+    };
+    descriptions(recorded, &stats).into_iter().filter_map(check).collect()
+}
+
+/// Where a text is not what it should be: the first key of JSON, or the first line.
+fn difference(there: &str, expected: &str) -> String {
+    if let Ok(expected) = serde_json::from_str::<Value>(expected) {
+        return match serde_json::from_str::<Value>(there).map(|there| first_difference("", &there, &expected)) {
+            Ok(Some(what)) => what,
+            Ok(None) => String::from("is not as it was written, though it says the same"),
+            Err(_) => String::from("is not whole"),
+        };
     }
-    for (entry, one) in manifest.shards.iter().zip(looked) {
-        let Some(stats) = &one.stats else { continue };
-        if (&entry.file, entry.samples, entry.bytes, &entry.sha256)
-            != (&stats.file, stats.samples, stats.bytes, &stats.sha256)
-        {
-            wrong("dataset.json", format!("says of {} what stats/{}.json does not", entry.file, one.shard.name()));
+    let line = there.lines().zip(expected.lines()).take_while(|(a, b)| a == b).count() + 1;
+    format!("is not what was written, from line {line} on")
+}
+
+/// The first key, by its dotted path, whose value differs.
+fn first_difference(path: &str, there: &Value, expected: &Value) -> Option<String> {
+    let below = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match (there, expected) {
+        (Value::Object(a), Value::Object(b)) => {
+            let mut keys = a.keys().chain(b.keys().filter(|key| !a.contains_key(*key)));
+            keys.find_map(|key| match (a.get(key), b.get(key)) {
+                (Some(a), Some(b)) => first_difference(&below(key), a, b),
+                (Some(_), None) => Some(format!("has the key {}, which does not belong there", below(key))),
+                _ => Some(format!("has no {}", below(key))),
+            })
         }
-        if stats.fingerprint != manifest.fingerprint {
-            wrong(&format!("stats/{}.json", one.shard.name()), String::from("is of another job than dataset.json"));
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            let mut pairs = a.iter().zip(b).enumerate();
+            pairs.find_map(|(at, (a, b))| first_difference(&below(&at.to_string()), a, b))
         }
+        (Value::Array(a), Value::Array(b)) => Some(format!("has {} {path}, the shards {}", a.len(), b.len())),
+        (a, b) => (a != b).then(|| format!("says {path} is {}, the shards {}", shortened(a), shortened(b))),
     }
-    let wids =
-        fs::read(recorded.root.join("wids.json")).ok().and_then(|text| serde_json::from_slice::<Value>(&text).ok());
-    match wids {
-        wids if wids == manifest.wids() => {}
-        None => wrong("wids.json", String::from("is missing or not whole")),
-        Some(_) => wrong("wids.json", String::from("is not the index of dataset.json")),
+}
+
+/// A value, cut where it is long.
+fn shortened(value: &Value) -> String {
+    let text = value.to_string();
+    match text.char_indices().nth(80) {
+        Some((at, _)) => format!("{}..", &text[..at]),
+        None => text,
     }
-    if !recorded.root.join("README.md").is_file() {
-        wrong("README.md", String::from("is missing"));
-    }
-    found
 }

@@ -1,6 +1,5 @@
 //! JSON files of a dataset that a later gelsim may write differently: read if they are of a version that is known.
 
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -10,6 +9,7 @@ use serde_json::Value;
 
 use super::refused::Refused;
 use crate::files::diagnostic::user_error;
+use crate::files::input;
 
 /// The version of the newer gelsim that wrote a file.
 #[derive(Debug)]
@@ -23,9 +23,14 @@ pub trait Versioned: DeserializeOwned {
     /// Its version.
     fn version(&self) -> u32;
 
+    /// True if the text is what was written, as far as it says so itself.
+    fn is_as_written(_text: &[u8]) -> bool {
+        true
+    }
+
     /// Reads a file. `None` if it is not there or not whole.
     fn read(path: &Path) -> Result<Option<Self>, Refused> {
-        let text = match fs::read(path) {
+        let text = match input::read_inside(path, input::MOST_METADATA_BYTES) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(Refused::Io(path.to_owned(), error)),
@@ -48,7 +53,7 @@ pub trait Versioned: DeserializeOwned {
         if let Ok(found) = serde_json::from_slice::<Self>(text)
             && found.version() <= Self::NEWEST
         {
-            return Ok(Some(found));
+            return Ok(Self::is_as_written(text).then_some(found));
         }
         match serde_json::from_slice::<Header>(text) {
             Ok(header) if header.version > u64::from(Self::NEWEST) => {

@@ -1,8 +1,6 @@
 //! SHA-256 (FIPS 180-4) of bytes and files, in lower-case hexadecimal digits as `sha256sum` prints it.
 
-use std::fs::File;
 use std::io::{self, Read};
-use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
@@ -17,8 +15,8 @@ pub fn sha256(bytes: &[u8]) -> String {
 }
 
 /// SHA-256 of a file's bytes.
-pub fn sha256_of(path: &Path) -> io::Result<String> {
-    let (mut file, mut hash) = (File::open(path)?, Sha256::new());
+pub fn sha256_of(mut file: impl Read) -> io::Result<String> {
+    let mut hash = Sha256::new();
     let mut bytes = vec![0; 1 << 18];
     loop {
         match file.read(&mut bytes)? {
@@ -30,6 +28,8 @@ pub fn sha256_of(path: &Path) -> io::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
+
     use super::*;
 
     /// The example of FIPS 180-4 for one block.
@@ -40,6 +40,6 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("abc");
         std::fs::write(&path, "abc").expect("a file");
-        assert_eq!(sha256_of(&path).expect("readable"), expected);
+        assert_eq!(sha256_of(File::open(&path).expect("a file")).expect("readable"), expected);
     }
 }

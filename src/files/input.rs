@@ -1,32 +1,75 @@
-//! Files that a user names, read whole: only regular ones, and none larger than what belongs there may be.
+//! The one way in which files are opened to be read: only regular ones, and none larger than what belongs there may be.
 //!
-//! A device or a pipe would be read for ever or never; what grows while it is read is cut off at the same limit.
+//! A device or a pipe would be read for ever or never; what grows while it is read is cut off at the same limit. A file
+//! that a user names may be a link to a regular one, a file of a dataset may not.
 
-use std::fs::{self, File};
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+
+use rustix::fs::OFlags;
+use rustix::io::Errno;
 
 /// Largest image or array, bytes.
 pub const MOST_IMAGE_BYTES: u64 = 1 << 30;
 /// Largest mesh, bytes.
 pub const MOST_MESH_BYTES: u64 = 4 << 30;
+/// Largest file that describes a dataset or a shard, bytes.
+pub const MOST_METADATA_BYTES: u64 = 64 << 20;
 
-/// The bytes of the file at `path`; an error if it is not a regular file or holds more than `most` bytes.
-pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
-    let there = fs::metadata(path)?;
+/// Opens a regular file, or one that a link leads to, and tells its length.
+pub fn open(path: &Path) -> io::Result<(File, u64)> {
+    open_with(path, OFlags::empty())
+}
+
+/// The same of a file inside a dataset: no link.
+pub fn open_inside(path: &Path) -> io::Result<(File, u64)> {
+    open_with(path, OFlags::NOFOLLOW)
+}
+
+fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
+    // Without waiting for the other end, should it be a pipe.
+    let flags = (flags | OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
+    let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
+        Err(error) if error.raw_os_error() == Some(Errno::LOOP.raw_os_error()) => {
+            return Err(io::Error::other("it is a symbolic link, or one of a circle of them"));
+        }
+        // A socket.
+        Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => {
+            return Err(io::Error::other("it is not a regular file"));
+        }
+        opened => opened?,
+    };
+    let there = file.metadata()?;
     if there.is_dir() {
         return Err(io::Error::other("it is a folder"));
     }
     if !there.is_file() {
         return Err(io::Error::other("it is not a regular file"));
     }
+    Ok((file, there.len()))
+}
+
+/// The bytes of the file at `path`; an error if it is not a regular file or holds more than `most` bytes.
+pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    read_opened(open(path)?, most)
+}
+
+/// The same of a file inside a dataset: no link.
+pub fn read_inside(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    read_opened(open_inside(path)?, most)
+}
+
+/// The bytes of an open file whose length is known.
+pub fn read_opened((file, length): (File, u64), most: u64) -> io::Result<Vec<u8>> {
     let too_large = || io::Error::other(format!("it is larger than {} MB", most >> 20));
-    if there.len() > most {
+    if length > most {
         return Err(too_large());
     }
     let mut bytes = Vec::new();
-    bytes.try_reserve_exact(there.len() as usize)?;
-    if File::open(path)?.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
+    bytes.try_reserve_exact(length as usize)?;
+    if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
         return Err(too_large());
     }
     Ok(bytes)
@@ -34,6 +77,8 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -45,8 +90,25 @@ mod tests {
         assert_eq!(read(&path, 1).unwrap_err().to_string(), "it is larger than 0 MB");
         assert_eq!(read(folder.path(), 9).unwrap_err().to_string(), "it is a folder");
         assert_eq!(read(&folder.path().join("none"), 9).unwrap_err().kind(), io::ErrorKind::NotFound);
-        if cfg!(unix) {
-            assert_eq!(read(Path::new("/dev/zero"), 9).unwrap_err().to_string(), "it is not a regular file");
+        assert_eq!(read(Path::new("/dev/zero"), 9).unwrap_err().to_string(), "it is not a regular file");
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::from_raw_mode(0o600)).unwrap();
+        let socket = folder.path().join("socket");
+        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        for strange in [&pipe, &socket] {
+            assert_eq!(read(strange, 9).unwrap_err().to_string(), "it is not a regular file");
+        }
+        // A link does for a user's file, not inside a dataset.
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        assert_eq!(read(&link, 2).unwrap(), b"ab");
+        assert!(read_inside(&link, 2).unwrap_err().to_string().starts_with("it is a symbolic link"));
+        assert_eq!(read_inside(&path, 2).unwrap(), b"ab");
+        for strange in [&pipe, &socket] {
+            let link = folder.path().join("to");
+            std::os::unix::fs::symlink(strange, &link).unwrap();
+            assert!(read(&link, 9).is_err() && read_inside(&link, 9).is_err());
+            fs::remove_file(link).unwrap();
         }
     }
 }

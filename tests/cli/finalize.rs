@@ -63,11 +63,12 @@ fn missing_and_broken_shards_are_named_and_nothing_is_described() {
     };
     let said = refused("");
     let lines: Vec<&str> = said.lines().collect();
-    assert_eq!(lines.len(), 4, "{said}");
+    assert_eq!(lines.len(), 6, "{said}");
     assert_eq!(lines[0], "data/train-000001.tar: is missing; process 77 on node3 writes it, or was stopped");
     assert_eq!(lines[1], "stats/val-000000.json: is missing");
     assert!(lines[2].starts_with("data/test-000000.tar: is not what was written: it has "), "{said}");
     assert_eq!(lines[3], "out: 8 samples in 4 shards: not finalized");
+    assert_eq!(lines[4..], ["mend it with", "  gelsim generate out/job.toml --out out"]);
     // A flipped byte has no size.
     assert!(!refused(" --quick").contains("test-000000"));
     folder.write("out/data/test-000000.tar", &whole[..512]);

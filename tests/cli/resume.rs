@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::time::SystemTime;
 
-use crate::support::{Folder, JOB, assert_same_files, edited};
+use crate::support::{Folder, JOB, assert_same_files, edited, made_by};
 
 fn modified(folder: &Folder, name: &str) -> SystemTime {
     let meta = fs::metadata(folder.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
@@ -292,10 +292,7 @@ fn a_folder_that_a_run_left_right_at_its_start_is_used() {
 
 #[test]
 fn a_dataset_of_another_version_is_refused_by_that_version() {
-    let folder = damaged(|folder| {
-        let version = format!("resolved by gelsim {}.", env!("CARGO_PKG_VERSION"));
-        folder.write("out/job.toml", edited(&folder.read("out/job.toml"), &[(&version, "resolved by gelsim 0.0.1.")]));
-    });
+    let folder = damaged(|folder| made_by(folder, "out", "0.0.1"));
     let text = folder.fail("generate job.toml --out out", 2);
     assert!(text.contains("gelsim 0.0.1 made it") && text.contains("--overwrite"), "{text}");
     folder.succeed("generate job.toml --quiet --out out --overwrite");

@@ -4,7 +4,10 @@
 use std::fs;
 use std::ops::RangeInclusive;
 
-use crate::support::{Folder, JOB, assert_same_files, edited, json, members};
+use gelsim::dataset::verify::{self, CheckLevel};
+use serde_json::Value;
+
+use crate::support::{Folder, JOB, assert_same_files, edit_stats, edited, json, members, sha256};
 
 /// Every layer there is.
 fn all_layers() -> Folder {
@@ -82,7 +85,7 @@ fn a_cut_a_missing_and_an_exchanged_shard_are_named_and_made_again() {
     damage(&folder, 1..=1, &["stats/val-000000.json: is missing"], |_| {
         fs::remove_file(path("out/stats/val-000000.json")).expect("stats");
     });
-    damage(&folder, 1..=1, &["stats/val-000000.json: is not whole"], |_| {
+    damage(&folder, 1..=1, &["stats/val-000000.json: is not what was written"], |_| {
         fs::write(path("out/stats/val-000000.json"), "{").expect("stats");
     });
     let words = [
@@ -100,11 +103,11 @@ fn a_cut_a_missing_and_an_exchanged_shard_are_named_and_made_again() {
         });
     }
     // The index of another dataset, and a manifest that tells another story.
-    damage(&folder, 0..=0, &["wids.json: is not the index of dataset.json"], |folder| {
+    damage(&folder, 0..=0, &["wids.json: says shardlist.2.nsamples is 1, the shards 2"], |folder| {
         let text = folder.read("out/wids.json").replace("\"nsamples\": 2", "\"nsamples\": 1");
         folder.write("out/wids.json", text);
     });
-    damage(&folder, 0..=0, &["dataset.json: says of data/train-000000.tar"], |folder| {
+    damage(&folder, 0..=0, &["dataset.json: says shards.0.sha256 is \"0000"], |folder| {
         let sha256 = json(folder, "out/stats/train-000000.json")["sha256"].as_str().expect("a hash").to_owned();
         let text = folder.read("out/dataset.json").replace(&sha256, &"0".repeat(64));
         folder.write("out/dataset.json", text);
@@ -124,23 +127,12 @@ fn forged(folder: &Folder, change: impl Fn(&str, &[u8]) -> Option<Vec<u8>>) {
     }
     let bytes = builder.into_inner().expect("memory");
     fs::write(&path, &bytes).expect("a tar");
-    let sha256: String = <sha2::Sha256 as sha2::Digest>::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
-    for name in ["out/stats/test-000000.json", "out/dataset.json", "out/wids.json"] {
-        let mut value = json(folder, name);
-        let list = ["shards", "shardlist"].into_iter().find(|list| value[*list].is_array());
-        let entry = match list {
-            Some(list) => &mut value[list][3],
-            None => &mut value,
-        };
-        for (key, new) in
-            [("bytes", bytes.len().into()), ("filesize", bytes.len().into()), ("sha256", sha256.clone().into())]
-        {
-            if entry.get(key).is_some() {
-                entry[key] = new;
-            }
-        }
-        folder.write(name, value.to_string());
-    }
+    let sha256 = sha256(&bytes);
+    edit_stats(folder, "out", "test-000000", |stats| {
+        stats["bytes"] = bytes.len().into();
+        stats["sha256"] = sha256.clone().into();
+    });
+    folder.succeed("finalize out");
 }
 
 #[test]
@@ -193,6 +185,7 @@ fn behind_right_checksums_a_file_that_is_not_what_it_should_be_is_still_found() 
         assert_eq!(verify(&folder, " --checksums").1, 0, "checksums vouch for {words:?}");
         let (said, status) = verify(&folder, "");
         assert!(status == 1 && said.contains("data/test-000000.tar: ") && said.contains(words), "{words:?} in\n{said}");
+        mend(&folder, &said);
         restore();
     }
     assert_eq!(verify(&folder, "").1, 0);
@@ -288,4 +281,185 @@ fn a_sample_is_reproduced_byte_by_byte_and_a_changed_one_is_told_apart() {
     folder.write("cube.obj", folder.read("cone.obj"));
     let said = folder.fail("reproduce out 0", 2);
     assert!(said.contains("cube.obj has changed"), "{said}");
+}
+
+/// Checksums, job and descriptions compared, in this process.
+fn is_whole(folder: &Folder) -> bool {
+    verify::verify(&folder.path("out"), CheckLevel::Checksums).is_ok_and(|verified| verified.findings.is_empty())
+}
+
+#[test]
+fn no_byte_of_what_describes_a_dataset_can_be_changed_unnoticed() {
+    let folder = all_layers();
+    assert!(is_whole(&folder));
+    let names =
+        ["job.toml", "dataset.json", "wids.json", "README.md", "stats/train-000000.json", "stats/val-000000.json"];
+    for name in names {
+        let path = folder.path("out").join(name);
+        let text = fs::read(&path).expect("a file");
+        // Every line, which is every key, and bytes all over them.
+        let lines =
+            text.iter().enumerate().filter(|(_, byte)| **byte == b'\n').flat_map(|(at, _)| [at, at.saturating_sub(2)]);
+        for at in lines.chain((0..text.len()).step_by(23)) {
+            let mut changed = text.clone();
+            changed[at] ^= if at % 2 == 0 { 1 } else { 0x10 };
+            fs::write(&path, &changed).expect("a file");
+            assert!(!is_whole(&folder), "byte {at} of {name}");
+        }
+        for shorter in [&text[..text.len() - 1], &text[1..], b""] {
+            fs::write(&path, shorter).expect("a file");
+            assert!(!is_whole(&folder), "{} bytes of {name}", shorter.len());
+        }
+        fs::write(&path, [&text[..], b"\n"].concat()).expect("a file");
+        assert!(!is_whole(&folder), "a line more in {name}");
+        fs::write(&path, text).expect("a file");
+        assert!(is_whole(&folder));
+    }
+}
+
+#[test]
+fn what_stats_count_is_what_labels_say() {
+    let folder = all_layers();
+    type Edit = fn(&mut Value);
+    let edits: [(&str, Edit); 6] = [
+        ("unhealthy is 1, the labels have 0", |stats| stats["unhealthy"] = 1.into()),
+        ("unconverged is 2, the labels have 0", |stats| stats["unconverged"] = 2.into()),
+        ("rejected is 3, the labels have 0", |stats| stats["rejected"] = 3.into()),
+        ("classes are ", |stats| stats["classes"] = serde_json::json!({ "unheard_of": 2 })),
+        ("light is ", |stats| stats["light"]["outside_mm2"] = 0.5.into()),
+        ("effects.shadows.ran is 7", |stats| stats["effects"]["shadows"]["ran"] = 7.into()),
+    ];
+    let sound = folder.lasting_files("out");
+    for (words, edit) in edits {
+        edit_stats(&folder, "out", "test-000000", edit);
+        folder.succeed("finalize out");
+        let (said, status) = verify(&folder, "");
+        assert!(status == 1 && said.contains(&format!("stats/test-000000.json: {words}")), "{words} in\n{said}");
+        mend(&folder, &said);
+        assert_same_files(&sound, &folder.lasting_files("out"));
+    }
+}
+
+/// Does what verify said would mend the dataset; its last words are then that it is whole.
+fn mend(folder: &Folder, said: &str) {
+    let (_, commands) = said.split_once("mend it with\n").unwrap_or_else(|| panic!("no cure: {said}"));
+    for command in commands.lines().map(str::trim) {
+        match command.split_once(' ').expect("a command") {
+            ("rm", path) => fs::remove_file(folder.path(path)).expect("a file"),
+            ("gelsim", line) => _ = folder.succeed(&line.replace("JOB.toml", "job.toml")),
+            _ => panic!("{command}"),
+        }
+    }
+    assert_eq!(verify(folder, "").1, 0, "{}", verify(folder, "").0);
+}
+
+#[test]
+fn every_finding_has_a_cure_that_mends_it() {
+    let folder = all_layers();
+    let sound = folder.lasting_files("out");
+    let path = |name: &str| folder.path("out").join(name);
+    let exchange = |a: &str, b: &str| {
+        let [first, second] = [a, b].map(|name| fs::read(path(name)).expect("a file"));
+        fs::write(path(a), second).expect("a file");
+        fs::write(path(b), first).expect("a file");
+    };
+    let seed_8 = || {
+        folder.succeed("generate job.toml --quiet --out other --seed 8 --overwrite");
+        for file in ["data/train-000001.tar", "stats/train-000001.json"] {
+            fs::copy(folder.path("other").join(file), path(file)).expect("a file");
+        }
+    };
+    let text = |name: &str, from: &str, to: &str| {
+        let before = folder.read(&format!("out/{name}"));
+        assert!(before.contains(from), "{from} in {before}");
+        folder.write(&format!("out/{name}"), before.replace(from, to));
+    };
+    type Damage<'a> = (&'a str, Box<dyn Fn() + 'a>);
+    let cases: Vec<Damage<'_>> = vec![
+        (
+            "stats/test-000000.json: is about data/val-000000.tar",
+            Box::new(|| {
+                edit_stats(&folder, "out", "test-000000", |stats| stats["file"] = "data/val-000000.tar".into());
+            }),
+        ),
+        (
+            "stats/train-000000.json: is about data/train-000001.tar",
+            Box::new(|| {
+                exchange("data/train-000000.tar", "data/train-000001.tar");
+                exchange("stats/train-000000.json", "stats/train-000001.json");
+            }),
+        ),
+        ("stats/train-000001.json: is of another job than job.toml", Box::new(seed_8)),
+        ("data/extra.tar: belongs to no shard", Box::new(|| folder.write("out/data/extra.tar", "more"))),
+        (
+            "data/train-000099.tar: belongs to no shard",
+            Box::new(|| {
+                fs::copy(path("data/train-000000.tar"), path("data/train-000099.tar")).expect("a tar");
+            }),
+        ),
+        (
+            "stats/test-000000.json: classes are",
+            Box::new(|| {
+                edit_stats(&folder, "out", "test-000000", |stats| {
+                    stats["classes"] = serde_json::json!({ "cube": 1, "cone": 1, "x": 0 })
+                });
+            }),
+        ),
+        (
+            "README.md: is not what was written, from line 2 on",
+            Box::new(|| text("README.md", "pretty_name", "ugly_name")),
+        ),
+        (
+            "dataset.json: says generator.version is \"9.9.9\"",
+            Box::new(|| text("dataset.json", "\"0.1.0\"", "\"9.9.9\"")),
+        ),
+        ("job.toml: is not what was written", Box::new(|| text("job.toml", "\n\n", "\n\n# Mine.\n"))),
+        (
+            "job.toml: is not what was written, and not the job of its shards",
+            Box::new(|| text("job.toml", "tilt_deg", "tilt_deg = 5.0 # ")),
+        ),
+    ];
+    for (words, damage) in cases {
+        damage();
+        let (said, status) = verify(&folder, "");
+        assert!(status == 1 && said.contains(words), "{words} in\n{said}");
+        mend(&folder, &said);
+        assert_same_files(&sound, &folder.lasting_files("out"));
+    }
+}
+
+#[test]
+fn a_job_that_is_lost_is_written_again_where_shards_know_it() {
+    let folder = all_layers();
+    let sound = folder.lasting_files("out");
+    for damage in [None, Some(""), Some("\u{0}\u{0}"), Some("[dataset]\n")] {
+        let job = folder.path("out/job.toml");
+        match damage {
+            None => fs::remove_file(&job).expect("a file"),
+            Some(text) => fs::write(&job, text).expect("a file"),
+        }
+        let said = folder.fail("generate job.toml --out out --seed 8", 2);
+        assert!(said.contains("out holds shards of another job, and its job.toml is "), "{said}");
+        let said = folder.succeed("generate job.toml --out out");
+        assert!(said.contains("0 samples in 0 shards"), "{said}");
+        assert_same_files(&sound, &folder.lasting_files("out"));
+    }
+}
+
+#[test]
+fn strays_end_generate_and_finalize_with_status_1() {
+    let folder = all_layers();
+    folder.write("out/data/train-000099.tar", "");
+    for command in ["generate job.toml --out out", "generate job.toml --out out --partition 0/2"] {
+        let said = folder.fail(command, 1);
+        assert!(said.contains("data/train-000099.tar: belongs to no shard"), "{said}");
+    }
+    let output = folder.gelsim("finalize out").assert().code(1);
+    let said = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
+    assert!(
+        said.contains("data/train-000099.tar: belongs to no shard") && said.contains("rm out/data/train-000099.tar"),
+        "{said}"
+    );
+    fs::remove_file(folder.path("out/data/train-000099.tar")).expect("a file");
+    folder.succeed("generate job.toml --out out");
 }

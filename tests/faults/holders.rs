@@ -118,3 +118,46 @@ fn eight_processes_share_a_folder_while_some_are_killed_and_started_again() {
     folder.succeed("generate job.toml --quiet --out out");
     assert_like_whole(&folder, "out");
 }
+
+/// Two jobs that begin in one folder at the same moment: one wins, the other is refused by name of what differs, and what is
+/// there in the end is the winner's and whole.
+#[test]
+fn of_two_jobs_in_one_folder_one_wins() {
+    let mut winners = [0, 0];
+    for round in 0..24 {
+        let folder = Folder::with_job(JOB);
+        let both = ["7", "8"].map(|seed| folder.spawn(&format!("generate job.toml --quiet --out out --seed {seed}")));
+        let ended = both.map(|child| child.wait_with_output().expect("it ends"));
+        let won: Vec<usize> = (0..2).filter(|k| ended[*k].status.success()).collect();
+        let said = ended.each_ref().map(|output| String::from_utf8_lossy(&output.stderr).into_owned());
+        assert_eq!(won.len(), 1, "round {round}: {said:?}");
+        let refused = &said[1 - won[0]];
+        assert_eq!(ended[1 - won[0]].status.code(), Some(2), "{refused}");
+        assert!(refused.contains("another job: dataset.seed is "), "{refused}");
+        folder.succeed("verify out");
+        assert!(folder.labels("out").values().all(|label| label["seed"] == 7 + won[0]));
+        winners[won[0]] += 1;
+    }
+    println!("{winners:?} wins of two jobs that began at once");
+}
+
+/// Two runs that replace a dataset at the same moment: at least one ends well, and one dataset is there, whole.
+#[test]
+fn of_two_runs_that_replace_a_dataset_one_dataset_is_left() {
+    let folder = Folder::with_job(JOB);
+    let mut both_ended = 0;
+    for round in 0..24 {
+        let both = ["7", "8"]
+            .map(|seed| folder.spawn(&format!("generate job.toml --quiet --out out --overwrite --seed {seed}")));
+        let ended = both.map(|child| child.wait_with_output().expect("it ends"));
+        let said = ended.each_ref().map(|output| String::from_utf8_lossy(&output.stderr).into_owned());
+        let won = ended.iter().filter(|output| output.status.success()).count();
+        assert!(won >= 1, "round {round}: {said:?}");
+        both_ended += usize::from(won == 2);
+        folder.succeed("verify out");
+        let seeds: std::collections::BTreeSet<u64> =
+            folder.labels("out").values().map(|label| label["seed"].as_u64().expect("a seed")).collect();
+        assert_eq!(seeds.len(), 1, "round {round}: {said:?}");
+    }
+    println!("{both_ended} times one after the other");
+}

@@ -18,16 +18,18 @@ enum Plant {
     LinkToFile,
     LinkToFolder,
     LinkToNothing,
+    LinkToDevice,
     Folder,
     Pipe,
 }
 
-const PLANTS: [Plant; 5] = [Plant::LinkToFile, Plant::LinkToFolder, Plant::LinkToNothing, Plant::Folder, Plant::Pipe];
+const PLANTS: [Plant; 6] =
+    [Plant::LinkToFile, Plant::LinkToFolder, Plant::LinkToNothing, Plant::LinkToDevice, Plant::Folder, Plant::Pipe];
 
 impl Plant {
     fn what(self) -> &'static str {
         match self {
-            Self::LinkToFile | Self::LinkToFolder | Self::LinkToNothing => "is a symbolic link",
+            Self::LinkToFile | Self::LinkToFolder | Self::LinkToNothing | Self::LinkToDevice => "is a symbolic link",
             Self::Folder => "is a folder",
             Self::Pipe => "is neither a file nor a folder",
         }
@@ -41,6 +43,7 @@ impl Plant {
             Self::LinkToFile => symlink(folder.path("outside/precious.txt"), at).expect("a link"),
             Self::LinkToFolder => symlink(folder.path("outside"), at).expect("a link"),
             Self::LinkToNothing => symlink(folder.path("outside/new"), at).expect("a link"),
+            Self::LinkToDevice => symlink("/dev/zero", at).expect("a link"),
             Self::Folder => fs::create_dir(at).expect("a folder"),
             Self::Pipe => {
                 let made = std::process::Command::new("mkfifo").arg(at).status();
@@ -176,7 +179,9 @@ fn overwrite_removes_nothing_but_the_dataset() {
         folder.write(name, folder.read("cube.obj"));
     }
     // Also if a mesh of the job is among it.
-    folder.succeed("generate job.toml --quiet --out out --overwrite --set object.0.path=\"out/data/cube.obj\"");
+    let said =
+        folder.fail("generate job.toml --quiet --out out --overwrite --set object.0.path=\"out/data/cube.obj\"", 1);
+    assert!(said.contains("data/cube.obj: belongs to no shard") && said.contains("stats/notes.txt: "), "{said}");
     for name in theirs {
         assert_eq!(folder.read(name), folder.read("cube.obj"));
     }
@@ -205,4 +210,47 @@ fn neither_locks_nor_files_are_opened_through_links() {
         assert_eq!(folder.read("a.json"), "content");
     }
     assert_same_files(&outside, &folder.files("outside"));
+}
+
+/// Readers of a dataset open nothing that would keep them waiting or fill memory: they say what it is, or that it is not
+/// what was written.
+#[test]
+fn readers_wait_for_nothing_and_read_no_device() {
+    let sound = with_whole(JOB);
+    let places =
+        ["job.toml", "dataset.json", "wids.json", "README.md", "data/train-000000.tar", "stats/train-000000.json"];
+    let readers = [
+        "verify whole",
+        "verify whole --checksums",
+        "finalize whole",
+        "report whole --out page.html",
+        "preview whole --out sheet.png",
+        "reproduce whole 0",
+        "generate job.toml --out whole",
+    ];
+    let mut tried = 0;
+    for place in places {
+        for plant in PLANTS {
+            plant.put(&sound, &sound.path("whole").join(place));
+            for reader in readers {
+                // None takes a second; one that waits would never end.
+                let output = sound.gelsim(reader).timeout(Duration::from_secs(60)).output().expect("it ends");
+                let status =
+                    output.status.code().unwrap_or_else(|| panic!("{reader} was killed: {plant:?} as {place}"));
+                assert!([0, 1, 2].contains(&status), "{reader}: status {status} with {plant:?} as {place}");
+                let reads_it = reader.starts_with("verify") || reader.starts_with("generate");
+                assert!(!reads_it || status > 0, "{reader} did not mind {plant:?} as {place}");
+                tried += 1;
+            }
+            let at = sound.path("whole").join(place);
+            if at.symlink_metadata().expect("it is there").is_dir() {
+                fs::remove_dir(&at)
+            } else {
+                fs::remove_file(&at)
+            }
+            .expect("it goes");
+            sound.succeed("generate job.toml --quiet --out whole");
+        }
+    }
+    println!("{tried} readers met a link, pipe, device or folder");
 }

@@ -20,6 +20,7 @@ use crate::core::depth::height_map::HeightMap;
 use crate::dataset::archive::Member;
 use crate::dataset::encode::members;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::files::input;
 use crate::files::write::{sync_all_in, write_one_of_many};
 use crate::job::config::output::OnUnhealthy;
 use crate::job::label::Label;
@@ -151,7 +152,7 @@ fn suffixes(plan: &Plan) -> Vec<String> {
 fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), RenderError> {
     let path = |suffix: &str| out.join(format!("{}.{suffix}", source.stem));
     let stale = DepthFormat::ALL.into_iter().flat_map(|format| OutputLayer::ALL.map(|layer| layer.suffix(format)));
-    let label = fs::read(path("json")).unwrap_or_default();
+    let label = input::read(&path("json"), input::MOST_METADATA_BYTES).unwrap_or_default();
     let is_ours = serde_json::from_slice::<Label>(&label).is_ok();
     for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
         let path = path(&suffix);

@@ -19,6 +19,9 @@ use crate::job::config::document::Document;
 use crate::job::config::fidelity::FidelityChoice;
 use crate::job::layers::OutputLayer;
 
+/// LEDs that a sensor may have.
+const MOST_LEDS: usize = 64;
+
 /// Longer side of a pixel over its shorter one: the pad's response to one that is much longer takes minutes.
 const LONGEST_PIXEL: f64 = 1000.0;
 
@@ -121,7 +124,11 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     if sensor.led.is_empty() && sensor.lamp.is_empty() {
         check.error("sensor.led", "the sensor has no LED", "add at least one [[sensor.led]] table");
     }
-    for (i, led) in sensor.led.iter().enumerate() {
+    if sensor.led.len() > MOST_LEDS {
+        let message = format!("the sensor has {} LEDs", sensor.led.len());
+        check.error("sensor.led", message, format!("at most {MOST_LEDS} are simulated: take one for each row of them"));
+    }
+    for (i, led) in sensor.led.iter().enumerate().take(MOST_LEDS) {
         let path = |key: &str| format!("sensor.led.{i}.{key}");
         check.number(&path("azimuth_deg"), led.azimuth_deg, -3600.0..=3600.0, "degrees");
         check.number(&path("elevation_deg"), led.elevation_deg, 0.0..=90.0, "degrees");

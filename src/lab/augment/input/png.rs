@@ -1,8 +1,9 @@
 //! What the first and the last bytes of a PNG tell: its size, and whether it is complete. Its pixels are unpacked later.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
+
+use crate::files::input;
 
 /// Signature, length and kind of the first chunk, width, height.
 const HEAD: usize = 24;
@@ -11,14 +12,10 @@ const TAIL: u64 = 64;
 
 /// Columns and rows of the image in a file.
 pub fn size_of_file(path: &Path) -> Result<[usize; 2], String> {
-    let meta = std::fs::metadata(path).map_err(|error| error.to_string())?;
-    if !meta.is_file() {
-        return Err(String::from("it is no regular file"));
-    }
-    let mut file = File::open(path).map_err(|error| error.to_string())?;
+    let (mut file, length) = input::open(path).map_err(|error| error.to_string())?;
     let (mut head, mut tail) = (Vec::new(), Vec::new());
     let read = (&mut file).take(HEAD as u64).read_to_end(&mut head).and_then(|_| {
-        file.seek(SeekFrom::Start(meta.len().saturating_sub(TAIL)))?;
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
         file.take(TAIL).read_to_end(&mut tail)
     });
     read.map_err(|error| error.to_string())?;

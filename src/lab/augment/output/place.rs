@@ -9,6 +9,7 @@ use crate::dataset::cleanup::REPORT;
 use crate::dataset::lock::Lock;
 use crate::dataset::refused::Refused;
 use crate::files::diagnostic::user_error;
+use crate::files::input;
 use crate::files::write::sync_all_in;
 
 /// Name of the description of an output.
@@ -120,7 +121,8 @@ fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
 
 /// The first file in an output that is not in its list.
 fn strangers(root: &Path) -> Option<PathBuf> {
-    let list = fs::read_to_string(root.join(FILES)).unwrap_or_default();
+    let list = input::read_inside(&root.join(FILES), input::MOST_IMAGE_BYTES).unwrap_or_default();
+    let list = String::from_utf8_lossy(&list);
     let mut ours: HashSet<PathBuf> =
         list.lines().filter_map(|line| Some(root.join(line.split_once("  ")?.1))).collect();
     ours.insert(root.join(FILES));
