@@ -157,7 +157,12 @@ fn fingerprints(root: &Path) -> Result<BTreeSet<String>, Refused> {
 
 /// Refuses if the dataset in `root` is no longer the plan's: another run may have replaced it. Under the dataset's lock.
 pub fn still_ours(root: &Path, plan: &Plan) -> Result<(), Refused> {
-    let text = recorded_text(root).unwrap_or_default();
+    let path = root.join("job.toml");
+    let text = match input::read_inside(&path, MOST_READ) {
+        Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
+        Err(error) => return Err(Refused::Io(path, error)),
+    };
     let mut differs = differences(&text, plan);
     // Another run may have made it larger.
     differs.retain(|key| !key.starts_with("dataset.samples "));

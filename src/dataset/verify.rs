@@ -154,9 +154,11 @@ pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
     let recorded = Recorded::open(root).map_err(Refused::Usage)?;
     // A newer gelsim's is refused.
     Manifest::read(&root.join("dataset.json"))?;
-    let looked = look(&recorded, depth)?;
-
     let made_by = recorded_version(root).filter(|version| version != env!("CARGO_PKG_VERSION"));
+    let of_job = of_this_job(&recorded, &look(&recorded, CheckLevel::Sizes)?, made_by.as_deref());
+    // By the job of others nothing in the shards could be judged.
+    let foreign = of_job.iter().any(|finding| finding.cure == Cure::GenerateByJob);
+    let looked = look(&recorded, if foreign { depth.min(CheckLevel::Checksums) } else { depth })?;
     let mut verified = Verified { shards: looked.len() as u64, made_by, ..Verified::default() };
     for one in &looked {
         if let Some(bytes) = one.bytes {
@@ -169,7 +171,7 @@ pub fn verify(root: &Path, depth: CheckLevel) -> Result<Verified, Refused> {
     }
     verified.findings.extend(absent(&recorded, &looked));
     verified.findings.extend(strays(&recorded, looked.iter().map(|one| one.shard)));
-    verified.findings.extend(of_this_job(&recorded, &looked, verified.made_by.as_deref()));
+    verified.findings.extend(of_job);
     verified.findings.extend(described(&recorded, &looked, verified.made_by.is_some()));
     verified.findings.extend(looked.into_iter().flat_map(|one| one.findings));
     // What is wrong with a file as a whole comes before what is wrong in it.

@@ -416,7 +416,7 @@ fn every_finding_has_a_cure_that_mends_it() {
         ("job.toml: is not what was written", Box::new(|| text("job.toml", "\n\n", "\n\n# Mine.\n"))),
         (
             "job.toml: is not what was written, and not the job of its shards",
-            Box::new(|| text("job.toml", "tilt_deg", "tilt_deg = 5.0 # ")),
+            Box::new(|| text("job.toml", "seed = 7", "seed = 9")),
         ),
     ];
     for (words, damage) in cases {

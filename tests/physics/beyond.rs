@@ -169,8 +169,8 @@ fn bundled_objects_across_the_border_press_as_captured_whole() {
                     (0..3).for_each(|k| worst[k] = worst[k].max(own[k].abs()));
                 }
                 let name = format!("nu {nu}, h {thickness_mm}, {} at place {k}: {:?}", path.display(), both[1]);
-                assert!(both[1][0].abs() < 0.02 && both[1][1].abs() < 0.03, "{name}");
-                assert!(both[1][2] < 0.1 * both[0][2] + 0.3, "{name}, cut {}", both[0][2]);
+                assert!(both[1][0].abs() < 0.02 && both[1][1].abs() < 0.05, "{name}");
+                assert!(both[1][2] < 0.1 * both[0][2] + 0.6, "{name}, cut {}", both[0][2]);
             }
         }
         println!(
@@ -185,7 +185,7 @@ fn bundled_objects_across_the_border_press_as_captured_whole() {
 fn a_plate_of_a_metre_presses_as_an_endless_one() {
     let plate = block([1000.0, 1000.0, 10.0]);
     // On the incompressible pad the pressure grows over 40 thicknesses from the edge.
-    for (nu, thickness_mm) in [(0.3, 3.0), (0.48, 3.0), (0.48, 0.2), (0.4999, 1.0)] {
+    for (nu, thickness_mm) in [(0.3, 3.0), (0.48, 3.0), (0.48, 1.0), (0.4999, 1.0)] {
         let [rig, _] = rigs([[40, 30]; 2], 0.5, nu, thickness_mm);
         let depth_mm = 0.1 * thickness_mm;
         let found = press(&rig, &flat(0.0, 0.0, 10.0, depth_mm).indenter(&plate), true);
@@ -223,7 +223,7 @@ fn hard_cases_stay_finite_and_solved_and_the_same() {
         for (name, object, at) in &cases {
             let indenter = at.indenter(object);
             let [found, again] = [0, 1].map(|_| press(&rig, &indenter, true));
-            let Whole { total_force_n, cut_by_view, in_view_fraction, force_unknown } = found.whole;
+            let Whole { total_force_n, cut_by_view, in_view_fraction, force_unknown, .. } = found.whole;
             let all = total_force_n.unwrap_or_else(|| panic!("nu {nu}, h {thickness_mm}, {name}: {force_unknown}"));
             let share = in_view_fraction.expect("known");
             assert!(cut_by_view && all.is_finite() && all > 0.0, "nu {nu}, h {thickness_mm}, {name}: {all} N");

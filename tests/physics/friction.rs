@@ -1,7 +1,6 @@
 //! Friction while pressing: against finite elements (`data/sticking_elements.json`, written by
 //! `tests/oracle/sticking_elements.py`), against dense matrices, in its limits, and where it must not break.
 
-
 use gelsim::core::base::grid::{Grid, Resolution};
 use gelsim::core::effects::Requirement;
 use gelsim::core::gelpad::Contact;

@@ -2,10 +2,9 @@
 
 use gelsim::cli::list::OBJECTS;
 use gelsim::core::base::grid::Grid;
-use gelsim::core::base::view::SURFACE_BORDER;
 use gelsim::core::depth::{self, Depth};
 use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::{Contact, Pad};
+use gelsim::core::gelpad::Pad;
 use gelsim::job::plan::Plan;
 use gelsim::job::scene::Scene;
 use gelsim::lab::metrics::image::mask_iou;
@@ -94,58 +93,4 @@ fn the_contact_mask_of_a_coarse_grid_is_the_references() {
             assert!(middle > least.0 && worst > least.1, "{level}: {middle}, {worst}");
         }
     }
-}
-
-/// The values of a grid in a mirror: left and right exchanged, top and bottom.
-fn mirrored<T: Copy + Default>(grid: &Grid<T>, [left, top]: [bool; 2]) -> Grid<T> {
-    let mut other = Grid::new(grid.width, grid.height);
-    for y in 0..grid.height {
-        for x in 0..grid.width {
-            let [u, v] = [if left { grid.width - 1 - x } else { x }, if top { grid.height - 1 - y } else { y }];
-            other.row_mut(y)[x] = grid.at(u, v);
-        }
-    }
-    other
-}
-
-/// Largest difference of two surfaces in view, um.
-fn apart_um(a: &Contact, b: &Grid<f32>) -> f64 {
-    let (a, b) = (a.surface.inner(SURFACE_BORDER), b.inner(SURFACE_BORDER));
-    a.data.iter().zip(&b.data).map(|(a, b)| 1e3 * f64::from(a - b).abs()).fold(0.0, f64::max)
-}
-
-#[test]
-fn a_mirrored_scene_gives_the_mirrored_surface_on_coarse_grids_too() {
-    let levels = [Fidelity::Draft, Fidelity::Standard];
-    let poses = [
-        "yaw_deg = 17.0\ntilt_deg = 1.5\ntilt_azimuth_deg = 40.0\nx_mm = 0.3\ny_mm = -0.2\n",
-        "x_mm = 0.0\ny_mm = 0.0\n",
-    ];
-    let mut worst = [0.0_f64; 2];
-    for resolution_px in [[320, 240], [161, 121], [162, 123]] {
-        for object in OBJECTS {
-            for (number, pose) in poses.iter().enumerate() {
-                let presses = Presses::new(object, resolution_px, pose, 0.8, &levels);
-                for ((level, pad), worst) in levels.iter().zip(&presses.pads).zip(&mut worst) {
-                    let scene = presses.depth(pad);
-                    let straight = pad.press(&scene);
-                    for way in [[true, false], [false, true], [true, true]] {
-                        let mut other = Depth { overlap: mirrored(&scene.overlap, way), ..scene.clone() };
-                        other.measure();
-                        let away = apart_um(&pad.press(&other), &mirrored(&straight.surface, way));
-                        *worst = worst.max(away);
-                        if away > 5.0 {
-                            println!("{resolution_px:?} {object} {number}, {}, {way:?}: {away:.2} um", level.name());
-                        }
-                    }
-                    let own = apart_um(&straight, &mirrored(&straight.surface, [true, false]));
-                    if number == 1 && matches!(object, "cube" | "sphere" | "flat_face") {
-                        println!("{resolution_px:?} {object} itself: {own:.2} um");
-                    }
-                }
-            }
-        }
-    }
-    println!("{worst:.2?} um");
-    assert!(worst.iter().all(|away| *away < 5.0), "{worst:?}");
 }

@@ -42,6 +42,14 @@ impl Beyond {
     }
 }
 
+impl Beyond {
+    /// How high it lifts the pad in the window, mm.
+    fn raised_mm(&self) -> f64 {
+        let values = self.displacement.iter().flat_map(|displacement| &displacement.data);
+        values.fold(0.0_f32, |most, w| most.max(-w)).into()
+    }
+}
+
 /// How the contact in view is part of a whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Whole {
@@ -51,6 +59,8 @@ pub struct Whole {
     pub cut_by_view: bool,
     /// Share of the contact's area that is in view, if it is known; 0 without contact.
     pub in_view_fraction: Option<f64>,
+    /// How high loads beyond the captured window lift the pad in it, mm.
+    pub raised_mm: f64,
     /// Why the force in view or that of the whole object is not known; empty if both are.
     pub force_unknown: &'static str,
 }
@@ -97,6 +107,7 @@ impl Whole {
                 false => in_view,
             }),
             cut_by_view: area_mm2 > 0.0,
+            raised_mm: beyond.map_or(0.0, Beyond::raised_mm),
             in_view_fraction: Some(if all_mm2 > 0.0 { in_view_mm2 / all_mm2 } else { 0.0 }),
             force_unknown,
         }
@@ -116,7 +127,7 @@ impl Whole {
         if cut_by_view {
             contact.force_n = None;
         }
-        Self { total_force_n: None, cut_by_view, in_view_fraction: None, force_unknown }
+        Self { total_force_n: None, cut_by_view, in_view_fraction: None, raised_mm: 0.0, force_unknown }
     }
 }
 

@@ -87,15 +87,9 @@ impl Pad {
                 let given = field.at(cells.corner_mm, [cells.pitch_mm; 2], cells.count);
                 overlap.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
             }
-            // What presses there is in the given displacement already.
-            for y in 0..overlap.height {
-                for (x, g) in overlap.row_mut(y).iter_mut().enumerate() {
-                    *g = if outer.share(cells, x, y) > 0.0 { *g } else { 0.0 - self.layer.thickness_mm as f32 };
-                }
-            }
             let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
-            let solution = pad.solve(workspace, &overlap, Rect::default(), false, None);
+            let solution = pad.solve(workspace, &overlap, Rect::default(), None);
             solved &= solution.converged;
             let whole = Rect::whole(overlap.width, overlap.height);
             let mut pressure = Grid::new(overlap.width, overlap.height);
@@ -106,9 +100,11 @@ impl Pad {
                 for (x, p) in pressure.row_mut(y).iter_mut().enumerate() {
                     if *p > 0.0 {
                         let within = inner.share(cells, x, y);
+                        // A wider grid counts what is beyond this one.
+                        let own = (outer.share(cells, x, y) - within).max(0.0) * area;
+                        force += f64::from(*p) * own;
+                        area_mm2 += own;
                         *p *= (1.0 - within) as f32;
-                        force += f64::from(*p) * area;
-                        area_mm2 += (outer.share(cells, x, y) - within).max(0.0) * area;
                     }
                 }
             }

@@ -28,13 +28,14 @@ const SHIFT: f32 = 0.175;
 
 /// How far within the contact each pixel of the solution's box is, mm, up to about the way to the next pixel; below 0
 /// outside. `coarse` is the overlap on the solver's grid, `fine` on the
-/// camera's; `stiffness` is E' of Young's modulus 1.
+/// camera's; `stiffness` is E' of Young's modulus 1; `view` the coarse pixels in view.
 pub fn inside_mm(
     solution: &Solution,
     coarse: &Grid<f32>,
     (fine, lattice): (&Grid<f32>, Lattice),
     mm_per_px: [f64; 2],
     stiffness: f32,
+    view: Rect,
 ) -> Grid<f32> {
     let Rect { x0, y0, .. } = solution.contact_box;
     let pressure = &solution.pressure;
@@ -47,25 +48,24 @@ pub fn inside_mm(
         let w = solution.displacement.at(x0 + at[0] - solution.seen.x0, y0 + at[1] - solution.seen.y0);
         (w - object(at)).max(0.0)
     };
-    // Below it nothing was captured.
-    let floor = coarse.data.iter().fold(0.0_f32, |floor, g| floor.min(*g));
+    // Below it nothing was captured. What lies out of view may be known to one who captures it and not to another.
+    let Rect { x0: left, x1: right, .. } = view;
+    let floor = (view.y0..view.y1).flat_map(|y| &coarse.row(y)[left..right]).fold(0.0_f32, |floor, g| floor.min(*g));
     let walled = |touching: [usize; 2], next: [usize; 2], k: usize| {
         let drop = object(touching) - object(next);
         if drop > WALL * pitch[k] || object(next) <= floor {
             return true;
         }
-        let on_pixels = lattice.axes.iter().all(|axis| !axis.between);
-        if drop < LOWEST * pitch[k] || !on_pixels {
+        if drop < LOWEST * pitch[k] {
             return false;
         }
-        let place = |at: [usize; 2]| [x0 + at[0], y0 + at[1]].map(|at| at * lattice.factor);
-        let ([x, y], start) = (place(touching), lattice.axes.map(|axis| axis.first));
+        let [x, y] = [lattice.fine(x0 + touching[0], 0), lattice.fine(y0 + touching[1], 1)];
         let back = next[k] < touching[k];
         let along = |step: usize| {
             let moved = |at: usize| if back { at - step } else { at + step };
             match k {
-                0 => fine.at(moved(start[0] + x), start[1] + y),
-                _ => fine.at(start[0] + x, moved(start[1] + y)),
+                0 => fine.at(moved(x), y),
+                _ => fine.at(x, moved(y)),
             }
         };
         (0..lattice.factor).any(|step| along(step) - along(step + 1) > STEP * drop)

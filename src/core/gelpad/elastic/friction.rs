@@ -158,14 +158,14 @@ impl Pad {
         let placed = self.placed(depth, lattice);
         let tolerance_mm = self.unseen_mm() as f32;
         let mut undisplaced = Grid::default();
-        lattice.thin_out(&depth.overlap, &mut undisplaced, self.wall_mm());
+        lattice.thin_out(&depth.overlap, &mut undisplaced);
         Given { beyond, drag: None }.add_to(&mut undisplaced, placed, lattice, [0; 2], -1.0);
         let window = Rect::whole(undisplaced.width, undisplaced.height);
         let mut overlap = undisplaced.clone();
         let mut held: Option<Held> = None;
         let mut solution: Option<Solution> = None;
         for turn in 0..MOST_TURNS {
-            let next = self.solve(workspace, &overlap, Rect::default(), lattice.factor > 1, solution.as_ref());
+            let next = self.solve(workspace, &overlap, Rect::default(), solution.as_ref());
             let part = bounding_box(&next.pressure, |p| p > 0.0);
             if part.is_empty() {
                 return None;

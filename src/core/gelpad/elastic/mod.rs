@@ -150,9 +150,9 @@ impl Pad {
         // In whole pixels of the coarsest grid, so that a hair of thickness does not shift coarse grids against the view.
         let margin_px =
             ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest).next_multiple_of(4);
-        let lattice = Lattice::fixed(elastic.resolution);
+        let lattice = Lattice::new(elastic.resolution, [width, height].map(|size| size + 2 * margin_px));
         let coarse_mm_per_px = view.mm_per_px.map(|pitch| pitch * lattice.factor as f64);
-        let window = lattice.size([width, height].map(|size| size + 2 * margin_px));
+        let window = lattice.size();
         // Cutting the response off at so many thicknesses costs about the tolerance: the tail falls by 60 % with each.
         // Contacts much wider than the pad is thick, which a wide window may hold, feel the tail more.
         let widest_mm = (0..2).map(|k| window[k] as f64 * coarse_mm_per_px[k]).fold(0.0, f64::max);
@@ -240,7 +240,7 @@ impl Pad {
         let object = if lattice.factor == 1 {
             &depth.overlap
         } else {
-            lattice.thin_out(&depth.overlap, &mut thinned, self.wall_mm());
+            lattice.thin_out(&depth.overlap, &mut thinned);
             &thinned
         };
         // The pressure has to do what is not done yet.
@@ -248,11 +248,10 @@ impl Pad {
         if !given.is_nothing() {
             given.add_to(left.to_mut(), self.placed(depth, lattice), lattice, [0; 2], -1.0);
         }
-        let fine = [depth.overlap.width, depth.overlap.height];
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(workspace, &left, lattice.box_around(seen, fine), lattice.factor > 1, None);
+        let mut solution = self.solve(workspace, &left, lattice.box_around(seen), None);
         let Rect { x0, y0, .. } = solution.seen;
         given.add_to(&mut solution.displacement, self.placed(depth, lattice), lattice, [x0, y0], 1.0);
         solution.converged &= given.drag.is_none_or(|drag| drag.converged);
@@ -280,7 +279,7 @@ impl Pad {
 
     /// The points on which the solver works.
     fn lattice(&self, depth: &Depth) -> Lattice {
-        Lattice::under(self.elastic.resolution, &depth.overlap, depth.touching, self.wall_mm())
+        Lattice::new(self.elastic.resolution, [depth.overlap.width, depth.overlap.height])
     }
 
     /// The solution's pressure, and where it acts. `None` without contact.
@@ -297,20 +296,12 @@ impl Pad {
 
     /// Where a pixel of the solver's grid lies: from the middle of the view, which is the middle of the window.
     fn centre_mm(&self, lattice: Lattice, coarse: usize, fine: usize, k: usize) -> f64 {
-        (lattice.place(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
+        (lattice.fine(coarse, k) as f64 + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
     }
 
     /// Solves for the contact within `overlap` and for the displacement in `seen` at least, beginning with the pressure of
-    /// `like`, if there is one. With `follows`, a guess is made on a grid that follows the object: two solutions within the
-    /// tolerance differ by more where it is coarse.
-    fn solve(
-        &self,
-        workspace: &mut Workspace,
-        overlap: &Grid<f32>,
-        seen: Rect,
-        follows: bool,
-        like: Option<&Solution>,
-    ) -> Solution {
+    /// `like`, if there is one.
+    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect, like: Option<&Solution>) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);
@@ -361,7 +352,7 @@ impl Pad {
             } else if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
-                pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box, follows);
+                pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box);
             } else if round == 0 {
                 problem.guess(&mut pressure);
             } else {
@@ -395,14 +386,11 @@ impl Pad {
     }
 
     /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
-    fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect, follows: bool) -> Grid<f32> {
-        let lattice = match follows {
-            true => Lattice::under(Resolution::Half, fine, bounding_box(fine, |g| g > 0.0), self.wall_mm()),
-            false => Lattice::fixed(Resolution::Half),
-        };
+    fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
+        let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
         let mut overlap = std::mem::take(&mut workspace.coarse);
-        lattice.thin_out(fine, &mut overlap, self.wall_mm());
-        let solution = self.solve(workspace, &overlap, Rect::default(), follows, None);
+        lattice.thin_out(fine, &mut overlap);
+        let solution = self.solve(workspace, &overlap, Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, shape);
@@ -424,11 +412,6 @@ impl Pad {
     /// An interpolated surface that is no further than this from the object may touch it, mm.
     fn close_mm(&self) -> f32 {
         0.1 * self.coarse_mm_per_px[0].min(self.coarse_mm_per_px[1]) as f32
-    }
-
-    /// Neighbours among the camera's pixels whose overlaps differ by more than this have a wall between them, mm.
-    fn wall_mm(&self) -> f32 {
-        2.0 * self.mm_per_px[0].max(self.mm_per_px[1]) as f32
     }
 
     fn torus(&self, source: Rect, target: Rect) -> Torus<'_> {

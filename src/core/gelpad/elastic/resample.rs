@@ -1,65 +1,33 @@
 //! Between the camera's grid and one that is coarser by a whole factor ([`super::lattice`]).
 
-use super::lattice::{Axis, Lattice};
+use super::lattice::Lattice;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 
 impl Lattice {
-    /// The values at the coarse pixels. Between fine ones it is their mean; where they differ by more than `wall_mm`, the one
-    /// nearer to the object's middle.
-    pub fn thin_out(self, fine: &Grid<f32>, coarse: &mut Grid<f32>, wall_mm: f32) {
-        let [width, height] = self.size([fine.width, fine.height]);
-        self.thin_out_part(fine, Rect::whole(width, height), coarse, wall_mm);
+    /// Every `factor`-th pixel along x and y.
+    pub fn thin_out(self, fine: &Grid<f32>, coarse: &mut Grid<f32>) {
+        let [width, height] = self.size();
+        self.thin_out_part(fine, Rect::whole(width, height), coarse);
     }
 
     /// The same for the coarse pixels `part` alone.
-    pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>, wall_mm: f32) {
-        let between = self.axes.map(|axis| axis.between);
+    pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>) {
         coarse.reset(part.width(), part.height());
-        if part.is_empty() {
-            return;
-        }
-        let [left, top] = [(0, part.x0), (1, part.y0)].map(|(k, from)| self.axes[k].first + from * self.factor);
         for y in 0..part.height() {
-            let at = top + y * self.factor;
-            if between == [false; 2] {
-                let from = fine.row(at)[left..].iter().step_by(self.factor);
-                coarse.row_mut(y).iter_mut().zip(from).for_each(|(value, from)| *value = *from);
-            } else {
-                for (x, value) in coarse.row_mut(y).iter_mut().enumerate() {
-                    *value = self.beside(fine, [left + x * self.factor, at], wall_mm);
-                }
-            }
+            let from = fine.row(self.fine(part.y0 + y, 1))[self.fine(part.x0, 0)..].iter().step_by(self.factor);
+            coarse.row_mut(y).iter_mut().zip(from).for_each(|(value, from)| *value = *from);
         }
-    }
-
-    /// The value half-way from the pixel `at` to the next one along the axes between whose pixels coarse ones lie; the same in
-    /// a mirror.
-    fn beside(self, fine: &Grid<f32>, at: [usize; 2], wall_mm: f32) -> f32 {
-        let next = [0, 1].map(|k| at[k] + usize::from(self.axes[k].between));
-        let [upper, lower] = [at[1], next[1]].map(|y| [fine.at(at[0], y), fine.at(next[0], y)]);
-        let high = upper[0].max(upper[1]).max(lower[0].max(lower[1]));
-        let low = upper[0].min(upper[1]).min(lower[0].min(lower[1]));
-        if high - low <= wall_mm {
-            return 0.25 * ((upper[0] + upper[1]) + (lower[0] + lower[1]));
-        }
-        let [columns, rows] = [0, 1].map(|k| self.axes[k].towards_middle(at[k]));
-        rows.into_iter().flat_map(|y| columns.map(|x| fine.at(x, y))).fold(f32::NEG_INFINITY, f32::max)
     }
 
     /// Interpolates at the fine pixels `rect`. `values` are the coarse pixels `part`; beyond
     /// them the outermost go on.
     pub fn enlarge(self, values: &Grid<f32>, part: Rect, rect: Rect, shape: Shape) -> Grid<f32> {
         let factor = self.factor;
-        let [along_x, along_y] = self.axes;
-        let (left, columns) = self.coarse_around(along_x, rect.x0, rect.x1, part.x0, part.width());
-        let (top, rows) = self.coarse_around(along_y, rect.y0, rect.y1, part.y0, part.height());
+        let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
+        let (top, rows) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
         let (steps, lines) = (columns.len() - 1, rows.len());
-        let bases = |axis: Axis| -> Vec<Basis> {
-            let ahead = if axis.between { 0.5 } else { 0.0 };
-            (0..factor).map(|phase| shape.basis((phase as f32 + ahead) / factor as f32)).collect()
-        };
-        let (bases, bases_y) = (bases(along_x), bases(along_y));
+        let bases: Vec<Basis> = (0..factor).map(|phase| shape.basis(phase as f32 / factor as f32)).collect();
         let slopes = (shape == Shape::Cubic).then(|| Slopes::new(values));
         let (mut line, mut steepness) = (vec![0.0; steps + 1], vec![0.0; steps + 1]);
         // First along x in every coarse row, then along y: the second is what is done for all fine pixels.
@@ -86,7 +54,7 @@ impl Lattice {
                     widen(&slopes.y, Some(&slopes.xy), &mut widened_slopes);
                 }
                 for y in 0..rect.height() {
-                    let (row, basis) = ((top + y) / factor, bases_y[(top + y) % factor]);
+                    let (row, basis) = ((top + y) / factor, bases[(top + y) % factor]);
                     let inside = left..left + rect.width();
                     let (here, next) = (&widened.row(row)[inside.clone()], &widened.row(row + 1)[inside.clone()]);
                     let out = out.row_mut(y);
@@ -106,10 +74,10 @@ impl Lattice {
         out
     }
 
-    /// For the fine pixels `from..to` of a line: how many fine pixels the first of them is past a coarse one, in whole
-    /// pixels, and which coarse pixels, counted from `start` and kept within `count`, they lie between.
-    fn coarse_around(self, axis: Axis, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
-        let ahead = from as isize - axis.next() as isize;
+    /// For the fine pixels `from..to` of a line along axis `k`: how many fine pixels the first of them is past a coarse one,
+    /// and which coarse pixels, counted from `start` and kept within `count`, they lie between.
+    fn coarse_around(self, k: usize, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
+        let ahead = from as isize - self.first[k] as isize;
         let first = ahead.div_euclid(self.factor as isize);
         let past = ahead.rem_euclid(self.factor as isize) as usize;
         let steps = (past + to - from).div_ceil(self.factor);

@@ -37,9 +37,8 @@ impl Pad {
             // The object touches between the solver's pixels only.
             _ if solution.contact_box.is_empty() => (Rect::default(), Cow::Borrowed(&solution.pressure)),
             _ => {
-                let fine = [depth.overlap.width, depth.overlap.height];
                 contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, Shape::Cubic);
-                let area = lattice.covered_by(solution.contact_box, fine);
+                let area = lattice.covered_by(solution.contact_box);
                 let touched = Touched { solution, depth, coarse, area, highest: -contact.bulge_mm };
                 let pressure = self.enlarge_pressure(&touched, lattice, seen, &mut contact.surface);
                 (area, Cow::Owned(pressure))
@@ -116,7 +115,8 @@ impl Pad {
     }
 
     /// Pressure on the camera's grid within the touched area. It acts where the contact is known to reach, between the
-    /// solver's pixels, unless the object ends before; there the surface is the object's own.
+    /// solver's pixels, unless the object ends before. From half-way between two of these, of which one touches, to that one the
+    /// surface goes over to the object's own, but to no higher place than the pad's highest.
     fn enlarge_pressure(
         &self,
         touched: &Touched<'_>,
@@ -126,7 +126,14 @@ impl Pad {
     ) -> Grid<f32> {
         let Touched { solution, depth, coarse, area, highest } = *touched;
         let stiffness = (2.0 / self.layer.half_space()) as f32;
-        let inside = edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness);
+        let inside = edge::inside_mm(
+            solution,
+            coarse,
+            (&depth.overlap, lattice),
+            self.coarse_mm_per_px,
+            stiffness,
+            lattice.inside(seen),
+        );
         let enlarge = |values, part| lattice.enlarge(values, part, area, Shape::Linear);
         let mut pressure = enlarge(&solution.pressure, solution.contact_box);
         let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
@@ -134,6 +141,9 @@ impl Pad {
             return pressure;
         }
         let inside = enlarge(&inside, solution.contact_box);
+        let mut touching = solution.pressure.clone();
+        touching.data.iter_mut().for_each(|p| *p = if *p > 0.0 { 1.0 } else { 0.0 });
+        let touching = enlarge(&touching, solution.contact_box);
         // A cubic overshoots beside a sharp edge, where a straight line does not.
         let straight = enlarge(&solution.displacement, solution.seen);
         let (close, through) = (self.close_mm(), (self.elastic.tolerance_um * 1e-3) as f32);
@@ -146,13 +156,18 @@ impl Pad {
             let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
             let inside = &inside.row(y - area.y0)[in_area.clone()];
             let straight = &straight.row(y - area.y0)[in_area.clone()];
+            let touching = &touching.row(y - area.y0)[in_area.clone()];
             let pressure = &mut pressure.row_mut(y - area.y0)[in_area];
-            let rows = pressure.iter_mut().zip(surface).zip(object).zip(inside).zip(straight);
-            for ((((p, w), g), inside), straight) in rows {
-                let gap = w.min(*straight) - g;
-                let touches = ((*inside > 0.0) & (gap < close)) | (g - *w > through);
+            let rows = pressure.iter_mut().zip(surface).zip(object).zip(inside).zip(straight).zip(touching);
+            for (((((p, w), g), inside), straight), touching) in rows {
+                let gap = *w - g;
+                let touches = ((*inside > 0.0) & (gap.min(straight - g) < close)) | (-gap > through);
                 *p = if touches & (*g >= highest) { *p } else { 0.0 };
-                *w = if *p > 0.0 { *g } else { *w };
+                // Gradually: a contact that gains a pixel must not move the surface by more than the object moved.
+                let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
+                *w -= share * gap.min((*w - highest).max(0.0));
+                // No further off than it may be, where only the cubic has overshot.
+                *w = if *p > 0.0 { w.min(g + close) } else { *w };
                 fine_sum += f64::from(*p);
             }
         }

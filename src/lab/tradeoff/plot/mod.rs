@@ -249,7 +249,7 @@ impl<'a> Drawing<'a> {
             self.page.hinted(&hint, |page| page.mark(shape, at, MARK_PX, object_colour, object_colour));
         }
         let lines = vec![
-            (format!("error of the linear theory: {} \u{b5}m; dotted: both", figure(error)), MODEL_ERROR),
+            (format!("error of the linear theory: {} \u{b5}m; dashed: both", figure(error)), MODEL_ERROR),
             ("below this line time buys digits that the model does not have".to_owned(), MODEL_ERROR),
         ];
         Some(Label { point: [left + 0.3 * (right - left), y], lines })
@@ -400,7 +400,7 @@ mod tests {
             "1.5 ms, 4.7 \u{b5}m",
             "60 ms, error 0 by definition",
             "against a grid twice as fine: 1.2 \u{b5}m",
-            "error of the linear theory: 7 \u{b5}m; dotted: both",
+            "error of the linear theory: 7 \u{b5}m; dashed: both",
         ];
         let words = ["all \"objects\" < 5 $ & $ ", "CPU time per sample (ms)", ERROR_NAME, CAPTION];
         let names = ["paper", "draft", "high", "reference"].into_iter().chain(NAMES);
