@@ -28,14 +28,15 @@ const SHIFT: f32 = 0.175;
 
 /// How far within the contact each pixel of the solution's box is, mm, up to about the way to the next pixel; below 0
 /// outside. `coarse` is the overlap on the solver's grid, `fine` on the
-/// camera's; `stiffness` is E' of Young's modulus 1; `view` the coarse pixels in view.
+/// camera's; `stiffness` is E' of Young's modulus 1; `highest` the pad's highest place, above
+/// which the object does not count: one may have captured it there, and another not.
 pub fn inside_mm(
     solution: &Solution,
     coarse: &Grid<f32>,
     (fine, lattice): (&Grid<f32>, Lattice),
     mm_per_px: [f64; 2],
     stiffness: f32,
-    view: Rect,
+    highest: f32,
 ) -> Grid<f32> {
     let Rect { x0, y0, .. } = solution.contact_box;
     let pressure = &solution.pressure;
@@ -43,17 +44,14 @@ pub fn inside_mm(
     let pitch = mm_per_px.map(|mm| mm as f32);
     let far = pitch[0].max(pitch[1]);
     let shift = SHIFT * pitch[0].min(pitch[1]);
-    let object = |[x, y]: [usize; 2]| coarse.at(x0 + x, y0 + y);
+    let object = |[x, y]: [usize; 2]| coarse.at(x0 + x, y0 + y).max(highest);
     let gap = |at: [usize; 2]| {
         let w = solution.displacement.at(x0 + at[0] - solution.seen.x0, y0 + at[1] - solution.seen.y0);
         (w - object(at)).max(0.0)
     };
-    // Below it nothing was captured. What lies out of view may be known to one who captures it and not to another.
-    let Rect { x0: left, x1: right, .. } = view;
-    let floor = (view.y0..view.y1).flat_map(|y| &coarse.row(y)[left..right]).fold(0.0_f32, |floor, g| floor.min(*g));
     let walled = |touching: [usize; 2], next: [usize; 2], k: usize| {
         let drop = object(touching) - object(next);
-        if drop > WALL * pitch[k] || object(next) <= floor {
+        if drop > WALL * pitch[k] {
             return true;
         }
         if drop < LOWEST * pitch[k] {
@@ -64,8 +62,8 @@ pub fn inside_mm(
         let along = |step: usize| {
             let moved = |at: usize| if back { at - step } else { at + step };
             match k {
-                0 => fine.at(moved(x), y),
-                _ => fine.at(x, moved(y)),
+                0 => fine.at(moved(x), y).max(highest),
+                _ => fine.at(x, moved(y)).max(highest),
             }
         };
         (0..lattice.factor).any(|step| along(step) - along(step + 1) > STEP * drop)

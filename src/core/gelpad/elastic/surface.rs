@@ -126,14 +126,8 @@ impl Pad {
     ) -> Grid<f32> {
         let Touched { solution, depth, coarse, area, highest } = *touched;
         let stiffness = (2.0 / self.layer.half_space()) as f32;
-        let inside = edge::inside_mm(
-            solution,
-            coarse,
-            (&depth.overlap, lattice),
-            self.coarse_mm_per_px,
-            stiffness,
-            lattice.inside(seen),
-        );
+        let inside =
+            edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness, highest);
         let enlarge = |values, part| lattice.enlarge(values, part, area, Shape::Linear);
         let mut pressure = enlarge(&solution.pressure, solution.contact_box);
         let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
