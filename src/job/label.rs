@@ -275,7 +275,7 @@ pub struct NumericsLabel {
     /// True if the strain is over 0.5, where the linear theory of the elastic pad has ended.
     pub beyond_theory: bool,
     /// Largest error of the surface within 2 mm of the contact that the model's linear theory is expected to have,
-    /// um, within a factor of two; 0 if no edge of a contact is in view, null if it is not known.
+    /// um, within a factor of two, or of 2.5 for most contacts that stick; 0 if no edge of a contact is in view, null if it is not known.
     pub model_error_um: Option<f64>,
     /// Share of the pixels in contact whose slope or displacement lies beyond the presses that the sensor's optics were
     /// calibrated on, 0 to 1; 0 without contact and where the optics are not calibrated.
