@@ -51,7 +51,7 @@ impl Generate {
     fn generate(self, log: Log) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
         let plan = Plan::load(&self.job, &self.overrides.overrides())?;
-        log.notes(&plan.notes);
+        self.overrides.note(&plan.notes, log)?;
         let shards = self.extent.shards(plan.layout.shard_count())?;
         let root = self.extent.root(&plan);
         let recorded = if self.overwrite { None } else { recorded_rung(&root) };

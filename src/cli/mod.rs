@@ -175,12 +175,24 @@ struct JobOverrides {
     /// Any key of the job: dotted.path=TOML-VALUE; paths in it are relative to the current folder
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
+    /// Take notes on the job for errors: nothing is written
+    #[arg(long)]
+    strict: bool,
 }
 
 impl JobOverrides {
     fn any(&self) -> bool {
         let any = self.samples.is_some() || self.seed.is_some() || self.fidelity.is_some();
-        any || self.all_effects || !self.set.is_empty()
+        any || self.all_effects || self.strict || !self.set.is_empty()
+    }
+
+    /// Says the notes on a job, or refuses it for them.
+    fn note(&self, notes: &[String], log: Log) -> Result<(), Failure> {
+        if self.strict && !notes.is_empty() {
+            return Err(user_error(notes.join("\n"), "change the job, or leave --strict out").into());
+        }
+        log.notes(notes);
+        Ok(())
     }
 
     fn overrides(&self) -> Overrides {

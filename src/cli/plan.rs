@@ -36,7 +36,7 @@ impl Plan {
     pub(super) fn run(self) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
         let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
-        Log::text(self.quiet).notes(&plan.notes);
+        self.overrides.note(&plan.notes, Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
         let count = plan.layout.shard_count();

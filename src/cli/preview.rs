@@ -65,7 +65,7 @@ impl Preview {
 
     fn plan(&self) -> Result<Plan, Failure> {
         let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, Log::text(false))?;
-        Log::text(false).notes(&plan.notes);
+        self.overrides.note(&plan.notes, Log::text(false))?;
         Ok(plan)
     }
 

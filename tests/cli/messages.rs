@@ -392,6 +392,29 @@ fn a_depth_that_presses_the_pad_flat_to_the_shell_is_refused() {
 }
 
 #[test]
+fn what_is_probably_not_meant_is_noted_and_refused_where_notes_count_as_errors() {
+    let folder = Folder::with_job(JOB);
+    for (set, words) in [
+        ("indentation.depth_mm=[1e-5,5e-4]", "indentation.depth_mm is at most 0.0005, less than a micrometre"),
+        (
+            "sensor.gelpad_youngs_modulus_kpa=0.145",
+            "sensor.gelpad_youngs_modulus_kpa may be 0.145, where gelpads have 1 to",
+        ),
+        ("sensor.gelpad_youngs_modulus_kpa=145000.0", "sensor.gelpad_youngs_modulus_kpa may be 145000, where"),
+    ] {
+        let said = folder.succeed(&format!("generate job.toml --overwrite --samples 1 --out out --set {set}"));
+        assert_eq!(said.matches("note: ").count(), 1, "{said}");
+        assert!(said.contains(&format!("note: {words}")), "{words} in {said}");
+        for command in ["generate job.toml --out none", "plan job.toml --out none", "preview job.toml --out none.png"] {
+            let text = folder.fail(&format!("{command} --strict --set {set}"), 2);
+            assert!(text.contains(&format!("error: {words}")) && text.contains("--strict"), "{text}");
+            assert!(!folder.path("none").exists() && !folder.path("none.png").exists(), "nothing may be written");
+        }
+    }
+    folder.succeed("generate job.toml --strict --quiet --out out --overwrite");
+}
+
+#[test]
 fn a_press_beyond_linear_theory_is_noted_where_the_pad_is_elastic() {
     let folder = Folder::with_job(JOB);
     let said = |flags: &str| folder.succeed(&format!("generate job.toml --overwrite --samples 1 --out out {flags}"));

@@ -13,8 +13,6 @@ use crate::core::base::view::View;
 use crate::core::depth::relief::Relief;
 use crate::core::effects::EffectPolicy;
 use crate::core::fidelity::{Fidelity, Models};
-use crate::core::gelpad;
-use crate::core::gelpad::elastic::LARGEST_STRAIN;
 use crate::core::optics::LightSource;
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
@@ -32,6 +30,7 @@ pub mod check;
 pub mod draw;
 mod files;
 pub mod frames;
+mod notes;
 mod objects;
 pub mod ranges;
 pub mod sensors;
@@ -164,11 +163,11 @@ impl Plan {
             return Err(Report::new(&problems, &document.sources));
         };
         notes.extend(background_note);
-        notes.extend(strain_note(&job));
+        notes.extend(notes::of(&job));
         notes.extend(
             others
                 .iter()
-                .filter_map(|other| strain_note(&other.job))
+                .flat_map(|other| notes::of(&other.job))
                 .filter(|note| !notes.contains(note))
                 .collect::<Vec<_>>(),
         );
@@ -399,19 +398,6 @@ fn chosen_models(job: &Job) -> Models {
 /// View of a job's sensor.
 pub fn view(job: &Job) -> View {
     job.bare_sensor().view()
-}
-
-/// A word of warning where the elastic pad is pressed beyond what its theory holds for.
-fn strain_note(job: &Job) -> Option<String> {
-    let deepest = job.indentation.depth_mm.as_ref()?.support().1;
-    let [thickness, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
-    let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
-    (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
-        format!(
-            "indentation.depth_mm may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
-             there; such samples have numerics.beyond_theory in their labels"
-        )
-    })
 }
 
 /// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
