@@ -82,7 +82,7 @@ ELSEWHERE = {
         "tests/cli/gelsight.rs",
     ),
     "python tests/transfer/run.py GELSIM --real FOLDER": ("real presses; what it printed", "docs/transfer.md"),
-    "python tests/transfer/run.py GELSIM --real FOLDER --set gsmini_gssdk gelsight_thu --seeds 1": (
+    "python tests/transfer/run.py GELSIM --real FOLDER --set gsmini_gssdk digit_fots gelsight_thu": (
         "real presses; what it printed",
         "docs/transfer.md",
     ),
