@@ -113,7 +113,7 @@ fn the_root_mean_square_beside_the_contact_follows_from_the_largest_error() {
     println!("stated over true: {worst:.2?}");
 }
 
-/// The table is of the same presses: gelsim's surface is no further from it than the error that it states.
+/// The table is of the same presses: gelsim's surface is as far from it as the linear theory of the same elements is.
 #[test]
 fn surfaces_are_as_far_from_finite_elements_as_the_table_says() {
     let rig = rig(Resolution::Full, None);

@@ -1,8 +1,8 @@
 //! Where, between the solver's pixels, the contact ends.
 //!
 //! The solver's own pressures and gaps tell. Beside a smooth edge the last pixel in contact has a pressure p and the next
-//! one a gap c; in solutions of a half-plane under a parabola, at all places of the edge between two pixels (pitch h), the
-//! edge is at the share t = 1 / (1 + 0.563 E' c / (p h)) - 0.175 of the way from the one to the other, within 0.003, with
+//! one a gap c; with the pitch h, the edge is at the share t = 1 / (1 + 0.563 E' c / (p h)) - 0.175 of the way from the one to
+//! the other, two numbers that were fitted to a half-plane under a parabola and are held by `tests/physics/mask.rs`, with
 //! E' = E / (1 - nu^2): a pixel of even pressure stands for its whole width, so that the last one may have its centre
 //! outside.
 
@@ -27,9 +27,8 @@ const WEIGHT: f32 = 0.563;
 const SHIFT: f32 = 0.175;
 
 /// How far within the contact each pixel of the solution's box is, mm, up to about the way to the next pixel; below 0
-/// outside. `coarse` is the overlap on the solver's grid, `fine` on the
-/// camera's; `stiffness` is E' of Young's modulus 1; `highest` the pad's highest place, above
-/// which the object does not count: one may have captured it there, and another not.
+/// outside. `coarse` is the overlap on the solver's grid, `fine` on the camera's; `stiffness` is E' of Young's modulus 1;
+/// `highest` the pad's highest place, above which the object does not count: one may have captured it there, and another not.
 pub fn inside_mm(
     solution: &Solution,
     coarse: &Grid<f32>,
