@@ -17,7 +17,7 @@ use crate::files::diagnostic::user_error;
 use crate::files::hash::sha256;
 use crate::files::png::encode_rgb;
 use crate::files::sensor::Sensor;
-use crate::files::write::write_whole;
+use crate::files::write::write_output;
 use crate::job::plan::standalone;
 use crate::lab::calibrate::camera::{MeasuredCamera, measure};
 use crate::lab::calibrate::evaluate::{Evaluated, evaluate, picture_name};
@@ -400,7 +400,7 @@ fn file_name(path: &Path) -> String {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    write_whole(path, bytes).map_err(|error| failed(path, &error))
+    write_output(path, bytes).map_err(|error| failed(path, &error))
 }
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {

@@ -9,7 +9,7 @@ use clap::Args;
 use super::{Failure, print, say};
 use crate::files::diagnostic::user_error;
 use crate::files::png;
-use crate::files::write::write_whole;
+use crate::files::write::write_output;
 use crate::lab::compare::{compare, picture, report};
 
 /// Measure how far simulated images are from real ones: MAE, PSNR and SSIM of pairs, over the whole image and over the
@@ -68,7 +68,7 @@ impl Compare {
             fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
             let write = |name: &str, bytes: &[u8]| {
                 let path = folder.join(name);
-                write_whole(&path, bytes).map_err(|error| failed(&path, &error))
+                write_output(&path, bytes).map_err(|error| failed(&path, &error))
             };
             write("compare.csv", &report::csv(&comparison))?;
             write("compare.json", &report::to_json(&comparison))?;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::dataset::refused::Refused;
 use crate::files::diagnostic::Report;
+use crate::files::spelling::visible;
 
 /// Why the program ends with a status other than 0.
 #[derive(Debug)]
@@ -52,7 +53,7 @@ impl Failure {
     pub fn text(&self, styled: bool) -> Option<String> {
         match &self.message {
             Message::Reported => None,
-            Message::Text(text) => Some(text.clone()),
+            Message::Text(text) => Some(visible(text).into_owned()),
             Message::Report(report) => Some(report.render(styled)),
         }
     }

@@ -70,7 +70,7 @@ impl Generate {
                 let root = root.display().to_string();
                 match log.format {
                     Format::Json => log.event("done", figures(&done, &root)),
-                    Format::Text if !self.quiet => say(&summary(&done, &root)),
+                    Format::Text if !self.quiet => say(&summary(&done, plan.job().indentation.no_contact, &root)),
                     Format::Text => {}
                 }
                 Ok(())
@@ -80,12 +80,14 @@ impl Generate {
     }
 }
 
-fn summary(done: &Done, root: &str) -> String {
+fn summary(done: &Done, no_contact: f64, root: &str) -> String {
     let mut text = format!(
-        "{} samples in {} shard{}, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
+        "{} samples in {} shard{}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
         HumanCount(done.samples),
         done.shards,
         if done.shards == 1 { "" } else { "s" },
+        HumanCount(done.in_contact),
+        HumanCount(done.samples),
         HumanCount(done.rejected),
         HumanBytes(done.bytes),
         done.seconds,
@@ -112,10 +114,30 @@ fn summary(done: &Done, root: &str) -> String {
     for (count, what, of) in counts.iter().filter(|(count, ..)| *count > 0) {
         text += &format!("\n{what}: {} {of}", HumanCount(*count));
     }
+    if let Some(note) = misses(done, no_contact) {
+        text += &format!("\n{note}");
+    }
     if let Some(note) = done.light.note() {
         text += &format!("\n{note}; see numerics.light_outside_range in the labels");
     }
     text
+}
+
+/// What to say where more than a fifth of the samples touch nothing beyond the share of those that are meant to, and
+/// beyond twice the spread of their number.
+fn misses(done: &Done, no_contact: f64) -> Option<String> {
+    let samples = done.samples as f64;
+    let (meant, spread) = (no_contact * samples, (no_contact * (1.0 - no_contact) * samples).sqrt());
+    let missed = done.samples - done.in_contact;
+    (missed as f64 > meant + 0.2 * samples + 2.0 * spread).then(|| {
+        format!(
+            "note: {} of {} samples touch nothing, where indentation.no_contact = {no_contact} means {}: look at the places \
+             in [pose] and the unit of the meshes (gelsim inspect)",
+            HumanCount(missed),
+            HumanCount(done.samples),
+            HumanCount(meant.round() as u64),
+        )
+    })
 }
 
 /// The same for pipelines.
@@ -126,6 +148,7 @@ fn figures(done: &Done, root: &str) -> Value {
         "rejected": done.rejected,
         "unhealthy": done.unhealthy,
         "unconverged": done.unconverged,
+        "in_contact": done.in_contact,
         "light_outside_range": done.light.share_outside(),
         "shards": done.shards,
         "shards_there_already": done.skipped,

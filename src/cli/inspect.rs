@@ -7,10 +7,11 @@ use clap::builder::PossibleValuesParser;
 
 use super::{Failure, print};
 use crate::dataset::encode::json;
+use crate::files::figures::counted;
 use crate::files::sensor::PRESETS;
 use crate::job::config::object::Unit;
 use crate::lab::inspect::findings::Severity;
-use crate::lab::inspect::{InspectReport, Inspection, SensorPad, figures, inspect, text};
+use crate::lab::inspect::{InspectReport, Inspection, SensorPad, inspect, text};
 
 /// Say what meshes are like and what a sensor would see of them: size and likely unit, holes and other flaws, each of
 /// the six sides against view and pad. Ends with status 1 if a mesh has an error.
@@ -75,10 +76,7 @@ impl Inspect {
         let bad = meshes.iter().filter(|mesh| mesh.severity > bearable).count();
         match bad {
             0 => Ok(()),
-            _ => Err(Failure::running(format!(
-                "{what} in {bad} of {}",
-                figures::counted(meshes.len(), "mesh", "meshes")
-            ))),
+            _ => Err(Failure::running(format!("{what} in {bad} of {}", counted(meshes.len(), "mesh", "meshes")))),
         }
     }
 }

@@ -10,6 +10,7 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::core::fidelity::Fidelity;
 use crate::files::diagnostic::user_error;
+use crate::files::spelling::visible;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 use crate::lab::tradeoff::choose::choose;
@@ -276,7 +277,7 @@ fn parse_partition(text: &str) -> Result<(u64, u64), String> {
 /// Prints a result on standard output. Who reads it may have had enough, as `head` has: that is no failure.
 fn print(text: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out.write_all(visible(text).as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure::running(format!("standard output: {error}")))
         }

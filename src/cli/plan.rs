@@ -57,7 +57,7 @@ fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
     let [width, height] = plan.simulator.view().resolution_px;
     format!(
         "{}: {} samples of {width}x{height} px in {} shard{}; fidelity {}, gelpad {}, optics {}\n\
-         probed: {} samples on {} thread{}{}\n\n",
+         probed: {} samples on {} thread{}, {} in contact{}\n\n",
         plan.name(),
         HumanCount(forecast.samples),
         HumanCount(forecast.shards),
@@ -68,6 +68,7 @@ fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
         forecast.probed,
         forecast.threads,
         if forecast.threads == 1 { "" } else { "s" },
+        forecast.in_contact,
         match forecast.unhealthy {
             0 => String::new(),
             ill => format!("; {ill} not healthy (docs/stability.md)"),

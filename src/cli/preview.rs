@@ -10,7 +10,7 @@ use super::{Failure, JobOverrides, Log, say, settled};
 use crate::core::effects::Effect;
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::user_error;
-use crate::files::write::write_whole;
+use crate::files::write::write_output;
 use crate::job::plan::Plan;
 use crate::lab::preview::effects::{self, EffectComparison, compare};
 use crate::lab::preview::{Tile, sheet};
@@ -137,5 +137,5 @@ impl Preview {
 fn write(path: &Path, picture: &RgbImage) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::running(format!("{}: {error}", path.display()));
     let bytes = crate::files::png::encode_small(picture);
-    write_whole(path, &bytes).map_err(|error| failed(&error))
+    write_output(path, &bytes).map_err(|error| failed(&error))
 }

@@ -8,7 +8,7 @@ use super::{Failure, print, say};
 use crate::dataset::cleanup::{self, REPORT};
 use crate::dataset::lock::Lock;
 use crate::files::diagnostic::user_error;
-use crate::files::write::write_whole;
+use crate::files::write::write_output;
 use crate::lab::report;
 
 /// Write one HTML page about a dataset: counts by class and split, distributions of contact, pose and brightness, effects,
@@ -58,6 +58,6 @@ impl Report {
             true => Some(Lock::wait(&lock).map_err(|error| failed(&lock, error))?),
             false => None,
         };
-        write_whole(out, page).map_err(|error| failed(out, error))
+        write_output(out, page).map_err(|error| failed(out, error))
     }
 }

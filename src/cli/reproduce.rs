@@ -42,6 +42,9 @@ impl Reproduce {
         let written = dataset.sample(self.key).map_err(Failure::running)?;
         let plan = Plan::load(&self.dir.join("job.toml"), &Overrides::default())?;
         Log::text(false).notes(&plan.notes);
+        if let Some(cost) = cost(plan.simulator.view().resolution_px) {
+            Log::text(false).note(&cost);
+        }
         let drawn = accept(&plan, self.key);
         let Accepted { sample, .. } =
             drawn.map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
@@ -50,6 +53,19 @@ impl Reproduce {
         // What differs has been said.
         if same { Ok(()) } else { Err(Failure::reported(1)) }
     }
+}
+
+/// Memory that a sample takes, bytes per pixel, and CPU time, s per pixel: measured at `high` with one ball.
+const COST_PER_PX: (f64, f64) = (160.0, 3e-7);
+
+/// What to say before work on a sample so large that who only looks at somebody's dataset may not want it.
+fn cost([width, height]: [usize; 2]) -> Option<String> {
+    let px = width as f64 * height as f64;
+    let (bytes, seconds) = COST_PER_PX;
+    (px > 4e6).then(|| {
+        let (gigabytes, seconds) = (bytes * px / 1e9, seconds * px);
+        format!("a sample of {width}x{height} px takes about {gigabytes:.1} GB of memory and {seconds:.0} s or more")
+    })
 }
 
 /// A line per file, and whether all are the same.
@@ -82,4 +98,16 @@ fn compare(written: &Files, made: &[Member]) -> (String, bool) {
     }
     text += if same { "the same sample\n" } else { "not the same sample\n" };
     (text, same)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_large_is_announced() {
+        assert_eq!(cost([640, 480]), None);
+        let said = cost([8192, 8192]).expect("large");
+        assert_eq!(said, "a sample of 8192x8192 px takes about 10.7 GB of memory and 20 s or more");
+    }
 }

@@ -8,7 +8,7 @@ use clap::Args;
 use super::progress::bar::Bar;
 use super::{Failure, Log, print, say};
 use crate::files::diagnostic::user_error;
-use crate::files::write::write_whole;
+use crate::files::write::write_output;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 use crate::lab::finite::{self, Options, finite};
@@ -95,7 +95,7 @@ impl Tradeoff {
         ];
         for (name, bytes) in files {
             let path = folder.join(name);
-            write_whole(&path, &bytes).map_err(|error| failed(&path, &error))?;
+            write_output(&path, &bytes).map_err(|error| failed(&path, &error))?;
         }
         print(&report::table(&result))?;
         if !self.quiet {
@@ -120,7 +120,7 @@ impl Tradeoff {
                 serde_json::to_string_pretty(&result).map_err(|error| Failure::from_path(folder, &error))? + "\n";
             for (name, text) in [("finite.csv", finite::report::csv(&result)), ("finite.json", json)] {
                 let path = folder.join(name);
-                write_whole(&path, text.as_bytes()).map_err(|error| Failure::from_path(&path, &error))?;
+                write_output(&path, text.as_bytes()).map_err(|error| Failure::from_path(&path, &error))?;
             }
             if !self.quiet {
                 say(&format!("-> {}", folder.display()));

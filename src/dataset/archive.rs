@@ -1,7 +1,7 @@
 //! A shard as a tar: written, and read back sample by sample.
 
 use crate::files::fail_point::Step;
-use crate::files::input;
+use crate::files::input::{self, MOST_IMAGE_BYTES};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
@@ -123,11 +123,14 @@ pub struct Head<'a> {
     pub bytes: u64,
 }
 
-/// Shows every sample of the tar at `path` to `visit`, until that breaks off, with the files that are `wanted`; the others
-/// are skipped without being read.
+/// Largest name of a file, and largest extended header, bytes.
+const MOST_NAME_BYTES: u64 = 64 << 10;
+
+/// Shows every sample of the tar at `path` to `visit`, until that breaks off. `wanted` says of each file how many bytes it
+/// may hold at most, or that it is skipped without being read.
 pub fn open(
     path: &Path,
-    wanted: impl FnMut(Head) -> bool,
+    wanted: impl FnMut(Head) -> Option<u64>,
     visit: impl FnMut(Files) -> ControlFlow<()>,
 ) -> Result<(), String> {
     let (file, length) = input::open_inside(path).map_err(|error| error.to_string())?;
@@ -138,7 +141,7 @@ pub fn open(
 /// Shows every sample of a tar to `visit` with all its files, until that breaks off.
 pub fn read(tar: impl Read, visit: impl FnMut(Files) -> ControlFlow<()>) -> Result<(), String> {
     let mut archive = tar::Archive::new(tar);
-    walk(archive.entries().map_err(|error| error.to_string())?, u64::MAX, |_| true, visit)
+    walk(archive.entries().map_err(|error| error.to_string())?, u64::MAX, |_| Some(MOST_IMAGE_BYTES), visit)
 }
 
 /// What follows each other under one key is one sample. Takes no more memory than the sample that is largest, whatever a
@@ -146,24 +149,36 @@ pub fn read(tar: impl Read, visit: impl FnMut(Files) -> ControlFlow<()>) -> Resu
 fn walk<R: Read>(
     entries: tar::Entries<R>,
     length: u64,
-    mut wanted: impl FnMut(Head) -> bool,
+    mut wanted: impl FnMut(Head) -> Option<u64>,
     mut visit: impl FnMut(Files) -> ControlFlow<()>,
 ) -> Result<(), String> {
     let mut sample: Option<Files> = None;
-    for entry in entries {
+    let mut extended = Extended::default();
+    // Raw: the crate would read long names and extended headers whole, however long they are, and unfold sparse files.
+    for entry in entries.raw(true) {
         let mut entry = entry.map_err(|error| format!("not a tar: {error}"))?;
-        let name = entry.path_bytes().into_owned();
-        let shown = String::from_utf8_lossy(&name).escape_debug().to_string();
+        if extended.read(&mut entry)? {
+            continue;
+        }
+        let size = entry.size();
+        let name = extended.name.take().unwrap_or_else(|| entry.path_bytes().into_owned());
+        let shown = shown(&name);
+        let short = |bytes: u64| Err(format!("{shown} ends after {bytes} of {size} bytes"));
+        let there = length.saturating_sub(entry.raw_file_position());
+        if there < size {
+            return short(there);
+        }
+        let other_size = extended.size.take().filter(|told| *told != size);
+        if entry.header().entry_type().is_gnu_sparse() || std::mem::take(&mut extended.sparse) || other_size.is_some() {
+            return Err(format!("{shown} is sparse, or larger than 8 GB: write the tar without either"));
+        }
         if !entry.header().entry_type().is_file() {
             return Err(format!("{shown} is no regular file"));
         }
         let split = str::from_utf8(&name).ok().and_then(|name| name.split_once('.'));
         let Some((key, suffix)) = split else { return Err(format!("{shown} is not named KEY.LAYER")) };
-        let size = entry.size();
-        let short = |bytes: u64| Err(format!("{shown} ends after {bytes} of {size} bytes"));
-        let there = length.saturating_sub(entry.raw_file_position());
-        if there < size {
-            return short(there);
+        if name.starts_with(b"/") || name.split(|byte| *byte == b'/').any(|step| step == b"..") {
+            return Err(format!("{shown} leads out of the folder that the tar is unpacked in"));
         }
         if sample.as_ref().is_some_and(|files| files.key != key)
             && let Some(files) = sample.take()
@@ -172,7 +187,10 @@ fn walk<R: Read>(
             return Ok(());
         }
         let files = sample.get_or_insert_with(|| Files { key: key.to_owned(), members: Vec::new() });
-        if wanted(Head { key, suffix, bytes: size }) {
+        if let Some(most) = wanted(Head { key, suffix, bytes: size }) {
+            if size > most {
+                return Err(format!("{shown} has {size} bytes, and a file of its kind at most {most}"));
+            }
             let mut bytes = Vec::new();
             entry.read_to_end(&mut bytes).map_err(|error| format!("{shown}: {error}"))?;
             if bytes.len() as u64 != size {
@@ -181,11 +199,60 @@ fn walk<R: Read>(
             files.members.push((suffix.to_owned(), bytes));
         }
     }
+    if extended.name.is_some() {
+        return Err(String::from("not a tar: it ends after the name of a file"));
+    }
     if let Some(files) = sample {
         // Whether it breaks off makes no difference at the end.
         let _ = visit(files);
     }
     Ok(())
+}
+
+/// The beginning of a name, so that it speaks to no terminal.
+fn shown(name: &[u8]) -> String {
+    const MOST: usize = 200;
+    let whole = String::from_utf8_lossy(&name[..name.len().min(4 * MOST)]);
+    whole.chars().take(MOST).flat_map(char::escape_debug).collect()
+}
+
+/// What headers before a file's own say of it.
+#[derive(Default)]
+struct Extended {
+    name: Option<Vec<u8>>,
+    size: Option<u64>,
+    sparse: bool,
+}
+
+impl Extended {
+    /// Reads `entry` if it is such a header; false if it is a file.
+    fn read<R: Read>(&mut self, entry: &mut tar::Entry<'_, R>) -> Result<bool, String> {
+        let kind = entry.header().entry_type();
+        let is_name = kind.is_gnu_longname();
+        let for_one = kind.is_pax_local_extensions();
+        if !(is_name || for_one || kind.is_gnu_longlink() || kind.is_pax_global_extensions()) {
+            return Ok(false);
+        }
+        if entry.size() > MOST_NAME_BYTES {
+            return Err(format!("a name or an extended header has {} bytes, more than 64 KB", entry.size()));
+        }
+        let mut bytes = Vec::new();
+        entry.read_to_end(&mut bytes).map_err(|error| format!("an extended header: {error}"))?;
+        if is_name {
+            bytes.truncate(bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1));
+            self.name = Some(bytes);
+        } else if for_one {
+            for field in tar::PaxExtensions::new(&bytes) {
+                let field = field.map_err(|error| format!("an extended header: {error}"))?;
+                match field.key_bytes() {
+                    b"path" => self.name = Some(field.value_bytes().to_owned()),
+                    b"size" => self.size = field.value().ok().and_then(|size| size.parse().ok()).or(Some(u64::MAX)),
+                    key => self.sparse |= key.starts_with(b"GNU.sparse."),
+                }
+            }
+        }
+        Ok(true)
+    }
 }
 
 /// A file of which parts are skipped: what the buffer holds already is not read again.
@@ -262,7 +329,7 @@ mod tests {
             let (mut heads, mut found) = (Vec::new(), Vec::new());
             let wanted = |head: Head| {
                 heads.push((head.key.to_owned(), head.bytes));
-                head.suffix == "json"
+                (head.suffix == "json").then_some(2)
             };
             let visit = |files| {
                 found.push(files);
@@ -297,5 +364,50 @@ mod tests {
     fn names_that_are_no_samples_are_refused() {
         assert!(samples(&tar(&[("README", "x")])).is_err());
         assert!(samples(&vec![7; 4096]).is_err());
+    }
+
+    /// A tar of one file under `name`, each header before it of a kind and with a content.
+    fn extended(headers: &[(tar::EntryType, &[u8])], kind: tar::EntryType, name: &[u8]) -> Vec<u8> {
+        let mut builder = tar::Builder::new(Vec::new());
+        let mut append = |kind, name: &[u8], content: &[u8]| {
+            let mut header = tar::Header::new_gnu();
+            header.as_gnu_mut().expect("GNU's").name[..name.len()].copy_from_slice(name);
+            header.set_entry_type(kind);
+            header.set_size(content.len() as u64);
+            header.set_cksum();
+            builder.append(&header, content).expect("memory");
+        };
+        headers.iter().for_each(|(kind, content)| append(*kind, b"header", content));
+        append(kind, name, b"y");
+        builder.into_inner().expect("memory")
+    }
+
+    #[test]
+    fn long_names_and_extended_headers_are_read_up_to_a_limit() {
+        use tar::EntryType;
+        let long = format!("{}.json", "k".repeat(300));
+        let (gnu, pax) = (EntryType::GNULongName, EntryType::XHeader);
+        let record = |key: &str, value: &str| format!("{} {key}={value}\n", key.len() + value.len() + 6).into_bytes();
+        let of = |headers: &[(EntryType, &[u8])]| samples(&extended(headers, EntryType::Regular, b"0.json"));
+        let key = |headers: &[(EntryType, &[u8])]| of(headers).expect("a tar")[0].key.len();
+        assert_eq!(key(&[]), 1);
+        assert_eq!(key(&[(gnu, format!("{long}\0").as_bytes())]), 300);
+        assert_eq!(key(&[(pax, &record("path", &long)), (EntryType::GNULongLink, b"link")]), 300);
+        assert_eq!(key(&[(EntryType::XGlobalHeader, b"9 a=b c\n"), (pax, b"10 size=1\n")]), 1);
+        let wrong = |headers: &[(EntryType, &[u8])]| of(headers).expect_err("refused");
+        let huge = vec![b'k'; 70_000];
+        for kind in [gnu, pax, EntryType::GNULongLink, EntryType::XGlobalHeader] {
+            assert!(wrong(&[(kind, &huge)]).contains("70000 bytes, more than 64 KB"));
+        }
+        assert!(wrong(&[(pax, b"22 size=9999999999999\n")]).contains("larger than 8 GB"));
+        assert!(wrong(&[(pax, b"22 GNU.sparse.major=1\n")]).contains("sparse"));
+        assert!(wrong(&[(pax, b"nonsense")]).contains("extended header"));
+        let alone = samples(&extended(&[], gnu, b"0.json")).expect_err("a name of nothing");
+        assert!(alone.contains("ends after the name"), "{alone}");
+        assert!(samples(&extended(&[], EntryType::GNUSparse, b"0.json")).expect_err("sparse").contains("sparse"));
+        for name in ["../0.png", "a/../0.png", "/0.png", "..", "a/.."] {
+            let found = samples(&extended(&[], EntryType::Regular, name.as_bytes())).expect_err("outside");
+            assert!(found.contains(name) && (found.contains("leads out") || found.contains("KEY.LAYER")), "{found}");
+        }
     }
 }

@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use super::manifest::Manifest;
 use super::recorded::Recorded;
+use crate::files::spelling::is_hidden;
 use crate::job::config::Job;
 use crate::job::config::output::Container;
 use crate::job::label::Label;
@@ -199,10 +200,8 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
 /// A name of the user's in one line, whatever is in it; what cannot be seen but turns or hides text, by its number.
 fn one_line(name: &str) -> String {
     let shown = |letter: char| match letter {
-        '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}' => {
-            format!("U+{:04X}", u32::from(letter))
-        }
         letter if letter.is_control() || matches!(letter, '\u{2028}' | '\u{2029}') => String::from(" "),
+        letter if is_hidden(letter) => format!("U+{:04X}", u32::from(letter)),
         letter => String::from(letter),
     };
     name.chars().map(shown).collect()

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use super::imagefolder;
 use super::lock::Lock;
 use crate::files::fail_point::Step;
+use crate::files::write::absent_is_fine;
 use crate::job::layout::Split;
 
 /// Files that describe a whole dataset. They are there only while it is whole.
@@ -225,13 +226,6 @@ pub fn remove(path: &Path) -> io::Result<()> {
     match path.symlink_metadata() {
         Ok(meta) if meta.is_dir() => absent_is_fine(imagefolder::remove(path)),
         _ => absent_is_fine(fs::remove_file(path)),
-    }
-}
-
-fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
-    match result {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
     }
 }
 

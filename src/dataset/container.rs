@@ -2,7 +2,7 @@
 //! appended to, finished, put in place; measured, checked, read.
 
 use crate::files::fail_point::Step;
-use crate::files::input;
+use crate::files::input::{self, MOST_IMAGE_BYTES};
 use std::fs;
 use std::io::{self, Read};
 use std::ops::ControlFlow;
@@ -110,11 +110,11 @@ impl Container {
     pub fn read(
         self,
         path: &Path,
-        wanted: impl FnMut(Head<'_>) -> bool,
+        mut wanted: impl FnMut(Head<'_>) -> bool,
         visit: impl FnMut(Files) -> ControlFlow<()>,
     ) -> Result<(), String> {
         match self {
-            Self::Tar => archive::open(path, wanted, visit),
+            Self::Tar => archive::open(path, |head| wanted(head).then_some(MOST_IMAGE_BYTES), visit),
             Self::Folder => imagefolder::read(path, wanted, visit),
         }
     }

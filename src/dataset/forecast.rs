@@ -34,6 +34,8 @@ pub struct Forecast {
     pub probed: u64,
     /// Those among them that are not healthy.
     pub unhealthy: u64,
+    /// Those that show contact.
+    pub in_contact: u64,
     /// How much of their contacts the optics were not calibrated on.
     pub light: LightRange,
     /// Of each effect, in those samples.
@@ -68,6 +70,7 @@ pub struct Probed {
 /// One sample of the probe.
 struct Probe {
     healthy: bool,
+    in_contact: bool,
     light: LightRange,
     notes: PerEffect<crate::core::effects::Note>,
     effects: PerEffect<f64>,
@@ -87,6 +90,7 @@ impl Probe {
         std::hint::black_box(hash.finalize());
         Self {
             healthy: sample.label.health.healthy,
+            in_contact: sample.label.contact.in_contact,
             light: LightRange::from_label(&sample.label),
             notes: sample.label.effects,
             effects: sample.impression.effects.seconds,
@@ -151,6 +155,7 @@ pub fn forecast(
     Ok(Forecast {
         probed: probes.len() as u64,
         unhealthy: probes.iter().filter(|probe| !probe.healthy).count() as u64,
+        in_contact: probes.iter().filter(|probe| probe.in_contact).count() as u64,
         light,
         effects,
         seconds: seconds.scaled(1.0 / count),

@@ -74,6 +74,8 @@ pub struct Done {
     pub unhealthy: u64,
     /// Samples written whose contact was not solved to the tolerance.
     pub unconverged: u64,
+    /// Samples written that show contact.
+    pub in_contact: u64,
     /// How much of the written contacts the optics were not calibrated on.
     pub light: LightRange,
     /// Bytes of the written shards.
@@ -205,6 +207,7 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
                 done.rejected += stats.rejected;
                 done.unhealthy += stats.unhealthy;
                 done.unconverged += stats.unconverged;
+                done.in_contact += stats.in_contact;
                 done.light.add(&stats.light);
             }
             Err(GenerateError::Held(names)) => held.extend(names),

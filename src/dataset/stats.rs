@@ -37,6 +37,8 @@ pub struct Stats {
     pub unhealthy: u64,
     /// Samples in it whose contact was not solved to the tolerance.
     pub unconverged: u64,
+    /// Samples in it that show contact.
+    pub in_contact: u64,
     /// How much of the contacts the optics were not calibrated on.
     #[serde(default)]
     pub light: LightRange,
@@ -161,6 +163,7 @@ impl Stats {
             rejected: 0,
             unhealthy: 0,
             unconverged: 0,
+            in_contact: 0,
             light: LightRange::default(),
             bytes: 0,
             sha256: String::new(),
@@ -192,6 +195,7 @@ impl Stats {
             ("rejections", self.rejections.len() as u64, counted.rejected),
             ("unhealthy", self.unhealthy, counted.unhealthy),
             ("unconverged", self.unconverged, counted.unconverged),
+            ("in_contact", self.in_contact, counted.in_contact),
         ];
         if let Some((key, here, there)) = numbers.into_iter().find(|(_, here, there)| here != there) {
             return Some(format!("{key} is {here}, the labels have {there}"));
@@ -214,6 +218,7 @@ impl Stats {
         self.rejected += rejected.len() as u64;
         self.unhealthy += u64::from(!label.health.healthy);
         self.unconverged += u64::from(!label.numerics.converged);
+        self.in_contact += u64::from(label.contact.in_contact);
         self.light.add(&LightRange::from_label(label));
         *self.classes.entry(label.object.class.clone()).or_default() += 1;
         for effect in Effect::ALL {

@@ -5,6 +5,7 @@ use std::fmt;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 
 use crate::files::source::{Place, Source};
+use crate::files::spelling::visible;
 
 /// One mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,7 +21,7 @@ pub struct Diagnostic {
 impl Diagnostic {
     /// A mistake without a place yet.
     pub fn new(message: impl Into<String>) -> Self {
-        Self { message: shortened(message.into()), place: None, help: None }
+        Self { message: shortened(visible(&message.into()).into_owned()), place: None, help: None }
     }
 
     /// Says where.
@@ -31,7 +32,7 @@ impl Diagnostic {
 
     /// Says what would be right.
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(shortened(help.into()));
+        self.help = Some(shortened(visible(&help.into()).into_owned()));
         self
     }
 }
@@ -94,7 +95,8 @@ pub struct Report {
 impl Report {
     /// Takes over what was found.
     pub fn new(problems: &Diagnostics, sources: &[Source]) -> Self {
-        Self { problems: problems.sorted(), sources: sources.to_vec() }
+        let named = |source: &Source| Source { name: visible(&source.name).into_owned(), ..source.clone() };
+        Self { problems: problems.sorted(), sources: sources.iter().map(named).collect() }
     }
 
     /// A report of one mistake that has no text around it.

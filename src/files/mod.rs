@@ -13,6 +13,8 @@ pub mod exr;
 #[cfg(feature = "datasets")]
 pub mod fail_point;
 #[cfg(feature = "datasets")]
+pub mod figures;
+#[cfg(feature = "datasets")]
 pub mod hash;
 #[cfg(feature = "datasets")]
 pub mod heights;

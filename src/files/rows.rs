@@ -1,5 +1,6 @@
 //! Rows of a CSV file that a user wrote, each with the place where it stands.
 
+use std::iter;
 use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
@@ -13,6 +14,8 @@ pub struct Row<'a> {
     pub text: &'a str,
     /// Its first byte.
     pub start: usize,
+    /// The byte behind its last, without its line end.
+    pub end: usize,
     /// Its line, from 1.
     pub line: u64,
     /// Its cells as they were written, without their quotes.
@@ -33,15 +36,20 @@ impl Row<'_> {
 
 /// The records of a text without empty lines.
 pub fn rows(text: &str) -> impl Iterator<Item = Row<'_>> {
-    let reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
+    let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
     let (mut line, mut counted) = (1, 0);
-    // Nothing can fail: the text is in memory and UTF-8.
-    reader.into_records().map_while(Result::ok).map(move |cells| {
-        let found = cells.position().map_or(0, |position| position.byte() as usize);
-        let start = found + text[found..].bytes().take_while(|byte| *byte == b'\n').count();
+    iter::from_fn(move || {
+        let mut cells = StringRecord::new();
+        // Nothing can fail: the text is in memory and UTF-8.
+        if !reader.read_record(&mut cells).ok()? {
+            return None;
+        }
+        let from = cells.position().map_or(0, |position| position.byte() as usize);
+        let start = from + text[from..].bytes().take_while(|byte| *byte == b'\n').count();
+        let end = start + text[start..reader.position().byte() as usize].trim_end_matches('\n').len();
         line += text[counted..start].bytes().filter(|byte| *byte == b'\n').count() as u64;
         counted = start;
-        Row { text, start, line, cells }
+        Some(Row { text, start, end, line, cells })
     })
 }
 

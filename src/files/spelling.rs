@@ -1,5 +1,7 @@
 //! Names in messages: what somebody may have meant, and what there is to choose from.
 
+use std::borrow::Cow;
+
 /// Longer than every name there is, slips included, bytes.
 const LONGEST_NAME: usize = 200;
 
@@ -10,10 +12,33 @@ pub fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> O
     }
     known
         .into_iter()
+        .filter(|name| name.len() <= LONGEST_NAME)
         .map(|name| (strsim::damerau_levenshtein(written, name), name))
         .filter(|(distance, name)| *distance <= 1 + name.len().max(written.len()) / 3)
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, name)| name)
+}
+
+/// True of a character that speaks to a terminal, or is not seen but turns or hides what stands around it.
+pub fn is_hidden(c: char) -> bool {
+    let turns = matches!(c, '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}');
+    turns || c.is_control()
+}
+
+/// The text with its hidden characters shown as JSON writes them; lines and tabs stay.
+pub fn visible(text: &str) -> Cow<'_, str> {
+    let hidden = |c: char| is_hidden(c) && c != '\n' && c != '\t';
+    if !text.contains(hidden) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            c if hidden(c) => shown += &format!("\\u{:04x}", u32::from(c)),
+            c => shown.push(c),
+        }
+    }
+    Cow::Owned(shown)
 }
 
 /// `a`, `b` or `c`.
@@ -23,5 +48,17 @@ pub fn one_of(names: &[&str]) -> String {
         None => String::from("nothing"),
         Some((only, [])) => only.clone(),
         Some((last, rest)) => format!("{} or {last}", rest.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_would_speak_to_a_terminal_is_shown() {
+        let text = "a\u{1b}[31m \u{202e}gnp.exe\u{7f}\u{9b}\r\n\tb";
+        assert_eq!(visible(text), "a\\u001b[31m \\u202egnp.exe\\u007f\\u009b\\u000d\n\tb");
+        assert!(matches!(visible("Grüße, 触覚\n"), Cow::Borrowed(_)));
     }
 }

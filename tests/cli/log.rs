@@ -58,7 +58,7 @@ fn the_last_line_has_samples_rejected_seconds_speed_and_bytes() {
     let folder = Folder::with_job(JOB);
     let said = folder.succeed("generate job.toml --out out");
     let last = said.lines().last().expect("a line");
-    assert!(last.starts_with("8 samples in 4 shards, 0 rejected, "), "{last}");
+    assert!(last.starts_with("8 samples in 4 shards, 7 of 8 in contact, 0 rejected, "), "{last}");
     for part in [" KiB, ", " s (", " samples/s) -> out"] {
         assert!(last.contains(part), "{part}: {last}");
     }

@@ -321,9 +321,10 @@ fn no_byte_of_what_describes_a_dataset_can_be_changed_unnoticed() {
 fn what_stats_count_is_what_labels_say() {
     let folder = all_layers();
     type Edit = fn(&mut Value);
-    let edits: [(&str, Edit); 6] = [
+    let edits: [(&str, Edit); 7] = [
         ("unhealthy is 1, the labels have 0", |stats| stats["unhealthy"] = 1.into()),
         ("unconverged is 2, the labels have 0", |stats| stats["unconverged"] = 2.into()),
+        ("in_contact is 5, the labels have 2", |stats| stats["in_contact"] = 5.into()),
         ("rejected is 3, the labels have 0", |stats| stats["rejected"] = 3.into()),
         ("classes are ", |stats| stats["classes"] = serde_json::json!({ "unheard_of": 2 })),
         ("light is ", |stats| stats["light"]["outside_mm2"] = 0.5.into()),

@@ -6,11 +6,13 @@
 
 #![cfg(unix)]
 
+mod augmented;
 mod changed;
 mod environment;
 mod full_disk;
 mod holders;
 mod kills;
+mod left_behind;
 mod limits;
 mod links;
 mod names;

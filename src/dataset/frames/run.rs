@@ -3,6 +3,7 @@
 //! A frame's files are written under other names and renamed. What an earlier run wrote of the same frames is replaced,
 //! layers that this one does not write included; files that only have such names, without a label, stay.
 
+use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,7 @@ use crate::dataset::archive::Member;
 use crate::dataset::encode::members;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use crate::files::input;
-use crate::files::write::{sync_all_in, write_one_of_many};
+use crate::files::write::{absent_is_fine, sweep, sync_all_in, write_one_of_many};
 use crate::job::config::output::OnUnhealthy;
 use crate::job::label::Label;
 use crate::job::layers::{DepthFormat, OutputLayer};
@@ -103,6 +104,13 @@ pub fn run(plan: &Plan, request: &Request) -> Result<(), RenderError> {
     let out = request.out;
     let failed = |error| RenderError::Io(out.to_owned(), error);
     fs::create_dir_all(out).map_err(failed)?;
+    let stems: HashSet<&str> = request.sources.iter().map(|source| source.stem.as_str()).collect();
+    let suffixes = suffixes(plan);
+    let is_ours = |name: &str| {
+        let stem = |suffix: &String| name.strip_suffix(suffix.as_str())?.strip_suffix('.');
+        suffixes.iter().filter_map(stem).any(|stem| stems.contains(stem))
+    };
+    sweep(out, is_ours).map_err(failed)?;
     let one = |(index, source): (usize, &Source)| {
         let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
         let heights = heights(plan, &request.camera, &source.path).map_err(changed)?;
@@ -159,10 +167,7 @@ fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), RenderEr
         if is_same_file(&path, &source.path) {
             continue;
         }
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(RenderError::Io(path, error)),
-            _ => {}
-        }
+        absent_is_fine(fs::remove_file(&path)).map_err(|error| RenderError::Io(path, error))?;
     }
     for member in members {
         let path = path(&member.suffix);

@@ -44,6 +44,9 @@ pub enum Unit {
 }
 
 impl Unit {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Mm, Self::Cm, Self::M, Self::In];
+
     /// As it is written in jobs.
     pub fn name(self) -> &'static str {
         match self {
@@ -63,4 +66,30 @@ impl Unit {
             Self::In => 25.4,
         }
     }
+    /// The unit that a mesh's coordinates look like, where it is another than they were taken for, and the length of the
+    /// mesh in it: `largest_mm` is the one under this unit, to be seen by a sensor with this field of view.
+    pub fn likely(self, largest_mm: f64, field_of_view_mm: [f64; 2]) -> Option<(Self, f64)> {
+        if is_plausible(largest_mm, field_of_view_mm) {
+            return None;
+        }
+        // Metres are what a file is most often in if not in millimetres.
+        let order = [Self::Mm, Self::M, Self::In, Self::Cm];
+        let read = order.map(|unit| (unit, largest_mm / self.mm() * unit.mm()));
+        read.into_iter().find(|(_, mm)| is_plausible(*mm, field_of_view_mm))
+    }
+
+    /// The same in words, behind a length.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::Mm => "millimetres",
+            Self::Cm => "centimetres",
+            Self::M => "metres",
+            Self::In => "inches",
+        }
+    }
+}
+
+/// True if a mesh of this length is one that a sensor with this field of view would be pressed with.
+pub fn is_plausible(largest_mm: f64, [width, height]: [f64; 2]) -> bool {
+    (width.min(height) / 10.0..=width.max(height) * 20.0).contains(&largest_mm)
 }

@@ -10,11 +10,13 @@ use rayon::prelude::*;
 use super::check::Check;
 use super::draw::{Draw, Weighted};
 use crate::core::base::rng::stream;
+use crate::core::mesh::Mesh;
 use crate::core::mesh::clusters::Clusters;
+use crate::files::figures::figure;
 use crate::files::mesh;
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
-use crate::job::config::object::Object as Entry;
+use crate::job::config::object::{Object as Entry, Unit};
 use crate::job::layout::Split;
 
 /// An object ready to be pressed.
@@ -93,6 +95,9 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         if let Some(warning) = loaded.cleaned.warning() {
             notes.push(format!("{}: {warning}", path.display()));
         }
+        if let Some(note) = odd_unit(path, entry.unit, &loaded.mesh, job.sensor.field_of_view_mm) {
+            notes.push(note);
+        }
         if let Some(expected) = &entry.sha256
             && *expected != loaded.sha256
         {
@@ -117,6 +122,22 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
     }
     job.object = entries;
     Found { objects, unread }
+}
+
+/// What to say of a mesh whose coordinates are probably in another unit than the job says.
+fn odd_unit(path: &Path, unit: Unit, mesh: &Mesh, field_of_view_mm: [f64; 2]) -> Option<String> {
+    // The bounding box is centred on zero.
+    let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
+    let largest_mm = 2.0 * f64::from(half);
+    let (likely, _) = unit.likely(largest_mm, field_of_view_mm)?;
+    let [width, height] = field_of_view_mm;
+    let measured = format!("{} is {} mm long under unit = \"{}\"", path.display(), figure(largest_mm), unit.name());
+    Some(format!(
+        "{measured}, against a view of {width} x {height} mm; its values look like {}: if they are, write unit = \"{}\" \
+         under its [[object]]",
+        likely.in_words(),
+        likely.name()
+    ))
 }
 
 /// Unique names of objects from the stems of their files: with a number where several share one.

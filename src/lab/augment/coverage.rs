@@ -103,7 +103,7 @@ impl Cells {
             [("tilt", self.tilt, "degrees"), ("y", y, "mm"), ("x", x, "mm"), ("depth", self.depth, "mm")]
         {
             if let Some(bins) = bins {
-                let [from, to] = bins.ends(cell % bins.count).map(crate::lab::inspect::figures::figure);
+                let [from, to] = bins.ends(cell % bins.count).map(crate::files::figures::figure);
                 parts.push(format!("{what} {from} to {to} {unit}"));
                 cell /= bins.count;
             }

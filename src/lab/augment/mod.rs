@@ -28,6 +28,7 @@ pub mod split;
 pub mod synthetic_mix;
 pub mod trace;
 
+use input::most_bytes;
 use make::{Maker, Raw};
 use output::labels::Labels;
 use output::place::{Place, SUMMARY};
@@ -168,7 +169,7 @@ impl Run<'_> {
                 }
             }
         };
-        archive::open(&path, |_| true, visit)
+        archive::open(&path, |head| Some(most_bytes(head.suffix, &set.label)), visit)
             .map_err(|reason| AugmentError::Sample(format!("{}: {reason}", path.display())))?;
         match stopped {
             Some(stopped) => Err(stopped),

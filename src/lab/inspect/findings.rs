@@ -2,12 +2,11 @@
 
 use serde::Serialize;
 
-use super::figures::{counted, figure};
 use super::sides::{MOST_ROWS, Side};
 use super::{LARGEST_MM, MeshFacts, SensorPad};
 use crate::core::pose::Anchor;
+use crate::files::figures::{counted, figure};
 use crate::files::mesh::MeshFileError;
-use crate::job::config::object::Unit;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -118,7 +117,7 @@ pub fn find(facts: &MeshFacts, pad: &SensorPad) -> Vec<Finding> {
     found.extend(cleaning(facts));
     found.extend(slow(facts));
     // In the wrong unit, sides tell nothing.
-    if facts.likely().is_none() {
+    if facts.unit.likely(facts.largest_mm(), pad.field_of_view_mm).is_none() {
         found.extend(captured(&facts.sides, pad));
     }
     found.extend(shape(facts, pad));
@@ -130,18 +129,15 @@ fn size(facts: &MeshFacts, pad: &SensorPad) -> Option<Finding> {
     let largest_mm = facts.largest_mm();
     let [width, height] = pad.field_of_view_mm;
     let measured = format!("{} mm long under unit = \"{}\"", figure(largest_mm), facts.unit.name());
-    let likely = facts.likely();
+    let likely = facts.unit.likely(largest_mm, pad.field_of_view_mm);
     let help = match likely {
-        Some(reading) => format!(
-            "if they are, write unit = \"{}\" under [[object]] (here: --unit {})",
-            reading.unit.name(),
-            reading.unit.name()
-        ),
+        Some((unit, _)) => {
+            format!("if they are, write unit = \"{}\" under [[object]] (here: --unit {})", unit.name(), unit.name())
+        }
         None => String::from("scale it in the program it comes from"),
     };
-    let looks = likely.map_or(String::new(), |reading| {
-        format!("; its values look like {} ({} mm)", in_words(reading.unit), figure(reading.largest_mm))
-    });
+    let looks = likely
+        .map_or(String::new(), |(unit, mm)| format!("; its values look like {} ({} mm)", unit.in_words(), figure(mm)));
     if largest_mm > LARGEST_MM {
         let message = format!("{measured}, more than the {LARGEST_MM} mm that positions can span{looks}");
         return Some(Finding::new(Severity::Error, Kind::TooLarge, message, help));
@@ -161,15 +157,6 @@ fn size(facts: &MeshFacts, pad: &SensorPad) -> Option<Finding> {
             "if that is its size, nothing is wrong: `anchor`, `x_mm` and `y_mm` of [pose] choose the part to press";
         Finding::new(Severity::Note, Kind::Large, message, help)
     })
-}
-
-fn in_words(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Mm => "millimetres",
-        Unit::Cm => "centimetres",
-        Unit::M => "metres",
-        Unit::In => "inches",
-    }
 }
 
 /// What cleaning dropped, and what was rounded before.

@@ -15,10 +15,9 @@ use crate::core::mesh::clusters::Clusters;
 use crate::files::mesh;
 use crate::files::mesh::{Given, Loaded};
 use crate::files::sensor::{PRESETS, Sensor};
-use crate::job::config::object::Unit;
+use crate::job::config::object::{Unit, is_plausible};
 use crate::lab::inspect::surface::{Surface, survey};
 
-pub mod figures;
 pub mod findings;
 pub mod sides;
 pub mod surface;
@@ -140,11 +139,6 @@ impl SensorPad {
     fn camera(&self, by: usize) -> View {
         View { resolution_px: self.resolution_px.map(|px| px * by), mm_per_px: self.mm_per_px.map(|mm| mm / by as f64) }
     }
-
-    fn is_plausible(&self, largest_mm: f64) -> bool {
-        let [width, height] = self.field_of_view_mm;
-        (width.min(height) / 10.0..=width.max(height) * 20.0).contains(&largest_mm)
-    }
 }
 
 impl MeshFacts {
@@ -154,9 +148,9 @@ impl MeshFacts {
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
         let size_mm = [0, 1, 2].map(|k| 2.0 * f64::from(half(k)));
         let largest_mm = size_mm.into_iter().fold(0.0, f64::max);
-        let readings = [Unit::Mm, Unit::Cm, Unit::M, Unit::In].map(|other| {
+        let readings = Unit::ALL.map(|other| {
             let largest_mm = largest_mm / unit.mm() * other.mm();
-            Reading { unit: other, largest_mm, plausible: pad.is_plausible(largest_mm) }
+            Reading { unit: other, largest_mm, plausible: is_plausible(largest_mm, pad.field_of_view_mm) }
         });
         let rows_per_capture = sides::rows(&mesh, pad);
         let is_captured = (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm) && rows_per_capture <= sides::MOST_ROWS;
@@ -179,17 +173,6 @@ impl MeshFacts {
     /// The largest extent, mm.
     pub fn largest_mm(&self) -> f64 {
         self.size_mm.into_iter().fold(0.0, f64::max)
-    }
-
-    /// The unit that the coordinates look like, where it is another than they were taken for.
-    pub fn likely(&self) -> Option<Reading> {
-        if self.readings.iter().any(|reading| reading.unit == self.unit && reading.plausible) {
-            return None;
-        }
-        // Metres are what a file is most often in if not in millimetres.
-        let order = [Unit::Mm, Unit::M, Unit::In, Unit::Cm];
-        let read = |unit| self.readings.iter().find(|reading| reading.unit == unit && reading.plausible);
-        order.into_iter().find_map(read).copied()
     }
 }
 

@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
-use super::figures::{counted, figure, percent};
 use super::findings::{Finding, Severity};
 use super::{Inspection, MeshFacts, SensorPad};
 use crate::core::pose::Anchor;
+use crate::files::figures::{counted, figure, percent};
 
 /// What the meshes are held against, with an empty line at its end.
 pub fn heading(pad: &SensorPad) -> String {

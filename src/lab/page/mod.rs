@@ -3,6 +3,8 @@
 
 use std::fmt::Write;
 
+use crate::files::spelling::{is_hidden, visible};
+
 pub mod bars;
 pub(crate) mod ink;
 pub mod plot;
@@ -95,6 +97,7 @@ pub fn escaped_lines(text: &str) -> String {
             '&' => out += "&amp;",
             '"' => out += "&quot;",
             '\n' => out.push('\n'),
+            c if is_hidden(c) && !c.is_control() => out += &visible(c.encode_utf8(&mut [0; 4])),
             c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => out.push(' '),
             c => out.push(c),
         }

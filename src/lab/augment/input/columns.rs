@@ -1,5 +1,8 @@
 //! What the columns of a real dataset's labels mean, and what a label says of its sample.
 
+use std::collections::HashMap;
+
+use csv::StringRecord;
 use serde_json::{Map, Value};
 
 use crate::files::spelling::nearest;
@@ -157,10 +160,35 @@ fn nested(value: &Value) -> bool {
     value.is_object() || value.is_array()
 }
 
+/// Names of a table's columns, found by name however many they are.
+pub struct Header {
+    /// The names, in their order.
+    pub names: Vec<String>,
+    numbers: HashMap<String, usize>,
+}
+
+impl Header {
+    /// Of names in their order; the number of one that is there twice is another error.
+    pub fn new(names: Vec<String>) -> Result<Self, usize> {
+        let mut numbers = HashMap::with_capacity(names.len());
+        for (number, name) in names.iter().enumerate() {
+            if numbers.insert(name.clone(), number).is_some() {
+                return Err(number);
+            }
+        }
+        Ok(Self { names, numbers })
+    }
+
+    /// The number of a column.
+    pub fn number(&self, name: &str) -> Option<usize> {
+        self.numbers.get(name).copied()
+    }
+}
+
 /// A label, whatever form it has.
 pub enum SourceLabel<'a> {
     /// Cells under names.
-    Cells(&'a [String], Vec<&'a str>),
+    Cells(&'a Header, &'a StringRecord),
     /// JSON.
     Json(&'a Map<String, Value>),
 }
@@ -169,7 +197,7 @@ impl SourceLabel<'_> {
     /// Names of its columns.
     pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
         match self {
-            Self::Cells(names, _) => Box::new(names.iter().map(String::as_str)),
+            Self::Cells(header, _) => Box::new(header.names.iter().map(String::as_str)),
             Self::Json(map) => Box::new(map.keys().map(String::as_str)),
         }
     }
@@ -177,7 +205,7 @@ impl SourceLabel<'_> {
     /// True if it has a column.
     pub fn has(&self, column: &str) -> bool {
         match self {
-            Self::Cells(names, _) => names.iter().any(|name| name == column),
+            Self::Cells(header, _) => header.number(column).is_some(),
             Self::Json(map) => lookup(map, column).is_some(),
         }
     }
@@ -190,8 +218,8 @@ impl SourceLabel<'_> {
     /// The value of a column, if there is one.
     pub fn value(&self, column: &str) -> Option<Value> {
         match self {
-            Self::Cells(names, cells) => {
-                let cell = *cells.get(names.iter().position(|name| name == column)?)?;
+            Self::Cells(header, cells) => {
+                let cell = cells.get(header.number(column)?)?;
                 (!cell.trim().is_empty()).then(|| Value::from(cell.trim()))
             }
             Self::Json(map) => lookup(map, column).filter(|value| !value.is_null()).cloned(),

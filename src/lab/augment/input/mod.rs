@@ -22,6 +22,16 @@ mod tars;
 
 use columns::{ColumnMap, LabelFacts};
 
+/// Largest file of a sample in a tar, bytes.
+pub const MOST_MEMBER_BYTES: u64 = 256 << 20;
+/// Largest label, as a file in a tar or a row of a table; largest header of a table.
+pub const MOST_LABEL_BYTES: u64 = 1 << 20;
+
+/// The most bytes that a file of a sample in a tar may have whose name ends in `suffix`.
+pub fn most_bytes(suffix: &str, label: &str) -> u64 {
+    if suffix == label { MOST_LABEL_BYTES } else { MOST_MEMBER_BYTES }
+}
+
 /// A real dataset that was read.
 pub struct Set {
     /// Its folder.
@@ -129,7 +139,8 @@ impl Set {
             return crate::files::input::read(&path, MOST_IMAGE_BYTES).map_err(|error| error.to_string());
         }
         let mut found = None;
-        let wanted = |head: Head<'_>| head.key == real.image && head.suffix == self.image;
+        let wanted =
+            |head: Head<'_>| (head.key == real.image && head.suffix == self.image).then_some(MOST_MEMBER_BYTES);
         archive::open(&unit, wanted, |files| match files.key == real.image {
             true => {
                 found = files.members.into_iter().next().map(|(_, bytes)| bytes);

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
+use csv::StringRecord;
 use rayon::prelude::*;
 use serde_json::{Map, Value};
 
-use super::columns::{ColumnMap, LabelFacts, SourceLabel};
-use super::{Draft, Form, Real, png};
+use super::columns::{ColumnMap, Header, LabelFacts, SourceLabel};
+use super::{Draft, Form, MOST_LABEL_BYTES, Real, png};
 use crate::files::diagnostic::Diagnostic;
 use crate::files::input;
 use crate::files::rows;
@@ -136,19 +137,28 @@ fn columns(check: &mut Check<'_>, draft: &mut Draft<'_>, label: &SourceLabel<'_>
     draft.columns.get_or_insert_with(|| ColumnMap::find(check, written, label)).clone()
 }
 
+/// A mistake if the row of a table from `start` to `end` is longer than any label is.
+fn too_long(unit: usize, text: &str, start: usize, end: usize) -> Option<Diagnostic> {
+    let bytes = end - start;
+    (bytes as u64 > MOST_LABEL_BYTES).then(|| {
+        let problem = Diagnostic::new(format!("the row has {bytes} bytes, more than 1 MB"));
+        problem.at(place(unit, text, start)).help("look for a quote that nothing closes, or leave columns out")
+    })
+}
+
 fn csv(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &str) -> Option<Vec<Row>> {
     let mut records = rows::rows(text);
     let Some(header) = records.next() else {
         draft.found.push(Diagnostic::new(format!("{}: the table is empty", draft.units[unit].file.display())));
         return None;
     };
-    let names: Vec<String> = header.cells.iter().map(|name| name.trim().to_owned()).collect();
     let at_source =
         |problem: Diagnostic| Diagnostic { place: problem.place.map(|p| Place { source: unit, ..p }), ..problem };
-    if let Some(twice) = (1..names.len()).find(|&k| names[..k].contains(&names[k])) {
-        let problem = header.wrong(twice, format!("the column `{}` is there twice", names[twice]));
-        draft.found.push(at_source(problem).help("rename one"));
+    if let Some(problem) = too_long(unit, text, header.start, header.end) {
+        draft.found.push(problem);
+        return None;
     }
+    let names: Vec<String> = header.cells.iter().map(|name| name.trim().to_owned()).collect();
     if let [only] = names.as_slice()
         && let Some(mark) = [(";", "semicolons"), ("\t", "tabs")].into_iter().find(|(mark, _)| only.contains(mark))
     {
@@ -156,40 +166,46 @@ fn csv(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &str) ->
         draft.found.push(at_source(problem).help("separate them by commas, and write 1.5 with a point"));
         return None;
     }
-    let label = SourceLabel::Cells(&names, Vec::new());
+    let header = match Header::new(names) {
+        Ok(known) => known,
+        Err(twice) => {
+            let problem = header.wrong(twice, format!("the column `{}` is there twice", header.cell(twice)));
+            draft.found.push(at_source(problem).help("rename one"));
+            return None;
+        }
+    };
+    let nothing = StringRecord::new();
+    let label = SourceLabel::Cells(&header, &nothing);
     let (image, columns) = (image_column(check, draft, unit, &label), columns(check, draft, &label));
-    let image = names.iter().position(|name| Some(name) == image.as_ref())?;
+    let image = header.number(&image?)?;
     let mut rows = Vec::new();
-    let mut starts = Vec::new();
     for record in records {
         if draft.found.is_full() {
             break;
         }
-        starts.push(record.start);
-        if record.cells.len() != names.len() {
-            let message = format!("the row has {} cells, and there are {} columns", record.cells.len(), names.len());
+        if let Some(problem) = too_long(unit, text, record.start, record.end) {
+            draft.found.push(problem);
+            continue;
+        }
+        if record.cells.len() != header.names.len() {
+            let (cells, names) = (record.cells.len(), header.names.len());
+            let message = format!("the row has {cells} cells, and there are {names} columns");
             let help = "write a comma for each empty cell, and a cell with a comma in quotes";
             draft.found.push(Diagnostic::new(message).at(place(unit, text, record.start)).help(help));
             continue;
         }
-        let label = SourceLabel::Cells(&names, record.cells.iter().collect());
+        let label = SourceLabel::Cells(&header, &record.cells);
         let (facts, split) = LabelFacts::read(&columns, &label, |column, message| {
-            let problem = match names.iter().position(|name| name == column) {
+            let problem = match header.number(column) {
                 Some(index) => at_source(record.wrong(index, message)),
                 None => Diagnostic::new(message).at(place(unit, text, record.start)),
             };
             draft.found.push(problem.help("write a number without its unit, or leave the cell empty"));
         });
         let image = record.cell(image).to_owned();
-        rows.push(Row { start: record.start, end: 0, line: record.line, image, facts, split });
+        rows.push(Row { start: record.start, end: record.end, line: record.line, image, facts, split });
     }
-    // A record ends where the next begins.
-    for row in &mut rows {
-        let next = starts.partition_point(|start| *start <= row.start);
-        let end = starts.get(next).copied().unwrap_or(text.len());
-        row.end = row.start + text[row.start..end].trim_end_matches('\n').len();
-    }
-    draft.units[unit].form = Form::Csv(names);
+    draft.units[unit].form = Form::Csv(header.names);
     Some(rows)
 }
 
@@ -203,6 +219,10 @@ fn json_lines(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &
         }
         if draft.found.is_full() {
             break;
+        }
+        if let Some(problem) = too_long(unit, text, from, end) {
+            draft.found.push(problem);
+            continue;
         }
         let map: Map<String, Value> = match serde_json::from_str(line) {
             Ok(map) => map,

@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 use serde_json::{Map, Value};
 
 use super::columns::{ColumnMap, LabelFacts, SourceLabel};
-use super::{Draft, Real, png};
+use super::{Draft, Real, most_bytes, png};
 use crate::dataset::archive::{self, Files, Head};
 use crate::files::diagnostic::Diagnostic;
 use crate::files::spelling::one_of;
@@ -33,7 +33,7 @@ pub(super) fn read(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize) ->
         &path,
         |head| {
             suffixes.borrow_mut().push(head.suffix.to_owned());
-            wanted(head)
+            wanted(head).then(|| most_bytes(head.suffix, &label))
         },
         |files| {
             sample(check, draft, unit, &files, suffixes.take(), &mut keys);

@@ -10,12 +10,15 @@ use crate::dataset::lock::Lock;
 use crate::dataset::refused::Refused;
 use crate::files::diagnostic::user_error;
 use crate::files::input;
-use crate::files::write::sync_all_in;
+use crate::files::write::{absent_is_fine, create_anew, put_folder, sync_all_in, sync_folder};
 
 /// Name of the description of an output.
 pub const SUMMARY: &str = "augment.json";
 /// Name of the list of its files, as `sha256sum` writes it.
 pub const FILES: &str = "files.sha256";
+
+/// An empty file in a folder that a run began: it is the run's to remove.
+const MARKER: &str = ".gelsim-augment";
 
 /// Files that say what an output is.
 pub const DESCRIPTIONS: [&str; 4] = ["README.md", SUMMARY, REPORT, FILES];
@@ -73,22 +76,35 @@ impl Place {
                 return refused(format!("{} is being written by {holder}", root.display()), "wait until it is done");
             }
         };
-        // Of a run that was killed.
-        let cleared = absent_is_fine(fs::remove_dir_all(&partial)).and_then(|()| fs::create_dir(&partial));
-        cleared.map_err(|error| Refused::Io(partial.clone(), error))?;
+        if let Some(stranger) = not_ours(&partial).map_err(|error| Refused::Io(partial.clone(), error))? {
+            let message = format!("{} is where the output is written, and gelsim did not make it", stranger.display());
+            return refused(message, "move it away, or choose another folder with --out");
+        }
+        let made = remove(&partial).and_then(|()| {
+            fs::create_dir(&partial)?;
+            create_anew(&partial.join(MARKER)).map(drop)
+        });
+        made.map_err(|error| Refused::Io(partial.clone(), error))?;
         Ok(Self { root: root.to_owned(), partial, finished: false, _lock: lock })
     }
 
-    /// Gives the folder its name, in place of what is there.
+    /// Gives the folder its name, in place of what is there: at every instant one of the two has it. What gelsim made of
+    /// the other goes.
     pub fn finish(mut self) -> io::Result<()> {
         sync_all_in(&fs::File::open(&self.partial)?)?;
-        let name = self.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let aside = self.root.with_file_name(format!(".{name}.replaced.partial"));
-        absent_is_fine(fs::remove_dir_all(&aside))?;
-        absent_is_fine(fs::rename(&self.root, &aside))?;
-        fs::rename(&self.partial, &self.root)?;
+        put_folder(&self.partial, &self.root)?;
         self.finished = true;
-        absent_is_fine(fs::remove_dir_all(&aside))
+        sync_folder(&self.root)?;
+        if !self.partial.exists() {
+            return fs::remove_file(self.root.join(MARKER));
+        }
+        if let Some(stranger) = strangers(&self.partial) {
+            let what = format!("{} was put into the old output meanwhile, and is kept there", stranger.display());
+            return Err(io::Error::new(io::ErrorKind::DirectoryNotEmpty, what));
+        }
+        // What is killed from here on leaves a folder that says what it is.
+        fs::rename(self.root.join(MARKER), self.partial.join(MARKER))?;
+        remove(&self.partial)
     }
 }
 
@@ -96,9 +112,40 @@ impl Drop for Place {
     fn drop(&mut self) {
         if !self.finished {
             // What is left behind would only be removed by the next run.
-            let _ = fs::remove_dir_all(&self.partial);
+            let _ = remove(&self.partial);
         }
     }
+}
+
+/// What keeps a folder under the name of one that is being written from being taken: something in it that no run made.
+/// One that a run began holds [`MARKER`], and is empty before and after.
+fn not_ours(partial: &Path) -> io::Result<Option<PathBuf>> {
+    match partial.symlink_metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error),
+        Ok(there) if !there.is_dir() => return Ok(Some(partial.to_owned())),
+        _ if partial.join(MARKER).symlink_metadata().is_ok_and(|marker| marker.is_file()) => return Ok(None),
+        _ => {}
+    }
+    fs::read_dir(partial)?.next().map(|first| first.map(|first| first.path())).transpose()
+}
+
+/// Removes a folder that is being written, or was, if it is there: [`MARKER`] last.
+fn remove(partial: &Path) -> io::Result<()> {
+    let entries = match fs::read_dir(partial) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries?,
+    };
+    for entry in entries {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            fs::remove_dir_all(entry.path())?;
+        } else if entry.file_name() != MARKER {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    absent_is_fine(fs::remove_file(partial.join(MARKER)))?;
+    fs::remove_dir(partial)
 }
 
 /// A path without links in it, of which the last parts need not be there.
@@ -112,20 +159,13 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
-fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
-    match result {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
-    }
-}
-
 /// The first file in an output that is not in its list.
 fn strangers(root: &Path) -> Option<PathBuf> {
     let list = input::read_inside(&root.join(FILES), input::MOST_IMAGE_BYTES).unwrap_or_default();
     let list = String::from_utf8_lossy(&list);
     let mut ours: HashSet<PathBuf> =
         list.lines().filter_map(|line| Some(root.join(line.split_once("  ")?.1))).collect();
-    ours.insert(root.join(FILES));
+    ours.extend([FILES, MARKER].map(|name| root.join(name)));
     let mut folders = vec![root.to_owned()];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).ok()?.filter_map(Result::ok) {

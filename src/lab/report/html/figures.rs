@@ -5,8 +5,8 @@ use std::fmt::Write;
 use crate::lab::numbers::HumanCount;
 
 use super::{SPLITS, keyed, total};
+use crate::files::figures::figure;
 use crate::job::layout::Split;
-use crate::lab::inspect::figures::figure;
 use crate::lab::page::{self, bars, escaped};
 use crate::lab::report::MOST_IMAGES;
 use crate::lab::report::gather::Gathered;

@@ -11,9 +11,9 @@ use crate::lab::numbers::{HumanBytes, HumanCount};
 use super::gather::Gathered;
 use super::histogram::PerSplit;
 use super::{Dataset, Missing};
+use crate::files::figures::{counted, figure, percent};
 use crate::files::png::encode_small;
 use crate::job::layout::Split;
-use crate::lab::inspect::figures::{counted, figure, percent};
 use crate::lab::page::ink::Colour;
 use crate::lab::page::{self, escaped, escaped_lines};
 

@@ -15,7 +15,7 @@ use placement::{Area, Obstacles};
 
 use super::{ObjectRows, Row, Tradeoff};
 use crate::core::fidelity::Fidelity;
-use crate::lab::inspect::figures::figure;
+use crate::files::figures::figure;
 use crate::lab::page::ink::{Align, Colour, Page, Point, Shape, Type, fitted, width};
 
 const SIZE: [f64; 2] = [1120.0, 750.0];

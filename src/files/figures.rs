@@ -1,4 +1,4 @@
-//! Numbers as an inspection writes them: counts with their nouns, measures with three significant digits.
+//! Numbers as messages and pages write them: counts with their nouns, measures with three significant digits.
 
 /// `1 hole`, `2 holes`.
 pub fn counted(count: usize, one: &str, many: &str) -> String {
