@@ -61,8 +61,13 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
     let _alone = Lock::wait(&lock).map_err(failed(lock.clone()))?;
     // Another process may have raised the number of samples since.
     let samples = recorded.layout.samples();
-    if folder::recorded_samples(&recorded.root) != Some(samples) {
-        return Ok(Finalized::Wanting(vec![Finding::new("job.toml", format!("no longer says {samples} samples"))]));
+    let what = match folder::recorded_samples(&recorded.root) {
+        Some(there) if there == samples => None,
+        Some(_) => Some(format!("no longer says {samples} samples")),
+        None => Some(String::from("cannot be read, or is not what was written")),
+    };
+    if let Some(what) = what {
+        return Ok(Finalized::Wanting(vec![Finding::new("job.toml", what)]));
     }
     cleanup::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
     Step::DatasetSwept.reached(&recorded.root);

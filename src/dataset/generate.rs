@@ -7,6 +7,7 @@
 
 use crate::files::fail_point::Step;
 use std::any::Any;
+use std::collections::HashSet;
 use std::io;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -24,7 +25,7 @@ use crate::dataset::archive::Member;
 use crate::dataset::cleanup;
 use crate::dataset::encode::members;
 use crate::dataset::finalize::{Finalized, finalize};
-use crate::dataset::folder::{prepare, still_ours};
+use crate::dataset::folder::{prepare, recorded_samples, still_ours};
 use crate::dataset::lock::Lock;
 use crate::dataset::manifest::Manifest;
 use crate::dataset::paths::Paths;
@@ -165,7 +166,7 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
         if stop { Err(GenerateError::Interrupted) } else { Ok((shard, there(plan, root, &shard)?)) }
     };
     let found: Vec<(Shard, ShardState)> =
-        pool.install(|| wanted.into_par_iter().map(there).collect::<Result<_, _>>())?;
+        pool.install(|| wanted.clone().into_par_iter().map(there).collect::<Result<_, _>>())?;
     for (shard, there) in found {
         match there {
             ShardState::Whole(_) => done.skipped += 1,
@@ -222,14 +223,27 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
     // Also after a shard was held: who finishes last describes the dataset, whoever that is.
     let finalized = finalize(&Recorded::new(root, plan.job().clone()), CheckLevel::Sizes)?;
     done.complete = matches!(finalized, Finalized::Whole { .. });
-    if let Finalized::Wanting(findings) = finalized
-        && findings.iter().any(|finding| matches!(finding.cure, Cure::Remove(_)))
-    {
+    let findings = match finalized {
+        Finalized::Whole { .. } => Vec::new(),
+        Finalized::Wanting(findings) => findings,
+    };
+    if findings.iter().any(|finding| matches!(finding.cure, Cure::Remove(_))) {
         return Err(GenerateError::Wanting(findings));
     }
     if !done.complete && !held.is_empty() {
         held.sort();
         return Err(GenerateError::Held(held));
+    }
+    // What this run has just written or read is there, so that it cannot be read now; unless another one made the dataset
+    // larger meanwhile.
+    let container = plan.output().container;
+    let files = |shard: Shard| [container.file(&shard), format!("stats/{}.json", shard.name())];
+    let ours: HashSet<String> = wanted.flat_map(|number| files(plan.layout.shard(number))).collect();
+    let is_ours = |finding: &Finding| finding.file == "job.toml" || ours.contains(&finding.file);
+    if let Some(Finding { file, what, .. }) = findings.into_iter().find(is_ours)
+        && recorded_samples(root).is_none_or(|samples| samples == plan.layout.samples())
+    {
+        return Err(GenerateError::Io(root.join(file), io::Error::other(what)));
     }
     done.seconds = start.elapsed().as_secs_f64();
     Ok(done)

@@ -6,7 +6,7 @@
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rustix::fs::OFlags;
 use rustix::io::Errno;
@@ -51,9 +51,45 @@ fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
     Ok((file, there.len()))
 }
 
+/// True of a regular file, or a link to one. What the system does not tell of counts as one, too: who reads it hears why,
+/// and it is not left out as if it were not there.
+pub fn may_be_file(path: &Path) -> bool {
+    path.metadata().map_or_else(|error| !says_nothing_is_there(&error), |there| there.is_file())
+}
+
+fn says_nothing_is_there(error: &io::Error) -> bool {
+    use io::ErrorKind::{InvalidFilename, NotADirectory, NotFound};
+    matches!(error.kind(), NotFound | NotADirectory | InvalidFilename)
+}
+
+/// The files that match a pattern, sorted. Folders that may not be read are passed over, as a shell does; where another
+/// reason keeps one from being read, files would be wanting in silence.
+pub fn matching(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for path in paths {
+        match path {
+            Ok(path) if may_be_file(&path) => found.push(path),
+            Ok(_) => {}
+            Err(error) if error.error().kind() == io::ErrorKind::PermissionDenied => {}
+            Err(error) => return Err(io::Error::other(error)),
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
 /// The bytes of the file at `path`; an error if it is not a regular file or holds more than `most` bytes.
 pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     read_opened(open(path)?, most)
+}
+
+/// The same of a file that need not be there; none, too, where something else is. An error is what the system denies: it
+/// may be there.
+pub fn read_if_there(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
+    match read(path, most) {
+        Err(error) if error.raw_os_error().is_none() || says_nothing_is_there(&error) => Ok(None),
+        read => read.map(Some),
+    }
 }
 
 /// The same of a file inside a dataset: no link.
@@ -97,6 +133,11 @@ mod tests {
         let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
         for strange in [&pipe, &socket] {
             assert_eq!(read(strange, 9).unwrap_err().to_string(), "it is not a regular file");
+        }
+        assert!(may_be_file(&path));
+        for other in [folder.path(), &folder.path().join("none"), &path.join("in it"), &pipe] {
+            assert!(!may_be_file(other), "{}", other.display());
+            assert!(read_if_there(other, 9).unwrap().is_none(), "{}", other.display());
         }
         // A link does for a user's file, not inside a dataset.
         let link = folder.path().join("link");

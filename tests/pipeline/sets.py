@@ -50,18 +50,20 @@ def single(folder, gelsim, **size):
     return folder / "out"
 
 
-def contents(root):
-    """Every file by its path: its bytes; of stats, which hold times, what is left without them."""
-    def content(path):
-        if path.parent.name != "stats":
-            return path.read_bytes()
-        stats = json.loads(path.read_text())
-        # Over the times, too.
-        del stats["seconds"], stats["seal_sha256"]
-        for effect in stats["effects"].values():
-            del effect["seconds"]
-        return stats
+def content(path):
+    """A file's bytes; of stats, which hold times, what is left without them."""
+    if path.parent.name != "stats":
+        return path.read_bytes()
+    stats = json.loads(path.read_text())
+    # Over the times, too.
+    del stats["seconds"], stats["seal_sha256"]
+    for effect in stats["effects"].values():
+        del effect["seconds"]
+    return stats
 
+
+def contents(root):
+    """Every file by its path, and its content."""
     return {str(path.relative_to(root)): content(path) for path in sorted(root.rglob("*")) if path.is_file()}
 
 

@@ -160,8 +160,9 @@ fn suffixes(plan: &Plan) -> Vec<String> {
 fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), RenderError> {
     let path = |suffix: &str| out.join(format!("{}.{suffix}", source.stem));
     let stale = DepthFormat::ALL.into_iter().flat_map(|format| OutputLayer::ALL.map(|layer| layer.suffix(format)));
-    let label = input::read(&path("json"), input::MOST_METADATA_BYTES).unwrap_or_default();
-    let is_ours = serde_json::from_slice::<Label>(&label).is_ok();
+    let label = input::read_if_there(&path("json"), input::MOST_METADATA_BYTES);
+    let label = label.map_err(|error| RenderError::Io(path("json"), error))?;
+    let is_ours = label.is_some_and(|label| serde_json::from_slice::<Label>(&label).is_ok());
     for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
         let path = path(&suffix);
         if is_same_file(&path, &source.path) {

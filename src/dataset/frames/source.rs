@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::read::ENDINGS;
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::input::{matching, may_be_file};
 
 /// A frame's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,12 +56,13 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
     };
     let shown = written.display();
     if written.is_dir() {
-        let entries = match fs::read_dir(written) {
-            Ok(entries) => entries.filter_map(|entry| Some(entry.ok()?.path())),
+        let entries = fs::read_dir(written).and_then(|entries| entries.collect::<Result<Vec<_>, _>>());
+        let entries = match entries {
+            Ok(entries) => entries.into_iter().map(|entry| entry.path()),
             Err(error) => return wrong(format!("{shown}: {error}"), String::from("name a folder that can be read")),
         };
         let ending = |path: &Path| ENDINGS.into_iter().any(|known| path.extension() == Some(OsStr::new(known)));
-        let mut found: Vec<PathBuf> = entries.filter(|path| ending(path) && path.is_file()).collect();
+        let mut found: Vec<PathBuf> = entries.filter(|path| ending(path) && may_be_file(path)).collect();
         found.sort();
         return match found.is_empty() {
             true => wrong(format!("{shown} holds no depth frame"), format!("these are .{}", ENDINGS.join(", ."))),
@@ -79,14 +81,13 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
             format!("{shown} is no pattern: {}", error.msg),
             String::from("`*`, `?` and `[abc]` stand for characters"),
         ),
-        Ok(paths) => {
-            let mut found: Vec<PathBuf> = paths.filter_map(Result::ok).filter(|path| path.is_file()).collect();
-            found.sort();
-            match found.is_empty() {
-                true => wrong(format!("no file matches {shown}"), String::from("paths start from the current folder")),
-                false => found,
+        Ok(paths) => match matching(paths) {
+            Err(error) => wrong(error.to_string(), String::from("name folders that can be read")),
+            Ok(found) if found.is_empty() => {
+                wrong(format!("no file matches {shown}"), String::from("paths start from the current folder"))
             }
-        }
+            Ok(found) => found,
+        },
     }
 }
 

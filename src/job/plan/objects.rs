@@ -13,6 +13,7 @@ use crate::core::base::rng::stream;
 use crate::core::mesh::Mesh;
 use crate::core::mesh::clusters::Clusters;
 use crate::files::figures::figure;
+use crate::files::input::{matching, may_be_file};
 use crate::files::mesh;
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
@@ -172,7 +173,7 @@ pub(super) fn find(check: &mut Check<'_>, place: &str, written: &str, help: &str
     let path = folder.join(written);
     let is_pattern = written.contains(['*', '?', '[']);
     if path.exists() || !is_pattern {
-        if path.is_file() {
+        if may_be_file(&path) {
             return no_text(&path).map_or(Ok(vec![path]), |odd| refuse_name(check, place, &odd));
         }
         let what = if path.is_dir() { "is a folder" } else { "does not exist" };
@@ -185,15 +186,17 @@ pub(super) fn find(check: &mut Check<'_>, place: &str, written: &str, help: &str
     }
     // Only what the user wrote is a pattern, not the folder that it starts from.
     let pattern = Path::new(&Pattern::escape(&folder.to_string_lossy())).join(written);
-    let found = glob::glob(&pattern.to_string_lossy()).map(|paths| paths.filter_map(Result::ok));
-    let mut found: Vec<PathBuf> = match found {
-        Ok(found) => found.filter(|path| path.is_file()).collect(),
+    let found = match glob::glob(&pattern.to_string_lossy()).map(matching) {
+        Ok(Ok(found)) => found,
+        Ok(Err(error)) => {
+            check.error(place, error.to_string(), "name folders that can be read");
+            return Err(MANY);
+        }
         Err(error) => {
             check.error(place, format!("not a pattern: {}", error.msg), "`*`, `?` and `[abc]` stand for characters");
             return Err(MANY);
         }
     };
-    found.sort();
     if let Some(odd) = found.iter().find_map(|path| no_text(path)).or_else(|| passed_over(&path)) {
         return refuse_name(check, place, &odd);
     }

@@ -22,6 +22,7 @@ use super::{AugmentError, Recipe};
 use crate::core::camera::Image;
 use crate::dataset::archive::Member;
 use crate::dataset::encode::json;
+use crate::files::input::{MOST_IMAGE_BYTES, read_if_there};
 use crate::files::png;
 
 mod synthetic;
@@ -137,7 +138,7 @@ impl<'a> Maker<'a> {
             Task::Real => {
                 let trace = Trace { source_key: String::new(), ..trace(Source::Real, String::new()) };
                 let image_stats = ImageStats::from_rgb(image.width() as usize, image.as_raw());
-                let (piece, mut entry) = self.of_real(raw, real, "", None, &trace, image_stats);
+                let (piece, mut entry) = self.of_real(raw, real, "", None, &trace, image_stats)?;
                 entry.tile = self.on_page.contains(&raw.number).then(|| tile(image));
                 Ok((piece, entry))
             }
@@ -145,14 +146,14 @@ impl<'a> Maker<'a> {
                 let (made, applied) = photometric[*recipe].apply(image, *seed, raw.number as u64 | slot << 32);
                 let done = json(&PhotometricTrace { recipe: *recipe, copy: *copy, applied: &applied });
                 let trace = trace(Source::Photometric, text(done));
-                Ok(self.of_real(
+                self.of_real(
                     raw,
                     real,
                     &format!("-photometric-{recipe}-{copy}"),
                     Some(&made),
                     &trace,
                     image_stats(&made),
-                ))
+                )
             }
             Task::Counterpart => {
                 let (Some(renderer), Some(metadata)) = (renderer, &metadata[raw.number]) else {
@@ -176,7 +177,7 @@ impl<'a> Maker<'a> {
                     Some(&sample.impression.image),
                     &trace,
                     image_stats(&sample.impression.image),
-                );
+                )?;
                 entry.pair = Some((offset_px, correlation, alignment));
                 Ok((piece, entry))
             }
@@ -193,7 +194,7 @@ impl<'a> Maker<'a> {
         image: Option<&Image>,
         trace: &Trace,
         image_stats: ImageStats,
-    ) -> (Piece, SampleEntry) {
+    ) -> Result<(Piece, SampleEntry), AugmentError> {
         let (set, division) = (&self.recipe.set, &self.recipe.division);
         let split = division.of_reals[raw.number];
         let (form, split_name) = (&set.units[real.unit].form, &division.names[split]);
@@ -227,7 +228,7 @@ impl<'a> Maker<'a> {
             let other = (!tag.is_empty()).then_some(name.as_str());
             piece.row = self.labels.real(form, &raw.label, split_name, other, trace);
             if tag.is_empty() {
-                piece.files = self.named(real, &raw.label, &folder);
+                piece.files = self.named(real, &raw.label, &folder)?;
             }
             piece.files.push((folder.join(&name), bytes.unwrap_or_else(|| raw.image.clone())));
         }
@@ -242,7 +243,7 @@ impl<'a> Maker<'a> {
             tile: image.and_then(|image| self.tile(raw.number, image)),
             pair: None,
         };
-        (piece, entry)
+        Ok((piece, entry))
     }
 
     /// A picture of what was made, if the page shows it.
@@ -252,7 +253,7 @@ impl<'a> Maker<'a> {
     }
 
     /// Files beside the image that a real sample's row names, where they go, and their contents.
-    fn named(&self, real: &Real, row: &str, folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    fn named(&self, real: &Real, row: &str, folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, AugmentError> {
         let set = &self.recipe.set;
         let unit = &set.units[real.unit];
         let values: Vec<String> = match &unit.form {
@@ -260,21 +261,23 @@ impl<'a> Maker<'a> {
             _ => object(row).into_iter().filter_map(|(_, value)| value.as_str().map(str::to_owned)).collect(),
         };
         let own = |path: &Path| path.components().all(|step| matches!(step, Component::Normal(_)));
-        let file = |value: &String| {
+        let read = |from: &Path| {
+            let path = set.root.join(from);
+            read_if_there(&path, MOST_IMAGE_BYTES).map_err(|error| AugmentError::Io(path, error))
+        };
+        let mut files = Vec::new();
+        for value in &values {
             let path = Path::new(value);
             let number = value.parse::<f64>().is_ok();
             if *value == real.image || !value.contains('.') || number || !own(path) || self.units.reserved(path) {
-                return None;
+                continue;
             }
-            let read = |from: &Path| {
-                crate::files::input::read(&set.root.join(from), crate::files::input::MOST_IMAGE_BYTES).ok()
-            };
-            match read(&unit.folder().join(path)) {
-                Some(bytes) => Some((folder.join(path), bytes)),
-                None => read(path).map(|bytes| (path.to_owned(), bytes)),
+            match read(&unit.folder().join(path))? {
+                Some(bytes) => files.push((folder.join(path), bytes)),
+                None => files.extend(read(path)?.map(|bytes| (path.to_owned(), bytes))),
             }
-        };
-        values.iter().filter_map(file).collect()
+        }
+        Ok(files)
     }
 }
 

@@ -1,9 +1,11 @@
 //! Where the labels of a real dataset are: one table, tables in folders, or tars.
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use super::{Form, Unit};
+use crate::files::input::may_be_file;
 use crate::job::plan::check::Check;
 use crate::lab::augment::config::Input;
 
@@ -41,30 +43,35 @@ pub fn units(check: &mut Check<'_>, written: &Input) -> Option<Found> {
         check.error("input.path", format!("{} {what}", path.display()), help);
         return None;
     }
-    let tars = || -> Vec<PathBuf> {
-        let tars = walk(&path, DEEPEST, &|name| ending(Path::new(name)) == "tar");
-        tars.into_iter().filter_map(|tar| Some(tar.strip_prefix(&path).ok()?.to_owned())).collect()
+    let below = |wanted: &dyn Fn(&str) -> bool| -> io::Result<Vec<PathBuf>> {
+        let found = walk(&path, DEEPEST, wanted)?;
+        Ok(found.into_iter().filter_map(|file| Some(file.strip_prefix(&path).ok()?.to_owned())).collect())
     };
+    let tars = || below(&|name| ending(Path::new(name)) == "tar");
     let files = match &written.labels {
         Some(labels) if ["csv", "jsonl"].contains(&ending(Path::new(labels)).as_str()) => {
-            if !path.join(labels).is_file() {
+            if !may_be_file(&path.join(labels)) {
                 let message = format!("{} does not exist", path.join(labels).display());
                 check.error("input.labels", message, "name the table of labels, from the folder of input.path");
                 return None;
             }
-            vec![PathBuf::from(labels)]
+            Ok(vec![PathBuf::from(labels)])
         }
         Some(_) => tars(),
-        None => match TABLES.iter().find(|name| path.join(name).is_file()) {
-            Some(name) => vec![PathBuf::from(name)],
-            None => {
-                let tables = walk(&path, DEEPEST, &|name| TABLES[..2].contains(&name));
-                match tables.is_empty() {
-                    true => tars(),
-                    false => tables.iter().filter_map(|one| Some(one.strip_prefix(&path).ok()?.to_owned())).collect(),
-                }
-            }
+        None => match TABLES.iter().find(|name| may_be_file(&path.join(name))) {
+            Some(name) => Ok(vec![PathBuf::from(name)]),
+            None => match below(&|name| TABLES[..2].contains(&name)) {
+                Ok(tables) if tables.is_empty() => tars(),
+                tables => tables,
+            },
         },
+    };
+    let files = match files {
+        Ok(files) => files,
+        Err(error) => {
+            check.error("input.path", error.to_string(), "all folders in it are to be readable: samples may be there");
+            return None;
+        }
     };
     if files.is_empty() {
         let message = format!("no labels are in {}", path.display());
@@ -98,23 +105,23 @@ fn split(path: &Path) -> Option<String> {
 }
 
 /// Files below a folder whose names are wanted, sorted; hidden ones and links to folders are passed over.
-fn walk(folder: &Path, deep: usize, wanted: &impl Fn(&str) -> bool) -> Vec<PathBuf> {
-    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
-    let mut entries: Vec<_> = entries.filter_map(Result::ok).collect();
+fn walk(folder: &Path, deep: usize, wanted: &dyn Fn(&str) -> bool) -> io::Result<Vec<PathBuf>> {
+    let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", folder.display()));
+    let mut entries = fs::read_dir(folder).and_then(|entries| entries.collect::<Result<Vec<_>, _>>()).map_err(named)?;
     entries.sort_by_key(fs::DirEntry::file_name);
     let (mut files, mut below) = (Vec::new(), Vec::new());
     for entry in entries {
         let name = entry.file_name();
-        let (Some(name), Ok(kind)) = (name.to_str(), entry.file_type()) else { continue };
+        let (Some(name), kind) = (name.to_str(), entry.file_type().map_err(named)?) else { continue };
         match name.starts_with('.') {
             true => {}
-            false if kind.is_dir() && deep > 0 => below.extend(walk(&entry.path(), deep - 1, wanted)),
+            false if kind.is_dir() && deep > 0 => below.extend(walk(&entry.path(), deep - 1, wanted)?),
             false if !kind.is_dir() && wanted(name) => files.push(entry.path()),
             false => {}
         }
     }
     files.extend(below);
-    files
+    Ok(files)
 }
 
 #[cfg(test)]

@@ -56,7 +56,8 @@ impl Place {
                 let help = "choose another folder with --out, or replace it with --overwrite";
                 return refused(format!("{} holds an output already", root.display()), help);
             }
-            if let Some(stranger) = strangers(root).filter(|_| !empty) {
+            let stranger = strangers(root).map_err(|error| Refused::Io(root.to_owned(), error))?;
+            if let Some(stranger) = stranger.filter(|_| !empty) {
                 let message = format!("{} is in the output, and gelsim did not make it", stranger.display());
                 return refused(message, "move it away, or choose another folder with --out");
             }
@@ -98,7 +99,7 @@ impl Place {
         if !self.partial.exists() {
             return fs::remove_file(self.root.join(MARKER));
         }
-        if let Some(stranger) = strangers(&self.partial) {
+        if let Some(stranger) = strangers(&self.partial)? {
             let what = format!("{} was put into the old output meanwhile, and is kept there", stranger.display());
             return Err(io::Error::new(io::ErrorKind::DirectoryNotEmpty, what));
         }
@@ -159,8 +160,8 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// The first file in an output that is not in its list.
-fn strangers(root: &Path) -> Option<PathBuf> {
+/// The first file in an output that is not in its list. A folder that cannot be read may hold one.
+fn strangers(root: &Path) -> io::Result<Option<PathBuf>> {
     let list = input::read_inside(&root.join(FILES), input::MOST_IMAGE_BYTES).unwrap_or_default();
     let list = String::from_utf8_lossy(&list);
     let mut ours: HashSet<PathBuf> =
@@ -168,13 +169,14 @@ fn strangers(root: &Path) -> Option<PathBuf> {
     ours.extend([FILES, MARKER].map(|name| root.join(name)));
     let mut folders = vec![root.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).ok()?.filter_map(Result::ok) {
+        for entry in fs::read_dir(&folder)? {
+            let entry = entry?;
             match entry.file_type() {
                 Ok(kind) if kind.is_dir() => folders.push(entry.path()),
-                _ if !ours.contains(&entry.path()) => return Some(entry.path()),
+                _ if !ours.contains(&entry.path()) => return Ok(Some(entry.path())),
                 _ => {}
             }
         }
     }
-    None
+    Ok(None)
 }
