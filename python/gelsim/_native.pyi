@@ -117,7 +117,8 @@ class Sensor:
         Negative values are heights above the pad, which matter where the pad bulges up to them; -inf is nothing there.
         Several maps (N, H, W) give a `Batch`, rendered on the sensor's threads. The map's resolution wins; the field of
         view is the sensor's. `index` and `seed` address what is random in the camera: map k is sample `index` + k.
-        Raises UsageError for values that cannot be right, TypeError for other types.
+        Raises UsageError for values that cannot be right, TypeError for other types; warns of depth that seems to be in
+        metres.
         """
 
     def __reduce__(self) -> tuple[object, ...]: ...

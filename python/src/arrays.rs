@@ -1,15 +1,19 @@
 //! Samples as numpy's arrays. What was rendered is handed over; only batches are copied together.
 
+use std::collections::TryReserveError;
+
 use gelsim::dataset::content::{Content, Positions, content};
 use gelsim::dataset::encode::json;
 use gelsim::job::layers::{Form, OutputLayer};
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::Sample;
 use numpy::ndarray::{ArrayD, IxDyn};
-use numpy::{Element, IntoPyArray};
-use pyo3::exceptions::PyImportError;
+use numpy::{Element, IntoPyArray, PyUntypedArray};
+use pyo3::PyTypeInfo;
+use pyo3::exceptions::{PyImportError, PyMemoryError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList, PyString};
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyCapsule, PyDict, PyList, PyString};
 
 /// A sample, or several of one plan behind each other, made without Python.
 pub struct Arrays {
@@ -50,13 +54,14 @@ impl Arrays {
     }
 
     /// This sample as the first of a batch of `count`, with room for the others.
-    pub fn first_of(mut self, count: usize) -> Self {
+    pub fn first_of(mut self, count: usize) -> PyResult<Self> {
         self.shape.insert(0, 1);
-        self.tactile.reserve_exact(self.tactile.len() * (count - 1));
+        let mut room = self.tactile.try_reserve_exact(self.tactile.len() * (count - 1));
         for (_, values) in &mut self.layers {
-            values.reserve(count - 1);
+            room = room.and_then(|()| values.reserve(count - 1));
         }
-        self
+        let help = |_| PyMemoryError::new_err(format!("what is made of depth_mm's {count} maps: give them in parts"));
+        room.map_err(help).map(|()| self)
     }
 
     /// Puts another sample behind the last of a batch.
@@ -88,19 +93,20 @@ impl Arrays {
             };
             dict.set_item(layer.name(), array)?;
         }
-        let loads = py.import("json")?.getattr("loads")?;
-        let labels = self.labels.iter().map(|label| loads.call1((PyString::from_bytes(py, label)?,)));
+        let scan = scanner(py)?;
+        let value = |label: &Vec<u8>| scan.call1((PyString::from_bytes(py, label)?, 0))?.get_item(0);
+        let labels = self.labels.iter().map(value);
         dict.set_item("label", one_or_all(py, batch, labels)?)?;
         Ok(dict)
     }
 }
 
 impl Values {
-    fn reserve(&mut self, times: usize) {
+    fn reserve(&mut self, times: usize) -> Result<(), TryReserveError> {
         match self {
-            Self::Floats(values) => values.reserve_exact(values.len() * times),
-            Self::Bytes(values) => values.reserve_exact(values.len() * times),
-            Self::Markers(each) => each.reserve_exact(times),
+            Self::Floats(values) => values.try_reserve_exact(values.len() * times),
+            Self::Bytes(values) => values.try_reserve_exact(values.len() * times),
+            Self::Markers(each) => each.try_reserve_exact(times),
         }
     }
 
@@ -114,14 +120,31 @@ impl Values {
     }
 }
 
-/// numpy, or what to do without it: the command needs none.
+/// What `json.loads` calls to read JSON, which is C. As Python ends it ends threads wherever they run Python's code, and
+/// the whole process where Rust has called that code: samples are made without any.
+fn scanner(py: Python<'_>) -> PyResult<&Bound<'_, PyAny>> {
+    static SCAN_ONCE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let found = || Ok(py.import("json")?.getattr("JSONDecoder")?.call0()?.getattr("scan_once")?.unbind());
+    SCAN_ONCE.get_or_try_init(py, found).map(|scan| scan.bind(py))
+}
+
+/// numpy, or what to do without it: the command needs none. What samples need of Python is found here.
 pub fn need_numpy(py: Python<'_>) -> PyResult<()> {
     let help = |error: PyErr| {
         let wanted = PyImportError::new_err("gelsim gives and takes arrays of numpy: pip install numpy");
         wanted.set_cause(py, Some(error));
         wanted
     };
-    py.import("numpy").map(drop).map_err(help)
+    // The crate `numpy` panics where these are not found, as in a folder that has a numpy.py of its own.
+    let found = || {
+        let core = py.import("numpy")?.getattr("_core").or_else(|_| py.import("numpy")?.getattr("core"))?;
+        core.getattr("multiarray")?.getattr("_ARRAY_API")?.cast::<PyCapsule>()?;
+        py.import("numpy.lib")?.getattr("NumpyVersion").map(drop)
+    };
+    found().map_err(help)?;
+    // It keeps what it needs from here on.
+    PyUntypedArray::type_object(py);
+    scanner(py).map(drop)
 }
 
 fn array<'py, T: Element>(py: Python<'py>, shape: &[usize], values: Vec<T>) -> PyResult<Bound<'py, PyAny>> {

@@ -1,6 +1,9 @@
 //! Depth maps that come as arrays of numpy: one, or a batch of them.
 
+use std::ops::Range;
+
 use gelsim::core::base::grid::Grid;
+use gelsim::core::base::view::MOST_PX;
 use gelsim::files::diagnostic::Report;
 use gelsim::files::diagnostic::user_error;
 use numpy::ndarray::{ArrayView2, ArrayViewD, Axis, Ix2};
@@ -9,6 +12,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
+use crate::arguments::kind;
 use crate::errors::{mistake, usage};
 
 /// An array that was found to hold depth maps.
@@ -23,21 +27,31 @@ pub enum Depth<'a> {
     Double(ArrayViewD<'a, f64>),
 }
 
-/// How the values of one map cannot be right: how many, and where the first is.
-#[derive(Clone, Copy, Default)]
-struct Wrong {
+/// What was seen of maps: which values cannot be right, how many they are, and where the first is.
+#[derive(Clone, Copy)]
+pub struct Seen {
     nan: Option<(usize, [usize; 3])>,
     infinite: Option<(usize, [usize; 3])>,
     /// Nothing of it lies in the pad or above it.
     all_through: Option<usize>,
+    deepest_mm: f64,
 }
+
+/// Pixels that a batch may have: what is made of more fits no memory.
+const MOST_BATCH_PX: usize = 1 << 32;
+
+/// Pixels that take as much memory as the label of a map.
+const LABEL_PX: usize = 1 << 12;
+
+/// Pixels that are looked at before Python may look at signals.
+const BLOCK_PX: usize = 1 << 26;
 
 impl<'a> Depth<'a> {
     /// Takes an array of float32 or float64, of one map or several.
     pub fn array<'py>(given: &Bound<'py, PyAny>) -> PyResult<Input<'py>> {
         let Ok(array) = given.cast::<PyUntypedArray>() else {
-            let kind = given.get_type().name()?;
-            let message = format!("depth_mm is a {kind}; give an array of numpy: np.asarray(depth_mm, np.float32)");
+            let message =
+                format!("depth_mm is {}; give an array of numpy: np.asarray(depth_mm, np.float32)", kind(given));
             return Err(PyTypeError::new_err(message));
         };
         let shape = array.shape();
@@ -48,7 +62,28 @@ impl<'a> Depth<'a> {
         if shape.contains(&0) {
             return Err(mistake(format!("depth_mm is empty: its shape is {shape:?}"), help));
         }
-        if !given.getattr("flags")?.getattr("aligned")?.is_truthy()? {
+        let [rows, columns] = [shape[shape.len() - 2], shape[shape.len() - 1]];
+        if rows.max(columns) > MOST_PX {
+            let message = format!("depth_mm has {rows} rows and {columns} columns");
+            return Err(mistake(
+                message,
+                format!("give at most {MOST_PX} of each, as many as the sensor's image shall have"),
+            ));
+        }
+        if shape.len() == 3 && shape[0] > MOST_BATCH_PX / (rows * columns + LABEL_PX) {
+            let message = format!("depth_mm has {} maps of {rows} rows and {columns} columns", shape[0]);
+            return Err(mistake(message, "give them in parts: what is made of so many fits no memory"));
+        }
+        let py = given.py();
+        // numpy loads this module when somebody first needs it: before, no array is masked.
+        let masked = |ma: Bound<'py, PyAny>| given.is_instance(&ma.getattr("MaskedArray")?);
+        if py.import("sys")?.getattr("modules")?.get_item("numpy.ma").and_then(masked).unwrap_or(false) {
+            let message = "depth_mm is a masked array; say what is where it is masked: depth_mm.filled(-np.inf)";
+            return Err(PyTypeError::new_err(message));
+        }
+        // As numpy knows it, whatever a subclass says.
+        let flags = py.get_type::<PyUntypedArray>().getattr("flags")?.call_method1("__get__", (given,))?;
+        if !flags.getattr("aligned")?.is_truthy()? {
             return Err(mistake("depth_mm is not aligned in memory", "give a copy: depth_mm.copy()"));
         }
         if let Ok(array) = array.cast() {
@@ -58,8 +93,8 @@ impl<'a> Depth<'a> {
             return Ok(Input::Double(array.try_readonly().map_err(|error| borrowed(&error))?));
         }
         let dtype = array.dtype();
-        let swapped = dtype.byteorder() == b'>';
-        let fix = if swapped { "depth_mm.astype(np.float32)" } else { "(depth_mm * mm_per_step).astype(np.float32)" };
+        let steps = matches!(dtype.kind(), b'i' | b'u');
+        let fix = if steps { "(depth_mm * mm_per_step).astype(np.float32)" } else { "depth_mm.astype(np.float32)" };
         Err(PyTypeError::new_err(format!("depth_mm is {dtype}; give millimetres as float32 or float64: {fix}")))
     }
 
@@ -96,23 +131,36 @@ impl<'a> Depth<'a> {
     pub fn above_mm(&self, map: usize) -> Grid<f32> {
         let [width, height] = self.resolution_px();
         let above = |below: f32| if below == 0.0 { f32::INFINITY } else { -below };
+        // Finite in double precision is finite here.
+        let single = |mm: f64| if mm > f64::from(f32::MAX) { f32::MAX } else { mm as f32 };
         let data = match self {
             Self::Single(view) => plane(view, map).iter().map(|mm| above(*mm)).collect(),
-            Self::Double(view) => plane(view, map).iter().map(|mm| above(*mm as f32)).collect(),
+            Self::Double(view) => plane(view, map).iter().map(|mm| above(single(*mm))).collect(),
         };
         Grid { width, height, data }
     }
 
-    /// Looks for values that cannot be right in a pad of `thickness_mm`. On failure, all kinds of them.
-    pub fn check(&self, thickness_mm: f64) -> Result<(), Report> {
+    /// Maps that are looked at in one go.
+    pub fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        let [width, height] = self.resolution_px();
+        let (maps, length) = (self.batch().unwrap_or(1), BLOCK_PX.div_ceil(width * height));
+        (0..maps).step_by(length).map(move |start| start..maps.min(start + length))
+    }
+
+    /// Looks at maps that are to be pressed into a pad of `thickness_mm`.
+    pub fn look(&self, maps: Range<usize>, thickness_mm: f64) -> Seen {
         let find = |map: usize| match self {
-            Self::Single(view) => Wrong::find(&plane(view, map), map, thickness_mm),
-            Self::Double(view) => Wrong::find(&plane(view, map), map, thickness_mm),
+            Self::Single(view) => Seen::of(&plane(view, map), map, thickness_mm),
+            Self::Double(view) => Seen::of(&plane(view, map), map, thickness_mm),
         };
-        let wrong = match self.batch() {
-            Some(maps) => (0..maps).into_par_iter().map(find).reduce(Wrong::default, Wrong::and),
+        match self.batch() {
+            Some(_) => maps.into_par_iter().map(find).reduce(|| Seen::NOTHING, Seen::and),
             None => find(0),
-        };
+        }
+    }
+
+    /// What is odd about what was seen of all maps, though it may be. On failure, all kinds of what cannot be right.
+    pub fn judge(&self, wrong: &Seen, thickness_mm: f64) -> Result<Vec<String>, Report> {
         let mut report: Option<Report> = None;
         let mut add = |message: String, help: &str| {
             let found = user_error(message, help);
@@ -138,7 +186,15 @@ impl<'a> Depth<'a> {
             let message = format!("all of {which} goes through the pad, which is {thickness_mm} mm thick");
             add(message, "depth_mm is mm below the undeformed pad, not distance from a camera: plane_mm - distance_mm");
         }
-        report.map_or(Ok(()), Err)
+        // Words without the depth itself: whoever renders frame after frame is warned once.
+        let shallow = wrong.deepest_mm > 0.0 && wrong.deepest_mm < thickness_mm * 1e-3;
+        let note = || {
+            format!(
+                "depth_mm is nowhere a thousandth of the pad's {thickness_mm} mm, which no camera shows: if it is in \
+                 metres, give depth_mm * 1000"
+            )
+        };
+        report.map_or_else(|| Ok(shallow.then(note).into_iter().collect()), Err)
     }
 }
 
@@ -148,12 +204,15 @@ fn plane<'b, T>(view: &'b ArrayViewD<'_, T>, map: usize) -> ArrayView2<'b, T> {
     map.into_dimensionality::<Ix2>().expect("two axes are left")
 }
 
-impl Wrong {
-    fn find<T: Copy + Into<f64>>(plane: &ArrayView2<'_, T>, map: usize, thickness_mm: f64) -> Self {
-        let mut wrong = Self::default();
+impl Seen {
+    pub const NOTHING: Self = Self { nan: None, infinite: None, all_through: None, deepest_mm: f64::NEG_INFINITY };
+
+    fn of<T: Copy + Into<f64>>(plane: &ArrayView2<'_, T>, map: usize, thickness_mm: f64) -> Self {
+        let mut wrong = Self::NOTHING;
         let (mut all_through, mut all_numbers) = (true, true);
         for value in plane {
             let mm: f64 = (*value).into();
+            wrong.deepest_mm = if mm > wrong.deepest_mm { mm } else { wrong.deepest_mm };
             all_through &= mm >= thickness_mm;
             all_numbers &= mm < f64::INFINITY;
         }
@@ -176,7 +235,7 @@ impl Wrong {
     }
 
     /// The same of two sets of maps, those of `other` last.
-    fn and(self, other: Self) -> Self {
+    pub fn and(self, other: Self) -> Self {
         let sum = |one: Option<(usize, _)>, other: Option<(usize, _)>| match (one, other) {
             (Some((a, first)), Some((b, _))) => Some((a + b, first)),
             (one, other) => one.or(other),
@@ -185,6 +244,7 @@ impl Wrong {
             nan: sum(self.nan, other.nan),
             infinite: sum(self.infinite, other.infinite),
             all_through: self.all_through.or(other.all_through),
+            deepest_mm: self.deepest_mm.max(other.deepest_mm),
         }
     }
 }

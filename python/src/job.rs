@@ -1,7 +1,7 @@
 //! `gelsim.Job`: a job as a map-style dataset, whose samples are rendered when they are asked for.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use gelsim::files::diagnostic::Report;
@@ -17,6 +17,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use rayon::prelude::*;
 
+use crate::arguments::{self, Given, each, flag, texts, whole};
 use crate::arrays::{Arrays, need_numpy};
 use crate::errors::{named, panicked, rung, running, usage, warn};
 use crate::threads::{checked, pool};
@@ -39,33 +40,37 @@ pub type Pickled<'py, Arguments> = PyResult<(Bound<'py, PyAny>, Arguments)>;
 /// Rebuilds a job in another process.
 #[pyfunction]
 #[pyo3(name = "_job_of_text")]
-pub fn job_of_text(py: Python<'_>, text: String, threads: Option<usize>) -> PyResult<Job> {
+pub fn job_of_text(py: Python<'_>, text: &Bound<'_, PyAny>, threads: Given<'_, '_>) -> PyResult<Job> {
+    let text = arguments::text("text", text)?;
     Job::new(py, threads, || Plan::read("the pickled job", text, Path::new(""), &Overrides::default()))
 }
 
 impl Job {
     fn new(
         py: Python<'_>,
-        threads: Option<usize>,
+        threads: Given<'_, '_>,
         read: impl FnOnce() -> Result<Plan, Report> + Send,
     ) -> PyResult<Self> {
         need_numpy(py)?;
-        let pool = pool(py, checked(threads)?)?;
+        let threads = checked(threads)?;
+        let pool = pool(py, threads)?;
         let plan = py.detach(|| pool.install(|| settled(read()?))).map_err(|report| usage(&report))?;
         let text = plan.to_toml().map_err(|error| running(error.to_string()))?;
         Ok(Self { plan: Arc::new(plan), text, threads })
     }
 
     /// The number of a sample that Python asks for; negative ones count from the end.
-    fn index(&self, index: i64) -> PyResult<u64> {
+    fn index(&self, index: &Bound<'_, PyAny>) -> PyResult<u64> {
         let samples = self.plan.layout.samples();
-        let counted = i128::from(index) + if index < 0 { i128::from(samples) } else { 0 };
+        let range = format!("they are numbered 0 to {}", samples - 1);
+        let wanted = "a whole number; Job.samples takes several";
+        let Some(index) = arguments::integer("index", index, wanted)? else {
+            return Err(PyIndexError::new_err(format!("there is no sample of this index: {range}")));
+        };
+        let counted = if index < 0 { index.saturating_add(i128::from(samples)) } else { index };
         match u64::try_from(counted) {
             Ok(number) if number < samples => Ok(number),
-            _ => Err(PyIndexError::new_err(format!(
-                "there is no sample {index}: they are numbered 0 to {}",
-                samples - 1
-            ))),
+            _ => Err(PyIndexError::new_err(format!("there is no sample {index}: {range}"))),
         }
     }
 
@@ -95,33 +100,43 @@ fn settled(mut plan: Plan) -> Result<Plan, Report> {
 #[pymethods]
 impl Job {
     #[staticmethod]
-    #[pyo3(signature = (path, *, samples=None, seed=None, fidelity=None, all_effects=false, set=Vec::new(), threads=None))]
+    #[pyo3(
+        signature = (path, *, samples=None, seed=None, fidelity=None, all_effects=None, set=None, threads=None),
+        text_signature = "(path, *, samples=None, seed=None, fidelity=None, all_effects=False, set=(), threads=None)"
+    )]
     #[expect(clippy::too_many_arguments, reason = "they are the command's flags")]
     fn load(
         py: Python<'_>,
-        path: PathBuf,
-        samples: Option<u64>,
-        seed: Option<u64>,
-        fidelity: Option<&str>,
-        all_effects: bool,
-        set: Vec<String>,
-        threads: Option<usize>,
+        path: &Bound<'_, PyAny>,
+        samples: Given<'_, '_>,
+        seed: Given<'_, '_>,
+        fidelity: Given<'_, '_>,
+        all_effects: Given<'_, '_>,
+        set: Given<'_, '_>,
+        threads: Given<'_, '_>,
     ) -> PyResult<Self> {
-        let overrides = Overrides::of_flags(samples, seed, fidelity.map(rung).transpose()?, all_effects, &set);
+        let path = arguments::path("path", path)?;
+        let overrides = Overrides::of_flags(
+            whole("samples", samples)?,
+            whole("seed", seed)?,
+            fidelity.map(rung).transpose()?,
+            flag("all_effects", all_effects)?,
+            &texts("set", set)?,
+        );
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
         warn(py, &job.plan.notes)?;
         Ok(job)
     }
 
     /// One sample, on the calling thread.
-    fn sample<'py>(&self, py: Python<'py>, index: i64) -> PyResult<Bound<'py, PyDict>> {
+    fn sample<'py>(&self, py: Python<'py>, index: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let index = self.index(index)?;
         py.detach(|| self.render(index))?.into_dict(py)
     }
 
     /// Several, on the job's threads.
-    fn samples<'py>(&self, py: Python<'py>, indices: Vec<i64>) -> PyResult<Bound<'py, PyList>> {
-        let numbers: Vec<u64> = indices.into_iter().map(|index| self.index(index)).collect::<PyResult<_>>()?;
+    fn samples<'py>(&self, py: Python<'py>, indices: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
+        let numbers = each("indices", indices, "a list of whole numbers", |index| self.index(index))?;
         let pool = pool(py, self.threads)?;
         let list = PyList::empty(py);
         for block in numbers.chunks(BLOCK * pool.current_num_threads()) {
@@ -134,11 +149,11 @@ impl Job {
         Ok(list)
     }
 
-    fn __getitems__<'py>(&self, py: Python<'py>, indices: Vec<i64>) -> PyResult<Bound<'py, PyList>> {
+    fn __getitems__<'py>(&self, py: Python<'py>, indices: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
         self.samples(py, indices)
     }
 
-    fn __getitem__<'py>(&self, py: Python<'py>, index: i64) -> PyResult<Bound<'py, PyDict>> {
+    fn __getitem__<'py>(&self, py: Python<'py>, index: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         self.sample(py, index)
     }
 
@@ -153,8 +168,9 @@ impl Job {
     }
 
     /// The samples of a split, ascending.
-    fn indices(&self, split: &str) -> PyResult<Vec<u64>> {
-        let split = named("split", split, Split::ALL.map(|known| (known.name(), known)))?;
+    fn indices(&self, split: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
+        let split = arguments::text("split", split)?;
+        let split = named("split", &split, Split::ALL.map(|known| (known.name(), known)))?;
         let layout = &self.plan.layout;
         Ok((0..layout.samples_in(split)).map(|position| layout.index_of(split, position)).collect())
     }

@@ -2,6 +2,7 @@
 
 #![forbid(unsafe_code)]
 
+mod arguments;
 mod arrays;
 mod depth;
 mod errors;
@@ -15,12 +16,12 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 #[pyo3::pymodule(gil_used = false)]
 mod _native {
-    use std::ffi::OsString;
     use std::panic::catch_unwind;
 
     use gelsim::cli;
     use pyo3::prelude::*;
 
+    use crate::arguments::words;
     #[pymodule_export]
     use crate::errors::{RunError, UsageError};
     #[pymodule_export]
@@ -32,9 +33,17 @@ mod _native {
     #[allow(non_upper_case_globals, reason = "the name that Python gives to it")]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
+    /// Has pyo3 see once that Python runs. While Python ends it says that it does not, and pyo3 would panic at an error.
+    #[pymodule_init]
+    fn begin(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // It looks only where it has not got Python's lock already.
+        module.py().detach(|| Python::attach(|_| Ok(())))
+    }
+
     /// Runs a command line; its exit status. What a panic has to say is said by then, so Python shall not repeat it.
     #[pyfunction]
-    fn main(py: Python<'_>, argv: Vec<OsString>) -> u8 {
-        py.detach(|| catch_unwind(|| cli::main(argv)).unwrap_or(cli::PANICKED))
+    fn main(py: Python<'_>, argv: &Bound<'_, PyAny>) -> PyResult<u8> {
+        let argv = words("argv", argv)?;
+        Ok(py.detach(|| catch_unwind(|| cli::main(argv)).unwrap_or(cli::PANICKED)))
     }
 }

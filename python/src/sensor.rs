@@ -1,7 +1,7 @@
 //! `gelsim.Sensor`: tactile images of depth maps that come as arrays.
 
+use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use gelsim::core::depth::height_map::HeightMap;
@@ -20,8 +20,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 
+use crate::arguments::{self, Given, texts, whole};
 use crate::arrays::{Arrays, need_numpy};
-use crate::depth::Depth;
+use crate::depth::{Depth, Seen};
 use crate::errors::{mistake, named, panicked, rung, running, usage, warn};
 use crate::job::Pickled;
 use crate::threads::{checked, pool};
@@ -54,15 +55,20 @@ struct Choice {
 /// Rebuilds a sensor in another process.
 #[pyfunction]
 #[pyo3(name = "_sensor_of_source")]
-pub fn sensor_of_source(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Sensor> {
-    Ok(Sensor::new(py, source, set, threads)?.0)
+pub fn sensor_of_source(
+    py: Python<'_>,
+    source: &Bound<'_, PyAny>,
+    set: Given<'_, '_>,
+    threads: Given<'_, '_>,
+) -> PyResult<Sensor> {
+    Ok(Sensor::new(py, arguments::text("source", source)?, set, threads)?.0)
 }
 
 impl Sensor {
     /// Reads it; with the plan of its own resolution, in which its mistakes and notes are.
-    fn new(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<(Self, Plan)> {
+    fn new(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<(Self, Plan)> {
         need_numpy(py)?;
-        checked(threads)?;
+        let (set, threads) = (texts("set", set)?, checked(threads)?);
         let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?.sensor;
         let sensor = Self { source, set, threads, itself, simulators: Mutex::default() };
         let resolution_px = sensor.itself.resolution_px;
@@ -70,7 +76,7 @@ impl Sensor {
         Ok((sensor, plan))
     }
 
-    fn noted(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+    fn noted(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
         let (sensor, plan) = Self::new(py, source, set, threads)?;
         warn(py, &plan.notes)?;
         Ok(sensor)
@@ -120,27 +126,36 @@ fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult
     // Nothing outside is changed by what panics.
     let rendered = catch_unwind(AssertUnwindSafe(|| {
         let map = HeightMap { above_mm: depth.above_mm(number), unseen_px: 0 };
+        // It was looked at, but whoever writes to the array does not wait.
+        if map.above_mm.data.iter().any(|mm| mm.is_nan() || *mm == f32::NEG_INFINITY) {
+            return Err(running("depth_mm has changed while it was rendered; give a copy: depth_mm.copy()"));
+        }
         let indentation_depth_mm = map.indentation_depth_mm();
         let frame = Frame { id: String::from("depth_mm"), class: String::new(), map: Arc::new(map) };
         let (split, pressed, pose) = (Split::Train, Pressed::Frame(frame), Pose::IDENTITY);
         let scene = Scene::given(plan, index, 0, KnownPress { split, pressed, pose, indentation_depth_mm });
-        Arrays::new(plan, press(plan, &scene))
+        Ok(Arrays::new(plan, press(plan, &scene)))
     }));
-    rendered.map_err(|panic| panicked(&format!("map {number} (sample {index}, seed {})", plan.seed()), &*panic))
+    let bug = |panic: Box<dyn Any + Send>| {
+        Err(panicked(&format!("map {number} (sample {index}, seed {})", plan.seed()), &*panic))
+    };
+    rendered.unwrap_or_else(bug)
 }
 
 #[pymethods]
 impl Sensor {
     #[staticmethod]
-    #[pyo3(signature = (name, *, set=Vec::new(), threads=None))]
-    fn preset(py: Python<'_>, name: &str, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
-        named("sensor preset", name, PRESETS)?;
-        Self::noted(py, name.to_owned(), set, threads)
+    #[pyo3(signature = (name, *, set=None, threads=None), text_signature = "(name, *, set=(), threads=None)")]
+    fn preset(py: Python<'_>, name: &Bound<'_, PyAny>, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
+        let name = arguments::text("name", name)?;
+        named("sensor preset", &name, PRESETS)?;
+        Self::noted(py, name, set, threads)
     }
 
     #[staticmethod]
-    #[pyo3(signature = (path, *, set=Vec::new(), threads=None))]
-    fn load(py: Python<'_>, path: PathBuf, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+    #[pyo3(signature = (path, *, set=None, threads=None), text_signature = "(path, *, set=(), threads=None)")]
+    fn load(py: Python<'_>, path: &Bound<'_, PyAny>, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
+        let path = arguments::path("path", path)?;
         let absolute = std::path::absolute(&path).map_err(|error| running(format!("{}: {error}", path.display())))?;
         let source = absolute.into_os_string().into_string();
         let source = source.map_err(|path| {
@@ -153,30 +168,45 @@ impl Sensor {
     }
 
     /// Presses what depth maps show into the pad.
-    #[pyo3(signature = (depth_mm, *, fidelity=None, layers=Vec::new(), index=0, seed=0))]
+    #[pyo3(
+        signature = (depth_mm, *, fidelity=None, layers=None, index=None, seed=None),
+        text_signature = "($self, depth_mm, *, fidelity=None, layers=(), index=0, seed=0)"
+    )]
     fn render<'py>(
         &self,
         py: Python<'py>,
         depth_mm: &Bound<'py, PyAny>,
-        fidelity: Option<&str>,
-        layers: Vec<String>,
-        index: u64,
-        seed: u64,
+        fidelity: Given<'_, 'py>,
+        layers: Given<'_, 'py>,
+        index: Given<'_, 'py>,
+        seed: Given<'_, 'py>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let input = Depth::array(depth_mm)?;
         let depth = Depth::new(&input);
         let wanted = |name: &String| named("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)));
-        let layers = layers.iter().map(wanted).collect::<PyResult<Vec<_>>>()?;
+        let layers = texts("layers", layers)?.iter().map(wanted).collect::<PyResult<Vec<_>>>()?;
         let fidelity = fidelity.map(rung).transpose()?;
+        let index = whole("index", index)?.unwrap_or(0);
+        let seed = whole("seed", seed)?.unwrap_or(0);
         let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), fidelity })?;
         let plan = plan.with_samples(seed, &layers).map_err(|report| usage(&report))?;
         let one = |number: usize| render(&plan, &depth, number, index.wrapping_add(number as u64));
+        let thickness_mm = plan.thickness_mm();
+        let judged = |seen: &Seen| {
+            let notes = depth.judge(seen, thickness_mm).map_err(|report| usage(&report))?;
+            warn(py, &notes)
+        };
         let Some(maps) = depth.batch() else {
-            let rendered = py.detach(|| depth.check(plan.thickness_mm()).map(|()| one(0)));
-            return rendered.map_err(|report| usage(&report))??.into_dict(py);
+            judged(&py.detach(|| depth.look(0..1, thickness_mm)))?;
+            return py.detach(|| one(0))?.into_dict(py);
         };
         let pool = pool(py, self.threads)?;
-        py.detach(|| pool.install(|| depth.check(plan.thickness_mm()))).map_err(|report| usage(&report))?;
+        let mut seen = Seen::NOTHING;
+        for block in depth.blocks() {
+            seen = seen.and(py.detach(|| pool.install(|| depth.look(block, thickness_mm))));
+            py.check_signals()?;
+        }
+        judged(&seen)?;
         let mut batch: Option<Arrays> = None;
         let length = BLOCK * pool.current_num_threads();
         for start in (0..maps).step_by(length) {
@@ -186,7 +216,7 @@ impl Sensor {
                 for arrays in pool.install(rendered)? {
                     match &mut batch {
                         Some(batch) => batch.push(arrays),
-                        None => batch = Some(arrays.first_of(maps)),
+                        None => batch = Some(arrays.first_of(maps)?),
                     }
                 }
                 PyResult::Ok(())

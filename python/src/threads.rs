@@ -12,6 +12,7 @@ use gelsim::cli::MOST_THREADS;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::arguments::{Given, whole};
 use crate::errors::{mistake, running};
 
 struct Pool {
@@ -24,16 +25,28 @@ struct Pool {
 static LAST: Mutex<Option<Pool>> = Mutex::new(None);
 
 /// A number of threads that a user gave.
-pub fn checked(threads: Option<usize>) -> PyResult<Option<usize>> {
+pub fn checked(threads: Given<'_, '_>) -> PyResult<Option<usize>> {
     let help = "or leave it out for all cores";
-    match threads {
+    match whole("threads", threads)? {
         Some(0) => Err(mistake("threads=0 cannot work", format!("give 1 or more, {help}"))),
-        Some(count) if count > MOST_THREADS => Err(mistake(
+        Some(count) if count > MOST_THREADS as u64 => Err(mistake(
             format!("threads={count} are more than any machine has cores"),
             format!("give at most {MOST_THREADS}, {help}"),
         )),
-        threads => Ok(threads),
+        threads => Ok(threads.map(|count| count as usize)),
     }
+}
+
+/// Python is asked once in each process: what it answers with is Python's code, which `arrays::scanner` avoids, too.
+fn started_by_multiprocessing(py: Python<'_>) -> PyResult<bool> {
+    static KNOWN: Mutex<Option<(u32, bool)>> = Mutex::new(None);
+    let known = *KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, started)) = known.filter(|(process, _)| *process == process::id()) {
+        return Ok(started);
+    }
+    let started = !py.import("multiprocessing")?.call_method0("parent_process")?.is_none();
+    *KNOWN.lock().unwrap_or_else(PoisonError::into_inner) = Some((process::id(), started));
+    Ok(started)
 }
 
 /// A pool of so many threads. If nobody says how many: all cores, and one in a process that multiprocessing started, as a
@@ -41,8 +54,8 @@ pub fn checked(threads: Option<usize>) -> PyResult<Option<usize>> {
 pub fn pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>> {
     let threads = match threads {
         Some(threads) => threads,
-        None if py.import("multiprocessing")?.call_method0("parent_process")?.is_none() => 0,
-        None => 1,
+        None if started_by_multiprocessing(py)? => 1,
+        None => 0,
     };
     let process = process::id();
     let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);

@@ -54,6 +54,7 @@ ELSEWHERE = {
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/pipeline/taxim_pictures.py OUT": ("the packages of the line before", ".ci/run"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/pipeline/install.py"),
+    "python tests/pipeline/attack.py": ("the wheel", ".ci/run"),
     "python tests/pipeline/workers.py target/release/gelsim --speed": ("the wheel", ".ci/run"),
     "bash gelsim.sbatch": ("Slurm", "tests/pipeline/slurm.py"),
     "sbatch --array=0-99 gelsim.sbatch": ("Slurm; there with another range", "tests/pipeline/slurm.py"),

@@ -69,6 +69,15 @@ struct Field {
     values: Grid<f32>,
 }
 
+/// What is in `cell`, made where nobody has yet. It is made outside the cell: a process that is forked meanwhile has not the
+/// thread that makes it, and would wait for it for ever.
+fn shared<T>(cell: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
+    cell.get().unwrap_or_else(|| {
+        let made = make();
+        cell.get_or_init(|| made)
+    })
+}
+
 impl Pad {
     /// What presses beyond the window of a view, on the grid of which the displacement is given.
     pub fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
@@ -151,9 +160,9 @@ impl Pad {
     fn on_cells(&self, size: usize, pitch_mm: f64, deepest_mm: f64) -> Self {
         let Grids { kernels, lengths } = &*self.grids;
         let most = WIDEST as usize + 4 * BORDER + 8;
-        let kernels = kernels.get_or_init(|| (0..SIZES).map(|_| OnceLock::new()).collect());
-        let own = kernels[size].get_or_init(|| Arc::new(response(self.layer, pitch_mm, 2 * most)));
-        let lengths = lengths.get_or_init(|| Arc::new(Lengths::new(4 * most)));
+        let kernels = shared(kernels, || (0..SIZES).map(|_| OnceLock::new()).collect());
+        let own = shared(&kernels[size], || Arc::new(response(self.layer, pitch_mm, 2 * most)));
+        let lengths = shared(lengths, || Arc::new(Lengths::new(4 * most)));
         let tolerance_um = self.elastic.tolerance_um.max(1e3 * TOLERANCE * deepest_mm);
         Self {
             elastic: Elastic { resolution: Resolution::Full, tolerance_um, ..self.elastic },
