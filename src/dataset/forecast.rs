@@ -18,14 +18,14 @@ use crate::dataset::stats::LightRange;
 use crate::job::plan::Plan;
 use crate::job::sample::shown;
 
-/// Samples that are probed at least, if the job has them.
+/// Samples that are probed at least, if the job has them and time allows.
 const FEWEST: u64 = 32;
 
 /// Relative standard error of the mean time at which probing ends.
 const ACCURACY: f64 = 0.04;
 
 /// Wall time after which no more samples are probed, s.
-const LONGEST_S: f64 = 12.0;
+const LONGEST_S: f64 = 1.0;
 
 /// What was found, and what it means for the run.
 #[derive(Clone, Debug)]
@@ -122,11 +122,12 @@ pub fn forecast(
         (0..threads as u64).into_par_iter().for_each(|k| drop(Probe::new(plan, order(k))));
         loop {
             let from = probes.len() as u64;
-            let until = (from + FEWEST).min(all);
+            let until = (from + threads as u64).min(all);
             let block: Vec<Probe> = (from..until).into_par_iter().map(|k| Probe::new(plan, order(k))).collect();
             probes.extend(block);
             let seconds: Vec<f64> = probes.iter().map(Probe::total_s).collect();
-            if until == all || relative_error(&seconds) < ACCURACY || start.elapsed().as_secs_f64() > LONGEST_S {
+            let known = until >= FEWEST && relative_error(&seconds) < ACCURACY;
+            if until == all || known || start.elapsed().as_secs_f64() > LONGEST_S {
                 break;
             }
         }

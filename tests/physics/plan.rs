@@ -6,13 +6,17 @@ use gelsim::files::diagnostic::Diagnostics;
 use gelsim::job::config::{self, Overrides};
 use gelsim::job::plan::Plan;
 
+/// The folder of the project.
+pub fn repository() -> &'static Path {
+    // The benches are a crate below it.
+    let mut folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    folders.find(|folder| folder.join("objects").is_dir()).expect("the repository")
+}
+
 /// The plan of a job. What it names by path is relative to the repository.
 pub fn plan(job: &str) -> Plan {
     let mut problems = Diagnostics::default();
-    // The benches are a crate below it.
-    let mut folders = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
-    let folder = folders.find(|folder| folder.join("objects").is_dir()).expect("the repository");
-    let written = config::read_text("job", job.to_owned(), folder, &Overrides::default(), &mut problems);
+    let written = config::read_text("job", job.to_owned(), repository(), &Overrides::default(), &mut problems);
     match Plan::resolve(written, problems) {
         Ok(plan) => plan,
         Err(report) => panic!("{report}"),

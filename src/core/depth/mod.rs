@@ -22,7 +22,7 @@ pub mod texture;
 
 use height_map::HeightMap;
 use indenter::{Indenter, Shape};
-use raster::{Canvas, Projection};
+use raster::{Canvas, Projection, SAMPLES, Sampled, Tiles};
 use texture::Texture;
 
 /// The depth map of a press.
@@ -156,32 +156,56 @@ pub fn capture(object: &Clusters, placement: &Placement, view: &View, window: Wi
     overlap.data.resize(canvas.width * canvas.height, canvas.ceiling);
     simd_dispatch(
         #[inline(always)]
-        || raster::raster(object, &projection, canvas, &mut overlap),
+        || raster::raster(object, &projection, canvas, None, &mut overlap),
     );
     limited(overlap, margin_px, thickness_mm)
 }
 
-/// The overlap of `object` at points `offset_px` away from the pixels' centres, mm: in `region` of the view and
-/// [`SURFACE_BORDER`] around it, minus the window's height where there is no object, not limited to the pad.
-pub fn capture_between(
+/// Height over the pad, mm, of `object` at samples of pixels in `region` of the view and [`SURFACE_BORDER`] around it: of
+/// each sampled pixel at each of `offsets` from its centre, px; the window's height where there is no object.
+pub fn capture_samples(
     object: &Clusters,
     pose: &Pose,
     view: &View,
-    region: Rect,
-    offset_px: [f64; 2],
+    (region, sampled, count): (Rect, &Sampled, usize),
+    offsets: &[[f64; 2]; SAMPLES],
     window: Window,
-) -> Grid<f32> {
-    let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
-    let canvas = Canvas { width, height, margin: SURFACE_BORDER, ceiling: window.above_mm as f32 };
-    let from_px = [region.x0 as f64 + offset_px[0], region.y0 as f64 + offset_px[1]];
-    let projection = Projection::new(&pose.placement(), view, object.centre_mm()).seen_from(from_px);
-    let mut overlap = Grid { width, height, data: vec![canvas.ceiling; width * height] };
+) -> Vec<[f32; SAMPLES]> {
+    let (canvas, projection) = part(object, pose, view, region, window);
+    let offsets = [0, 1].map(|k| offsets.map(|offset| offset[k] as f32));
+    let reach = offsets.iter().flatten().fold(0.0_f32, |reach, offset| reach.max(offset.abs()));
+    let mut heights = vec![[canvas.ceiling; SAMPLES]; count];
     simd_dispatch(
         #[inline(always)]
-        || raster::raster(object, &projection, canvas, &mut overlap),
+        || raster::raster_samples(object, &projection, canvas, sampled, (&offsets, reach), &mut heights),
     );
-    overlap.data.iter_mut().for_each(|above| *above = 0.0 - *above);
-    overlap
+    heights
+}
+
+/// The same at the pixels' centres, right in these tiles.
+pub fn capture_tiles(
+    object: &Clusters,
+    pose: &Pose,
+    view: &View,
+    (region, tiles): (Rect, &Tiles),
+    window: Window,
+) -> Grid<f32> {
+    let (canvas, projection) = part(object, pose, view, region, window);
+    let Canvas { width, height, ceiling, .. } = canvas;
+    let mut heights = Grid { width, height, data: vec![ceiling; width * height] };
+    simd_dispatch(
+        #[inline(always)]
+        || raster::raster(object, &projection, canvas, Some(tiles), &mut heights),
+    );
+    heights
+}
+
+/// The canvas of a part of the view with [`SURFACE_BORDER`] around it, and how it is seen.
+fn part(object: &Clusters, pose: &Pose, view: &View, region: Rect, window: Window) -> (Canvas, Projection) {
+    let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
+    let canvas = Canvas { width, height, margin: SURFACE_BORDER, ceiling: window.above_mm as f32 };
+    let projection = Projection::new(&pose.placement(), view, object.centre_mm());
+    (canvas, projection.seen_from([region.x0 as f64, region.y0 as f64]))
 }
 
 /// A height map in `window`, limited to a pad of `thickness_mm`. Around the view, where nothing is known, its border

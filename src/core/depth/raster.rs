@@ -32,6 +32,82 @@ impl Canvas {
     }
 }
 
+/// Tiles of a canvas, some of which are looked at: pixels elsewhere need not be right.
+pub struct Tiles {
+    across: usize,
+    wanted: Vec<bool>,
+}
+
+/// Pixels along a tile.
+const TILE: usize = 8;
+
+impl Tiles {
+    /// Those of a canvas that hold one of these pixels.
+    pub fn around(pixels: &[[usize; 2]], width: usize, height: usize) -> Self {
+        let across = width.div_ceil(TILE);
+        let mut wanted = vec![false; across * height.div_ceil(TILE)];
+        pixels.iter().for_each(|[x, y]| wanted[y / TILE * across + x / TILE] = true);
+        Self { across, wanted }
+    }
+
+    /// The tiles of a row of them that pixels of these columns are in.
+    #[inline(always)]
+    fn row(&self, row: usize, (x0, x1): (usize, usize)) -> &[bool] {
+        &self.wanted[row * self.across..][x0 / TILE..(x1 - 1) / TILE + 1]
+    }
+
+    /// True if a pixel of these columns and rows may be looked at.
+    #[inline(always)]
+    fn any(&self, columns: (usize, usize), (y0, y1): (usize, usize)) -> bool {
+        (y0 / TILE..(y1 - 1) / TILE + 1).any(|row| self.row(row, columns).contains(&true))
+    }
+
+    /// Calls `visit` with the parts of a row's columns that are looked at.
+    #[inline(always)]
+    fn parts(&self, y: usize, (x0, x1): (usize, usize), mut visit: impl FnMut((usize, usize))) {
+        let first = x0 / TILE;
+        let mut from = None;
+        for (k, wanted) in self.row(y / TILE, (x0, x1)).iter().enumerate() {
+            let here = ((first + k) * TILE).max(x0);
+            match (from, *wanted) {
+                (None, true) => from = Some(here),
+                (Some(start), false) => {
+                    visit((start, here));
+                    from = None;
+                }
+                _ => {}
+            }
+        }
+        if let Some(start) = from {
+            visit((start, x1));
+        }
+    }
+}
+
+/// Samples of a pixel.
+pub const SAMPLES: usize = 8;
+
+/// Pixels of a canvas that are sampled, each with a number.
+pub struct Sampled {
+    /// The tiles that they are in.
+    pub tiles: Tiles,
+    /// The number of each pixel of the canvas; [`Self::NONE`] of one that is not sampled.
+    numbers: Grid<u32>,
+}
+
+impl Sampled {
+    const NONE: u32 = u32::MAX;
+
+    /// These pixels of a canvas, numbered in their order.
+    pub fn new(pixels: &[[usize; 2]], width: usize, height: usize) -> Self {
+        let mut numbers = Grid { width, height, data: vec![Self::NONE; width * height] };
+        for (number, [x, y]) in pixels.iter().enumerate() {
+            numbers.row_mut(*y)[*x] = number as u32;
+        }
+        Self { tiles: Tiles::around(pixels, width, height), numbers }
+    }
+}
+
 /// Affine map from an object's vertices (mm, relative to its centre) to column px, row px and height over the pad mm.
 /// The centre of the projection's pixel in column i, row j is at (i + 0.5, j + 0.5).
 #[derive(Clone, Copy, Debug)]
@@ -70,9 +146,10 @@ impl Projection {
         a * x + b * y + c * z + self.offset[k]
     }
 
-    /// False if a box cannot put a point below the ceiling inside the canvas.
+    /// False if a box cannot put a point below the ceiling inside the canvas, or within `reach` px of a pixel's centre that is
+    /// looked at.
     #[inline(always)]
-    fn may_touch(&self, canvas: Canvas, min: [f32; 3], max: [f32; 3]) -> bool {
+    fn may_touch(&self, canvas: Canvas, tiles: Option<&Tiles>, reach: f32, min: [f32; 3], max: [f32; 3]) -> bool {
         let low = |k: usize| {
             let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).min(self.linear[k][j] * max[j])).sum();
             reach + self.offset[k]
@@ -82,29 +159,68 @@ impl Projection {
             reach + self.offset[k]
         };
         // Rounding of the box's corners and of the vertices differs: a hair more than either can be off.
-        let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5;
-        high(0) + slack(0) >= canvas.centre(0)
+        let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5 + if k < 2 { reach } else { 0.0 };
+        let inside = high(0) + slack(0) >= canvas.centre(0)
             && low(0) - slack(0) <= canvas.centre(canvas.width)
             && high(1) + slack(1) >= canvas.centre(0)
             && low(1) - slack(1) <= canvas.centre(canvas.height)
-            && low(2) - slack(2) < canvas.ceiling
+            && low(2) - slack(2) < canvas.ceiling;
+        let Some(tiles) = tiles.filter(|_| inside) else { return inside };
+        let columns = centres(low(0) - slack(0), high(0) + slack(0), canvas.width, canvas.margin);
+        let rows = centres(low(1) - slack(1), high(1) + slack(1), canvas.height, canvas.margin);
+        columns.0 < columns.1 && rows.0 < rows.1 && tiles.any(columns, rows)
     }
 }
 
-/// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below.
+/// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below; in the tiles that
+/// are looked at, if not all are.
 #[inline(always)]
-pub fn raster(object: &Clusters, projection: &Projection, canvas: Canvas, heights: &mut Grid<f32>) {
+pub fn raster(
+    object: &Clusters,
+    projection: &Projection,
+    canvas: Canvas,
+    tiles: Option<&Tiles>,
+    heights: &mut Grid<f32>,
+) {
     let mut seen = Seen::default();
     object.query(
         #[inline(always)]
-        |min, max| projection.may_touch(canvas, min, max),
+        |min, max| projection.may_touch(canvas, tiles, 0.0, min, max),
         #[inline(always)]
         |part: Part<'_>| {
             seen.look(&part, projection, canvas);
             for corners in part.corners {
                 let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
                 if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
-                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
+                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, tiles, heights);
+                }
+            }
+        },
+    );
+}
+
+/// The same at the samples of pixels, `offsets` from their centres (columns and rows, px, at most `reach`).
+#[inline(always)]
+pub fn raster_samples(
+    object: &Clusters,
+    projection: &Projection,
+    canvas: Canvas,
+    sampled: &Sampled,
+    (offsets, reach): (&[[f32; SAMPLES]; 2], f32),
+    heights: &mut [[f32; SAMPLES]],
+) {
+    let mut seen = Seen::default();
+    object.query(
+        #[inline(always)]
+        |min, max| projection.may_touch(canvas, Some(&sampled.tiles), reach, min, max),
+        #[inline(always)]
+        |part: Part<'_>| {
+            seen.look(&part, projection, canvas);
+            for corners in part.corners {
+                let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
+                if seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
+                    let corners = [seen.corner(a), seen.corner(b), seen.corner(c)];
+                    triangle_samples(corners, canvas, sampled, (offsets, reach), heights);
                 }
             }
         },
@@ -184,10 +300,10 @@ fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
 
 /// Rasterises one triangle: corners in px, px, mm.
 #[inline(always)]
-fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
+fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, tiles: Option<&Tiles>, heights: &mut Grid<f32>) {
     let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
     let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
-    if x0 >= x1 || y0 >= y1 {
+    if x0 >= x1 || y0 >= y1 || tiles.is_some_and(|tiles| !tiles.any((x0, x1), (y0, y1))) {
         return;
     }
     for y in y0..y1 {
@@ -196,27 +312,88 @@ fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
             // Eight pixels at once take less time than a few one by one; those outside change nothing.
             3..=8 if x0 + 8 <= canvas.width => (x0, x0 + 8),
             0..=8 => (x0, x1),
-            _ => span([a, b, c], py, (x0, x1), canvas.margin),
+            _ => span([a, b, c], py, 0.0, (x0, x1), canvas.margin),
         };
         let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
-        let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
-        let mut x = canvas.centre(x0);
-        let mut eights = row.chunks_exact_mut(8);
-        for eight in &mut eights {
-            for (k, value) in eight.iter_mut().enumerate() {
-                let (inside, height) = at_pixel(&rows, x + k as f32);
-                // A triangle seen edge-on gives 0 / 0: not below anything.
-                *value = if inside & (height < *value) { height } else { *value };
-            }
-            x += 8.0;
+        let row = &mut heights.data[y * canvas.width..][..canvas.width];
+        match tiles {
+            Some(tiles) if x1 - x0 > TILE => tiles.parts(
+                y,
+                (x0, x1),
+                #[inline(always)]
+                |(x0, x1)| lower(&rows, &mut row[x0..x1], canvas.centre(x0)),
+            ),
+            _ => lower(&rows, &mut row[x0..x1], canvas.centre(x0)),
         }
-        for value in eights.into_remainder() {
-            let (inside, height) = at_pixel(&rows, x);
-            if inside && height < *value {
-                *value = height;
-            }
-            x += 1.0;
+    }
+}
+
+/// Rasterises one triangle at samples.
+#[inline(always)]
+fn triangle_samples(
+    [a, b, c]: [[f32; 3]; 3],
+    canvas: Canvas,
+    Sampled { tiles, numbers }: &Sampled,
+    ([across, down], reach): (&[[f32; SAMPLES]; 2], f32),
+    heights: &mut [[f32; SAMPLES]],
+) {
+    let bounds = |k: usize, size: usize| {
+        let (low, high) = (a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k]));
+        centres(low - reach, high + reach, size, canvas.margin)
+    };
+    let (columns, rows) = (bounds(0, canvas.width), bounds(1, canvas.height));
+    if columns.0 >= columns.1 || rows.0 >= rows.1 || !tiles.any(columns, rows) {
+        return;
+    }
+    for y in rows.0..rows.1 {
+        let py = canvas.centre(y);
+        // The slack of a span is more than the samples' reach.
+        let columns = match columns.1 - columns.0 {
+            0..=TILE => columns,
+            _ => span([a, b, c], py, reach, columns, canvas.margin),
+        };
+        if columns.0 >= columns.1 {
+            continue;
         }
+        tiles.parts(
+            y,
+            columns,
+            #[inline(always)]
+            |(x0, x1)| {
+                for (x, number) in (x0..x1).zip(&numbers.row(y)[x0..x1]) {
+                    let Some(values) = heights.get_mut(*number as usize) else { continue };
+                    let px = canvas.centre(x);
+                    for (k, value) in values.iter_mut().enumerate() {
+                        let row = py + down[k];
+                        let corners = [a, b, c].map(|corner| [corner[0], corner[1] - row, corner[2]]);
+                        let (inside, height) = at_pixel(&corners, px + across[k]);
+                        *value = if inside & (height < *value) { height } else { *value };
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// Lowers a part of a row, whose first pixel's centre is at column `x`, to a triangle. The corners' second coordinates are
+/// relative to the row.
+#[inline(always)]
+fn lower(rows: &[[f32; 3]; 3], part: &mut [f32], mut x: f32) {
+    let mut eights = part.chunks_exact_mut(8);
+    for eight in &mut eights {
+        for (k, value) in eight.iter_mut().enumerate() {
+            let (inside, height) = at_pixel(rows, x + k as f32);
+            // A triangle seen edge-on gives 0 / 0: not below anything.
+            *value = if inside & (height < *value) { height } else { *value };
+        }
+        x += 8.0;
+    }
+    for value in eights.into_remainder() {
+        let (inside, height) = at_pixel(rows, x);
+        if inside && height < *value {
+            *value = height;
+        }
+        x += 1.0;
     }
 }
 
@@ -230,21 +407,24 @@ fn at_pixel([a, b, c]: &[[f32; 3]; 3], x: f32) -> (bool, f32) {
     (inside, (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec))
 }
 
-/// Columns of a row at height `py` that a triangle can cover, a little too many rather than one too few.
+/// Columns of a row at height `py` that a triangle can cover within `reach` of their centres, a little too many rather than
+/// one too few.
 #[inline(always)]
-fn span([a, b, c]: [[f32; 3]; 3], py: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
+fn span([a, b, c]: [[f32; 3]; 3], py: f32, reach: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
     let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
     for (p, q) in [(a, b), (b, c), (c, a)] {
         let (low, high) = (p[1].min(q[1]), p[1].max(q[1]));
-        if py < low || py > high {
+        if py + reach < low || py - reach > high {
             continue;
         }
-        let along = ((py - p[1]) / (q[1] - p[1])).clamp(0.0, 1.0);
-        // NaN for a level edge: both of its ends count.
-        let at = p[0] + along * (q[0] - p[0]);
-        let (from, to) = if along.is_nan() { (p[0], q[0]) } else { (at, at) };
-        min = min.min(from).min(to);
-        max = max.max(from).max(to);
+        for y in [py - reach, py + reach] {
+            let along = ((y - p[1]) / (q[1] - p[1])).clamp(0.0, 1.0);
+            // NaN for a level edge: both of its ends count.
+            let at = p[0] + along * (q[0] - p[0]);
+            let (from, to) = if along.is_nan() { (p[0], q[0]) } else { (at, at) };
+            min = min.min(from).min(to);
+            max = max.max(from).max(to);
+        }
     }
     let slack = 1.0 + 1e-5 * (min.abs() + max.abs());
     let (first, end) = centres(min - slack, max + slack, x1, margin);

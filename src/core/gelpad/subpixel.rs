@@ -12,6 +12,7 @@ use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::raster::{SAMPLES, Sampled};
 use crate::core::depth::{self, Depth, Window};
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::gelpad::{Contact, Pad};
@@ -20,7 +21,7 @@ use crate::core::gelpad::{Contact, Pad};
 pub const BEND: f32 = 0.2;
 
 /// Samples of a pixel, px from its centre: eight points that are the same in a mirror and after a quarter turn.
-pub const OFFSETS: [[f64; 2]; 8] = [
+pub const OFFSETS: [[f64; 2]; SAMPLES] = [
     [0.375, 0.125],
     [-0.375, 0.125],
     [0.375, -0.125],
@@ -48,7 +49,7 @@ pub struct Subpixel {
     /// Weight of the samples against the centre, 0 to 1, in the region.
     pub weight: Grid<f32>,
     /// The surface at each offset, mm, in the region and [`SURFACE_BORDER`] around it; known where a pixel is sampled, and
-    /// beside it.
+    /// beside it, 0 elsewhere.
     pub surfaces: Vec<Grid<f32>>,
 }
 
@@ -120,11 +121,14 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
     runs.then(|| {
         effects.timed(Effect::Supersampling, || {
             let weight = weight.crop(region);
-            let capture = |offset_px| depth::capture_between(object, &indenter.pose, view, region, offset_px, window);
-            let centres = retouched.then(|| capture([0.0; 2]));
             let places = places(&weight);
-            let surface = |offset| scene.surface(region, &places, offset, capture(offset), centres.as_ref());
-            Subpixel { region, surfaces: OFFSETS.map(surface).to_vec(), weight }
+            let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
+            let sampled = Sampled::new(&places, width, height);
+            let pose = &indenter.pose;
+            let there = depth::capture_samples(object, pose, view, (region, &sampled, places.len()), &OFFSETS, window);
+            let centres = retouched.then(|| depth::capture_tiles(object, pose, view, (region, &sampled.tiles), window));
+            let surfaces = scene.surfaces(region, &places, &there, centres.as_ref());
+            Subpixel { region, surfaces, weight }
         })
     })
 }
@@ -178,74 +182,77 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
 }
 
 impl Scene<'_> {
-    /// The surface at an offset from the pixels' centres: `there` is the object's overlap at the offset, `centres` at the
-    /// centres themselves if it is other than in the depth map.
-    fn surface(
+    /// The surface at each offset from the pixels' centres: `there` is the object's height over the pad at the offsets of
+    /// each place, `centres` at the centres themselves if it is other than in the depth map.
+    fn surfaces(
         &self,
         region: Rect,
         places: &[[usize; 2]],
-        offset_px: [f64; 2],
-        there: Grid<f32>,
+        there: &[[f32; SAMPLES]],
         centres: Option<&Grid<f32>>,
-    ) -> Grid<f32> {
+    ) -> Vec<Grid<f32>> {
         let Self { depth, contact, .. } = self;
         let surface = &contact.surface;
-        let last = [surface.width - 1, surface.height - 1];
         // From the grid of the region to that of the surface, and on to that of the depth map.
-        let corner = [region.x0, region.y0];
         let margin = depth.margin_px - SURFACE_BORDER;
-        let object = |at: [usize; 2]| depth.overlap.at(at[0] + margin, at[1] + margin);
-        let [u, v] = offset_px.map(|offset| offset.abs() as f32);
-        let beside = |at: usize, k: usize| match offset_px[k] < 0.0 {
-            true => at.saturating_sub(1),
-            false => (at + 1).min(last[k]),
-        };
+        let object = |x: usize, y: usize| depth.overlap.at(x + margin, y + margin);
+        let around = |at: usize, size: usize| [at.saturating_sub(1), at, (at + 1).min(size - 1)];
         let step_mm = STEP * self.view.mm_per_px[0].max(self.view.mm_per_px[1]) as f32;
-        let mut sampled = there;
-        for [x, y] in places.iter().copied() {
-            let at = [x + corner[0], y + corner[1]];
-            let mut overlap = sampled.at(x, y);
-            if let Some(centres) = centres {
-                // Texture and curvature are those of the centre.
-                overlap += object(at) - centres.at(x, y);
+        let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
+        // Each on its own: most of a grid's memory is never touched, and copies of one would be.
+        let mut surfaces: Vec<Grid<f32>> = (0..SAMPLES).map(|_| Grid::new(width, height)).collect();
+        for ([x, y], there) in places.iter().copied().zip(there) {
+            let [columns, rows] = [around(x + region.x0, surface.width), around(y + region.y0, surface.height)];
+            // Of the pixel and those around it: the pad's surface, and the object's.
+            let pads = rows.map(|y| columns.map(|x| surface.at(x, y)));
+            let objects = rows.map(|y| columns.map(|x| object(x, y)));
+            // Texture and curvature are those of the centre.
+            let retouch = centres.map_or(0.0, |centres| objects[1][1] + centres.at(x, y));
+            for ((offset, there), surface) in OFFSETS.iter().zip(there).zip(&mut surfaces) {
+                let overlap = retouch - there;
+                let [u, v] = offset.map(|offset| offset.abs() as f32);
+                let [across, down] = offset.map(|offset| if offset < 0.0 { 0 } else { 2 });
+                let corners = [
+                    ([1, 1], (1.0 - u) * (1.0 - v)),
+                    ([across, 1], u * (1.0 - v)),
+                    ([1, down], (1.0 - u) * v),
+                    ([across, down], u * v),
+                ];
+                let (mut all, mut joined, mut weights) = (0.0, 0.0, 0.0);
+                for ([x, y], weight) in corners {
+                    let (w, g) = (pads[y][x], objects[y][x]);
+                    all += weight * w;
+                    let off = (w - g) / CLEAR_MM;
+                    let level = 2.0 - (g - overlap).abs() / step_mm;
+                    let weight = weight * off.max(level).clamp(0.0, 1.0);
+                    joined += weight * w;
+                    weights += weight;
+                }
+                let pad = (joined + LEAST * all) / (weights + LEAST);
+                surface.row_mut(y)[x] = pad.max(overlap);
             }
-            let next = [beside(at[0], 0), beside(at[1], 1)];
-            let corners = [
-                (at, (1.0 - u) * (1.0 - v)),
-                ([next[0], at[1]], u * (1.0 - v)),
-                ([at[0], next[1]], (1.0 - u) * v),
-                (next, u * v),
-            ];
-            let (mut all, mut joined, mut weights) = (0.0, 0.0, 0.0);
-            for (corner, weight) in corners {
-                let (w, g) = (surface.at(corner[0], corner[1]), object(corner));
-                all += weight * w;
-                let off = (w - g) / CLEAR_MM;
-                let level = 2.0 - (g - overlap).abs() / step_mm;
-                let weight = weight * off.max(level).clamp(0.0, 1.0);
-                joined += weight * w;
-                weights += weight;
-            }
-            let pad = (joined + LEAST * all) / (weights + LEAST);
-            sampled.row_mut(y)[x] = pad.max(overlap);
         }
-        sampled
+        surfaces
     }
 }
 
 /// The pixels of the region with its border that are sampled, or beside one that is.
 fn places(weight: &Grid<f32>) -> Vec<[usize; 2]> {
-    let sampled = |values: &[f32]| values.iter().any(|weight| *weight > 0.0);
-    let rows: Vec<bool> = (0..weight.height).map(|y| sampled(weight.row(y))).collect();
-    let around = |at: usize, size: usize| at.saturating_sub(2 * SURFACE_BORDER)..(at + 1).min(size);
+    // What is sampled of a pixel's three rows and columns lies at its own place, and up to twice the border before it.
+    let (wide, reach) = (weight.width + 2 * SURFACE_BORDER, 2 * SURFACE_BORDER);
     let mut places = Vec::new();
+    let (mut of_rows, mut counts) = (vec![false; wide], vec![false; wide]);
     for y in 0..weight.height + 2 * SURFACE_BORDER {
-        let rows = || around(y, weight.height).filter(|row| rows[*row]);
-        if rows().next().is_none() {
-            continue;
+        of_rows.fill(false);
+        for row in y.saturating_sub(reach)..(y + 1).min(weight.height) {
+            let row = weight.row(row);
+            of_rows.iter_mut().zip(row).for_each(|(sampled, weight)| *sampled |= *weight > 0.0);
         }
-        let counts = |x: &usize| rows().any(|row| sampled(&weight.row(row)[around(*x, weight.width)]));
-        places.extend((0..weight.width + 2 * SURFACE_BORDER).filter(counts).map(|x| [x, y]));
+        counts.copy_from_slice(&of_rows);
+        for shift in 1..=reach {
+            counts[shift..].iter_mut().zip(&of_rows).for_each(|(counts, sampled)| *counts |= *sampled);
+        }
+        places.extend(counts.iter().enumerate().filter(|(_, counts)| **counts).map(|(x, _)| [x, y]));
     }
     places
 }
