@@ -69,6 +69,10 @@ impl Augment {
             Err(AugmentError::Io(path, error)) => {
                 Err(Failure::denied(&format!("{}: {error}", path.display()), &error, "nothing was written"))
             }
+            Err(AugmentError::OldStays(path, error)) => {
+                let left = format!("the new output is in {}; the next run removes the old one", root.display());
+                Err(Failure::denied(&format!("the old output stays in {}: {error}", path.display()), &error, &left))
+            }
             Err(AugmentError::Sample(message)) => Err(Failure::running(format!("{message}\n  nothing was written"))),
             Err(AugmentError::Interrupted) => Err(Failure::stopped("stopped; nothing was written", signal)),
         }

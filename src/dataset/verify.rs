@@ -199,7 +199,7 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
 /// Files in data/ and stats/, and in `shards` that are folders, that belong to no shard: readers would take them for data.
 /// What begins with a dot is a run's that goes on, or a program's that shows folders.
 pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) -> Vec<Finding> {
-    let mut found = Vec::new();
+    let (mut found, mut unread) = (Vec::new(), Vec::new());
     let mut stray = |folder: &str, name: &str| {
         if !name.starts_with('.') {
             let file = format!("{folder}/{name}");
@@ -211,8 +211,14 @@ pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) 
     let stats = shards.clone().map(|shard| format!("{}.json", shard.name())).collect();
     for (folder, known) in [("data", data), ("stats", stats)] {
         let known: BTreeSet<String> = known;
-        for entry in fs::read_dir(recorded.root.join(folder)).into_iter().flatten().filter_map(Result::ok) {
-            let name = entry.file_name().to_string_lossy().into_owned();
+        let names = match names(&recorded.root.join(folder)) {
+            Ok(names) => names,
+            Err(error) => {
+                unread.push(Finding::new(folder, format!("cannot be looked through: {error}")));
+                continue;
+            }
+        };
+        for name in names {
             if !known.contains(&name) {
                 stray(folder, &name);
             }
@@ -224,8 +230,18 @@ pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) 
             others.iter().for_each(|name| stray(&container.file(&shard), name));
         }
     }
+    found.extend(unread);
     found.sort_by(|a, b| a.file.cmp(&b.file));
     found
+}
+
+/// The names in a folder, none if it is not there.
+fn names(folder: &Path) -> io::Result<Vec<String>> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries?,
+    };
+    entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect()
 }
 
 /// Shards of which nothing is there, those that follow each other at once.

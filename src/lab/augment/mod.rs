@@ -31,7 +31,7 @@ pub mod trace;
 use input::most_bytes;
 use make::{Maker, Raw};
 use output::labels::Labels;
-use output::place::{Place, SUMMARY};
+use output::place::{Place, SUMMARY, Unfinished};
 use output::{Units, Writer};
 pub use recipe::Recipe;
 pub use report::Summary;
@@ -57,13 +57,15 @@ pub struct Target {
     pub overwrite: bool,
 }
 
-/// Why a run ended early; nothing is written then.
+/// Why a run ended early; nothing is written then, unless it says so.
 #[derive(Debug)]
 pub enum AugmentError {
     /// The folder cannot be used.
     Refused(Refused),
     /// Reading or writing failed.
     Io(PathBuf, io::Error),
+    /// The output is written, but the one before it could not be removed from this folder.
+    OldStays(PathBuf, io::Error),
     /// A sample cannot be read or made.
     Sample(String),
     /// The stop flag was raised.
@@ -80,7 +82,10 @@ pub fn augment(recipe: &Recipe, target: &Target, watch: &Watch) -> Result<Summar
     let expected = Expected { samples: recipe.samples(), shards: recipe.set.units.len() as u64, skipped: 0 };
     let _ = watch.expected.set(expected);
     let mut summary = pool.install(|| write(recipe, &place.partial, watch))?;
-    place.finish().map_err(|error| AugmentError::Io(target.root.clone(), error))?;
+    place.finish().map_err(|unfinished| match unfinished {
+        Unfinished::NothingWritten(path, error) => AugmentError::Io(path, error),
+        Unfinished::OldStays(path, error) => AugmentError::OldStays(path, error),
+    })?;
     summary.seconds = start.elapsed().as_secs_f64();
     Ok(summary)
 }

@@ -90,23 +90,41 @@ impl Place {
     }
 
     /// Gives the folder its name, in place of what is there: at every instant one of the two has it. What gelsim made of
-    /// the other goes.
-    pub fn finish(mut self) -> io::Result<()> {
-        sync_all_in(&fs::File::open(&self.partial)?)?;
-        put_folder(&self.partial, &self.root)?;
+    /// the other goes; if that fails, the output is there all the same.
+    pub fn finish(mut self) -> Result<(), Unfinished> {
+        let exchange = || {
+            sync_all_in(&fs::File::open(&self.partial)?)?;
+            if self.root.is_dir() {
+                // Wherever this is killed, what is left says whose it is.
+                create_anew(&self.root.join(MARKER))?;
+            }
+            fs::remove_file(self.partial.join(MARKER))?;
+            put_folder(&self.partial, &self.root)
+        };
+        if let Err(error) = exchange() {
+            // The run fails for another reason; the next one knows the file.
+            let _ = fs::remove_file(self.root.join(MARKER));
+            return Err(Unfinished::NothingWritten(self.root.clone(), error));
+        }
         self.finished = true;
-        sync_folder(&self.root)?;
-        if !self.partial.exists() {
-            return fs::remove_file(self.root.join(MARKER));
-        }
-        if let Some(stranger) = strangers(&self.partial)? {
-            let what = format!("{} was put into the old output meanwhile, and is kept there", stranger.display());
-            return Err(io::Error::new(io::ErrorKind::DirectoryNotEmpty, what));
-        }
-        // What is killed from here on leaves a folder that says what it is.
-        fs::rename(self.root.join(MARKER), self.partial.join(MARKER))?;
-        remove(&self.partial)
+        let clear = || {
+            sync_folder(&self.root)?;
+            if let Some(stranger) = strangers(&self.partial)? {
+                let what = format!("{} was put into it meanwhile", stranger.display());
+                return Err(io::Error::new(io::ErrorKind::DirectoryNotEmpty, what));
+            }
+            remove(&self.partial)
+        };
+        clear().map_err(|error| Unfinished::OldStays(self.partial.clone(), error))
     }
+}
+
+/// Why an output is not as it should be.
+pub enum Unfinished {
+    /// It has not got its name.
+    NothingWritten(PathBuf, io::Error),
+    /// It has, but what was there before is still in this folder.
+    OldStays(PathBuf, io::Error),
 }
 
 impl Drop for Place {
@@ -119,7 +137,7 @@ impl Drop for Place {
 }
 
 /// What keeps a folder under the name of one that is being written from being taken: something in it that no run made.
-/// One that a run began holds [`MARKER`], and is empty before and after.
+/// One that a run began holds [`MARKER`]; before that it is empty, and at the end a whole output.
 fn not_ours(partial: &Path) -> io::Result<Option<PathBuf>> {
     match partial.symlink_metadata() {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -128,7 +146,10 @@ fn not_ours(partial: &Path) -> io::Result<Option<PathBuf>> {
         _ if partial.join(MARKER).symlink_metadata().is_ok_and(|marker| marker.is_file()) => return Ok(None),
         _ => {}
     }
-    fs::read_dir(partial)?.next().map(|first| first.map(|first| first.path())).transpose()
+    match fs::read_dir(partial)?.next().transpose()? {
+        Some(first) if !partial.join(SUMMARY).is_file() => Ok(Some(first.path())),
+        _ => strangers(partial),
+    }
 }
 
 /// Removes a folder that is being written, or was, if it is there: [`MARKER`] last.
@@ -160,8 +181,18 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
+fn absent(path: &Path) -> io::Result<bool> {
+    match path.symlink_metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(true),
+        there => there.map(|_| false),
+    }
+}
+
 /// The first file in an output that is not in its list. A folder that cannot be read may hold one.
 fn strangers(root: &Path) -> io::Result<Option<PathBuf>> {
+    if absent(root)? {
+        return Ok(None);
+    }
     let list = input::read_inside(&root.join(FILES), input::MOST_IMAGE_BYTES).unwrap_or_default();
     let list = String::from_utf8_lossy(&list);
     let mut ours: HashSet<PathBuf> =
