@@ -412,6 +412,22 @@ fn what_is_probably_not_meant_is_noted_and_refused_where_notes_count_as_errors()
         }
     }
     folder.succeed("generate job.toml --strict --quiet --out out --overwrite");
+    folder.write("metres.toml", edited(JOB, &[("path = \"cube.obj\"", "path = \"cube.obj\"\nunit = \"m\"")]));
+    for command in ["generate", "plan", "preview"] {
+        let out = if command == "preview" { "none.png" } else { "none" };
+        let text = folder.fail(&format!("{command} metres.toml --strict --out {out}"), 2);
+        assert!(text.contains("mm long under unit = \"m\"") && text.contains("look like millimetres"), "{text}");
+    }
+}
+
+#[test]
+fn samples_that_touch_nothing_are_counted_and_too_many_are_noted() {
+    let folder = Folder::with_job(&edited(JOB, &[("y_mm = [-2.0, 2.0]", "y_mm = 40.0")]));
+    let said = folder.succeed("generate job.toml --out away");
+    assert!(said.contains("8 samples in 4 shards, 0 of 8 in contact"), "{said}");
+    assert!(said.contains("note: 8 of 8 samples touch nothing, where indentation.no_contact = 0.25 means 2"), "{said}");
+    let said = folder.succeed("generate job.toml --out near --set pose.y_mm=0.0");
+    assert!(!said.contains("touch nothing"), "{said}");
 }
 
 #[test]

@@ -47,7 +47,7 @@ fn commands_that_write_files_sweep_up_after_killed_ones() {
         let alive = format!("{alive}.{}.partial", std::process::id());
         folder.write(&alive, "theirs");
         folder.gelsim(arguments).assert().success();
-        assert_eq!(partials(&folder), [alive.clone()], "{arguments}");
+        assert_eq!(partials(&folder), std::slice::from_ref(&alive), "{arguments}");
         fs::remove_file(folder.path(&alive)).expect("a file");
     }
     println!("killed {kills} commands with a file half written");
