@@ -55,7 +55,8 @@ impl Reproduce {
     }
 }
 
-/// Memory that a sample takes, bytes per pixel, and CPU time, s per pixel: measured at `high` with one ball.
+/// Memory that a sample takes, bytes per pixel, and CPU time, s per pixel: `time -v gelsim generate --fidelity high
+/// --samples 1 --threads 1` of one ball at 2048x1536 px.
 const COST_PER_PX: (f64, f64) = (160.0, 3e-7);
 
 /// What to say before work on a sample so large that who only looks at somebody's dataset may not want it.

@@ -129,7 +129,8 @@ fn of_shards(root: &Path, folder: &str) -> Result<Vec<Ours>, Failed> {
     Ok(found)
 }
 
-fn entries(folder: &Path) -> io::Result<Vec<std::ffi::OsString>> {
+/// The names in a folder; none if it is not there.
+pub fn entries(folder: &Path) -> io::Result<Vec<std::ffi::OsString>> {
     match fs::read_dir(folder) {
         Ok(entries) => entries.map(|entry| entry.map(|entry| entry.file_name())).collect(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),

@@ -3,12 +3,12 @@
 //! Looks at the dataset alone: the meshes and pictures that it was made from need not be there.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::io;
 use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::cleanup;
 use super::folder::recorded_version;
 use super::imagefolder;
 use super::lock::holder;
@@ -211,15 +211,15 @@ pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) 
     let stats = shards.clone().map(|shard| format!("{}.json", shard.name())).collect();
     for (folder, known) in [("data", data), ("stats", stats)] {
         let known: BTreeSet<String> = known;
-        let names = match names(&recorded.root.join(folder)) {
+        let names = match cleanup::entries(&recorded.root.join(folder)) {
             Ok(names) => names,
             Err(error) => {
                 unread.push(Finding::new(folder, format!("cannot be looked through: {error}")));
                 continue;
             }
         };
-        for name in names {
-            if !known.contains(&name) {
+        for name in names.iter().map(|name| name.to_string_lossy()) {
+            if !known.contains(&*name) {
                 stray(folder, &name);
             }
         }
@@ -233,15 +233,6 @@ pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) 
     found.extend(unread);
     found.sort_by(|a, b| a.file.cmp(&b.file));
     found
-}
-
-/// The names in a folder, none if it is not there.
-fn names(folder: &Path) -> io::Result<Vec<String>> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        entries => entries?,
-    };
-    entries.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect()
 }
 
 /// Shards of which nothing is there, those that follow each other at once.

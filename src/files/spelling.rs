@@ -1,4 +1,4 @@
-//! Names in messages: what somebody may have meant, and what there is to choose from.
+//! Text in messages: names that somebody may have meant, what there is to choose from, characters that are not seen.
 
 use std::borrow::Cow;
 

@@ -174,7 +174,7 @@ pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera:
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut heights = Grid::new(width, height);
     let view = Projection::new(placement, camera, object.centre_mm());
-    depth::raster::raster(object, &view, Canvas { width, height, ceiling: 0.0, margin }, None, &mut heights);
+    depth::raster::raster(object, &view, Canvas { width, height, ceiling: 0.0, margin }, &mut heights);
     heights
 }
 

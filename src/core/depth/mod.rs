@@ -22,7 +22,7 @@ pub mod texture;
 
 use height_map::HeightMap;
 use indenter::{Indenter, Shape};
-use raster::{Canvas, Projection, SAMPLES, Sampled, Tiles};
+use raster::{Canvas, Projection, SAMPLES, Sampled};
 use texture::Texture;
 
 /// The depth map of a press.
@@ -156,46 +156,38 @@ pub fn capture(object: &Clusters, placement: &Placement, view: &View, window: Wi
     overlap.data.resize(canvas.width * canvas.height, canvas.ceiling);
     simd_dispatch(
         #[inline(always)]
-        || raster::raster(object, &projection, canvas, None, &mut overlap),
+        || raster::raster(object, &projection, canvas, &mut overlap),
     );
     limited(overlap, margin_px, thickness_mm)
 }
 
-/// Height over the pad, mm, of `object` at samples of pixels in `region` of the view and [`SURFACE_BORDER`] around it: of
-/// each sampled pixel at each of `offsets` from its centre, px; the window's height where there is no object.
+/// Height over the pad, mm, of `object` at samples of pixels in `region` of the view and [`SURFACE_BORDER`] around it; the
+/// window's height where there is no object.
 pub fn capture_samples(
     object: &Clusters,
     pose: &Pose,
     view: &View,
-    (region, sampled, count): (Rect, &Sampled, usize),
-    offsets: &[[f64; 2]; SAMPLES],
+    region: Rect,
+    sampled: &Sampled,
     window: Window,
 ) -> Vec<[f32; SAMPLES]> {
     let (canvas, projection) = part(object, pose, view, region, window);
-    let offsets = [0, 1].map(|k| offsets.map(|offset| offset[k] as f32));
-    let reach = offsets.iter().flatten().fold(0.0_f32, |reach, offset| reach.max(offset.abs()));
-    let mut heights = vec![[canvas.ceiling; SAMPLES]; count];
+    let mut heights = vec![[canvas.ceiling; SAMPLES]; sampled.count];
     simd_dispatch(
         #[inline(always)]
-        || raster::raster_samples(object, &projection, canvas, sampled, (&offsets, reach), &mut heights),
+        || raster::raster_samples(object, &projection, canvas, sampled, &mut heights),
     );
     heights
 }
 
-/// The same at the pixels' centres, right in these tiles.
-pub fn capture_tiles(
-    object: &Clusters,
-    pose: &Pose,
-    view: &View,
-    (region, tiles): (Rect, &Tiles),
-    window: Window,
-) -> Grid<f32> {
+/// The same at the pixels' centres.
+pub fn capture_part(object: &Clusters, pose: &Pose, view: &View, region: Rect, window: Window) -> Grid<f32> {
     let (canvas, projection) = part(object, pose, view, region, window);
     let Canvas { width, height, ceiling, .. } = canvas;
     let mut heights = Grid { width, height, data: vec![ceiling; width * height] };
     simd_dispatch(
         #[inline(always)]
-        || raster::raster(object, &projection, canvas, Some(tiles), &mut heights),
+        || raster::raster(object, &projection, canvas, &mut heights),
     );
     heights
 }

@@ -32,8 +32,8 @@ impl Canvas {
     }
 }
 
-/// Tiles of a canvas, some of which are looked at: pixels elsewhere need not be right.
-pub struct Tiles {
+/// Tiles of a canvas, some of which are looked at.
+struct Tiles {
     across: usize,
     wanted: Vec<bool>,
 }
@@ -43,7 +43,7 @@ const TILE: usize = 8;
 
 impl Tiles {
     /// Those of a canvas that hold one of these pixels.
-    pub fn around(pixels: &[[usize; 2]], width: usize, height: usize) -> Self {
+    fn around(pixels: &[[usize; 2]], width: usize, height: usize) -> Self {
         let across = width.div_ceil(TILE);
         let mut wanted = vec![false; across * height.div_ceil(TILE)];
         pixels.iter().for_each(|[x, y]| wanted[y / TILE * across + x / TILE] = true);
@@ -87,24 +87,34 @@ impl Tiles {
 /// Samples of a pixel.
 pub const SAMPLES: usize = 8;
 
-/// Pixels of a canvas that are sampled, each with a number.
+/// Where a canvas is sampled: at some of its pixels, each with a number, at the same points around the centre of each.
 pub struct Sampled {
-    /// The tiles that they are in.
-    pub tiles: Tiles,
+    tiles: Tiles,
     /// The number of each pixel of the canvas; [`Self::NONE`] of one that is not sampled.
     numbers: Grid<u32>,
+    /// Pixels that are sampled.
+    pub count: usize,
+    /// Columns from the centre to each sample, px.
+    across: [f32; SAMPLES],
+    /// Rows.
+    down: [f32; SAMPLES],
+    /// The largest of them.
+    reach: f32,
 }
 
 impl Sampled {
     const NONE: u32 = u32::MAX;
 
-    /// These pixels of a canvas, numbered in their order.
-    pub fn new(pixels: &[[usize; 2]], width: usize, height: usize) -> Self {
+    /// These pixels of a canvas, numbered in their order, at `offsets` from their centres, px.
+    pub fn new(pixels: &[[usize; 2]], [width, height]: [usize; 2], offsets: &[[f64; 2]; SAMPLES]) -> Self {
         let mut numbers = Grid { width, height, data: vec![Self::NONE; width * height] };
         for (number, [x, y]) in pixels.iter().enumerate() {
             numbers.row_mut(*y)[*x] = number as u32;
         }
-        Self { tiles: Tiles::around(pixels, width, height), numbers }
+        let [across, down] = [0, 1].map(|k| offsets.map(|offset| offset[k] as f32));
+        let reach = across.iter().chain(&down).fold(0.0_f32, |reach, offset| reach.max(offset.abs()));
+        let tiles = Tiles::around(pixels, width, height);
+        Self { tiles, numbers, count: pixels.len(), across, down, reach }
     }
 }
 
@@ -146,10 +156,10 @@ impl Projection {
         a * x + b * y + c * z + self.offset[k]
     }
 
-    /// False if a box cannot put a point below the ceiling inside the canvas, or within `reach` px of a pixel's centre that is
-    /// looked at.
+    /// False if a box cannot put a point below the ceiling within `reach` px of a pixel's centre of the canvas, in these tiles
+    /// if it is not all of them.
     #[inline(always)]
-    fn may_touch(&self, canvas: Canvas, tiles: Option<&Tiles>, reach: f32, min: [f32; 3], max: [f32; 3]) -> bool {
+    fn may_touch(&self, canvas: Canvas, reach: f32, tiles: Option<&Tiles>, min: [f32; 3], max: [f32; 3]) -> bool {
         let low = |k: usize| {
             let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).min(self.linear[k][j] * max[j])).sum();
             reach + self.offset[k]
@@ -172,47 +182,39 @@ impl Projection {
     }
 }
 
-/// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below; in the tiles that
-/// are looked at, if not all are.
+/// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below.
 #[inline(always)]
-pub fn raster(
-    object: &Clusters,
-    projection: &Projection,
-    canvas: Canvas,
-    tiles: Option<&Tiles>,
-    heights: &mut Grid<f32>,
-) {
+pub fn raster(object: &Clusters, projection: &Projection, canvas: Canvas, heights: &mut Grid<f32>) {
     let mut seen = Seen::default();
     object.query(
         #[inline(always)]
-        |min, max| projection.may_touch(canvas, tiles, 0.0, min, max),
+        |min, max| projection.may_touch(canvas, 0.0, None, min, max),
         #[inline(always)]
         |part: Part<'_>| {
             seen.look(&part, projection, canvas);
             for corners in part.corners {
                 let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
                 if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
-                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, tiles, heights);
+                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
                 }
             }
         },
     );
 }
 
-/// The same at the samples of pixels, `offsets` from their centres (columns and rows, px, at most `reach`).
+/// The same at the samples of pixels: `heights` are those of each sampled pixel.
 #[inline(always)]
 pub fn raster_samples(
     object: &Clusters,
     projection: &Projection,
     canvas: Canvas,
     sampled: &Sampled,
-    (offsets, reach): (&[[f32; SAMPLES]; 2], f32),
     heights: &mut [[f32; SAMPLES]],
 ) {
     let mut seen = Seen::default();
     object.query(
         #[inline(always)]
-        |min, max| projection.may_touch(canvas, Some(&sampled.tiles), reach, min, max),
+        |min, max| projection.may_touch(canvas, sampled.reach, Some(&sampled.tiles), min, max),
         #[inline(always)]
         |part: Part<'_>| {
             seen.look(&part, projection, canvas);
@@ -220,7 +222,7 @@ pub fn raster_samples(
                 let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
                 if seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
                     let corners = [seen.corner(a), seen.corner(b), seen.corner(c)];
-                    triangle_samples(corners, canvas, sampled, (offsets, reach), heights);
+                    triangle_samples(corners, canvas, sampled, heights);
                 }
             }
         },
@@ -300,10 +302,10 @@ fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
 
 /// Rasterises one triangle: corners in px, px, mm.
 #[inline(always)]
-fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, tiles: Option<&Tiles>, heights: &mut Grid<f32>) {
+fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
     let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
     let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
-    if x0 >= x1 || y0 >= y1 || tiles.is_some_and(|tiles| !tiles.any((x0, x1), (y0, y1))) {
+    if x0 >= x1 || y0 >= y1 {
         return;
     }
     for y in y0..y1 {
@@ -315,15 +317,23 @@ fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, tiles: Option<&Tiles>, hei
             _ => span([a, b, c], py, 0.0, (x0, x1), canvas.margin),
         };
         let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
-        let row = &mut heights.data[y * canvas.width..][..canvas.width];
-        match tiles {
-            Some(tiles) if x1 - x0 > TILE => tiles.parts(
-                y,
-                (x0, x1),
-                #[inline(always)]
-                |(x0, x1)| lower(&rows, &mut row[x0..x1], canvas.centre(x0)),
-            ),
-            _ => lower(&rows, &mut row[x0..x1], canvas.centre(x0)),
+        let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
+        let mut x = canvas.centre(x0);
+        let mut eights = row.chunks_exact_mut(8);
+        for eight in &mut eights {
+            for (k, value) in eight.iter_mut().enumerate() {
+                let (inside, height) = at_pixel(&rows, x + k as f32);
+                // A triangle seen edge-on gives 0 / 0: not below anything.
+                *value = if inside & (height < *value) { height } else { *value };
+            }
+            x += 8.0;
+        }
+        for value in eights.into_remainder() {
+            let (inside, height) = at_pixel(&rows, x);
+            if inside && height < *value {
+                *value = height;
+            }
+            x += 1.0;
         }
     }
 }
@@ -333,8 +343,7 @@ fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, tiles: Option<&Tiles>, hei
 fn triangle_samples(
     [a, b, c]: [[f32; 3]; 3],
     canvas: Canvas,
-    Sampled { tiles, numbers }: &Sampled,
-    ([across, down], reach): (&[[f32; SAMPLES]; 2], f32),
+    Sampled { tiles, numbers, across, down, reach, .. }: &Sampled,
     heights: &mut [[f32; SAMPLES]],
 ) {
     let bounds = |k: usize, size: usize| {
@@ -347,10 +356,10 @@ fn triangle_samples(
     }
     for y in rows.0..rows.1 {
         let py = canvas.centre(y);
-        // The slack of a span is more than the samples' reach.
+        // A span has a pixel to spare at each end, which is more than the samples' reach.
         let columns = match columns.1 - columns.0 {
             0..=TILE => columns,
-            _ => span([a, b, c], py, reach, columns, canvas.margin),
+            _ => span([a, b, c], py, *reach, columns, canvas.margin),
         };
         if columns.0 >= columns.1 {
             continue;
@@ -372,28 +381,6 @@ fn triangle_samples(
                 }
             },
         );
-    }
-}
-
-/// Lowers a part of a row, whose first pixel's centre is at column `x`, to a triangle. The corners' second coordinates are
-/// relative to the row.
-#[inline(always)]
-fn lower(rows: &[[f32; 3]; 3], part: &mut [f32], mut x: f32) {
-    let mut eights = part.chunks_exact_mut(8);
-    for eight in &mut eights {
-        for (k, value) in eight.iter_mut().enumerate() {
-            let (inside, height) = at_pixel(rows, x + k as f32);
-            // A triangle seen edge-on gives 0 / 0: not below anything.
-            *value = if inside & (height < *value) { height } else { *value };
-        }
-        x += 8.0;
-    }
-    for value in eights.into_remainder() {
-        let (inside, height) = at_pixel(rows, x);
-        if inside && height < *value {
-            *value = height;
-        }
-        x += 1.0;
     }
 }
 

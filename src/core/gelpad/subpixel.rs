@@ -122,11 +122,11 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
         effects.timed(Effect::Supersampling, || {
             let weight = weight.crop(region);
             let places = places(&weight);
-            let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
-            let sampled = Sampled::new(&places, width, height);
+            let size = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
+            let sampled = Sampled::new(&places, size, &OFFSETS);
             let pose = &indenter.pose;
-            let there = depth::capture_samples(object, pose, view, (region, &sampled, places.len()), &OFFSETS, window);
-            let centres = retouched.then(|| depth::capture_tiles(object, pose, view, (region, &sampled.tiles), window));
+            let there = depth::capture_samples(object, pose, view, region, &sampled, window);
+            let centres = retouched.then(|| depth::capture_part(object, pose, view, region, window));
             let surfaces = scene.surfaces(region, &places, &there, centres.as_ref());
             Subpixel { region, surfaces, weight }
         })

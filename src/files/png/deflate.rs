@@ -12,38 +12,18 @@ const SYMBOLS: usize = 286;
 const END: usize = 256;
 /// Shortest and longest match.
 const MATCHES: [usize; 2] = [3, 258];
-/// Of each code of lengths the shortest one, and how many bits say how much longer it is.
-const LENGTHS: [(usize, u32); 29] = [
-    (3, 0),
-    (4, 0),
-    (5, 0),
-    (6, 0),
-    (7, 0),
-    (8, 0),
-    (9, 0),
-    (10, 0),
-    (11, 1),
-    (13, 1),
-    (15, 1),
-    (17, 1),
-    (19, 2),
-    (23, 2),
-    (27, 2),
-    (31, 2),
-    (35, 3),
-    (43, 3),
-    (51, 3),
-    (59, 3),
-    (67, 4),
-    (83, 4),
-    (99, 4),
-    (115, 4),
-    (131, 5),
-    (163, 5),
-    (195, 5),
-    (227, 5),
-    (258, 0),
-];
+/// Of each code of lengths the shortest one, and how many bits say how much longer it is: eight codes of one length, then
+/// four each of 2, 4, 8, 16 and 32 lengths, and the longest.
+const LENGTHS: [(usize, u32); 29] = {
+    let mut lengths = [(MATCHES[1], 0); 29];
+    let mut code = 0;
+    while code < 28 {
+        let bits = if code < 8 { 0 } else { code / 4 - 1 };
+        lengths[code] = (MATCHES[0] + if bits == 0 { code } else { (4 + code % 4) << bits }, bits as u32);
+        code += 1;
+    }
+    lengths
+};
 
 /// The number of the code of a length in [`LENGTHS`].
 fn code_of(length: usize) -> usize {

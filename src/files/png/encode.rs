@@ -11,6 +11,8 @@ use super::deflate::{Deflate, Histogram};
 const COUNTED: usize = 4;
 /// Rows of a picture of which every one is counted.
 const FEW_ROWS: usize = 64;
+/// A zlib stream begins so.
+const ZLIB_HEAD: [u8; 2] = [0x78, 0x01];
 /// The number of the filter that takes the row above away.
 const UP: u8 = 2;
 
@@ -44,9 +46,7 @@ pub fn encode([width, height]: [usize; 2], pixels: &[u8], color: ColorType, dept
             [&(width as u32).to_be_bytes()[..], &(height as u32).to_be_bytes(), &[depth as u8, color as u8, 0, 0, 0]];
         let mut bytes = Vec::from(*b"\x89PNG\r\n\x1a\n");
         chunk(&mut bytes, *b"IHDR", &head.concat());
-        // The head of a zlib stream.
-        out.splice(..out.len().min(2), [0x78, 0x01]);
-        let mut stream = Deflate::new(out, 2, &histogram);
+        let mut stream = Deflate::new(out, ZLIB_HEAD.len(), &histogram);
         let mut sum = Adler32::new();
         for y in 0..height {
             take_above_away(pixels, of_row, y, &mut row[1..]);
@@ -54,9 +54,11 @@ pub fn encode([width, height]: [usize; 2], pixels: &[u8], color: ColorType, dept
             stream.row(row);
         }
         let end = stream.finish();
-        out.splice(end..(end + 4).min(out.len()), sum.finish().to_be_bytes());
-        bytes.reserve_exact(end + 4 + 24);
-        chunk(&mut bytes, *b"IDAT", &out[..end + 4]);
+        out.truncate(end);
+        out[..ZLIB_HEAD.len()].copy_from_slice(&ZLIB_HEAD);
+        out.extend(sum.finish().to_be_bytes());
+        bytes.reserve_exact(out.len() + 24);
+        chunk(&mut bytes, *b"IDAT", out);
         chunk(&mut bytes, *b"IEND", &[]);
         bytes
     })

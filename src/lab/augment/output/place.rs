@@ -109,6 +109,9 @@ impl Place {
         self.finished = true;
         let clear = || {
             sync_folder(&self.root)?;
+            if !self.partial.try_exists()? {
+                return Ok(());
+            }
             if let Some(stranger) = strangers(&self.partial)? {
                 let what = format!("{} was put into it meanwhile", stranger.display());
                 return Err(io::Error::new(io::ErrorKind::DirectoryNotEmpty, what));
@@ -181,18 +184,8 @@ fn resolved(path: &Path) -> io::Result<PathBuf> {
     }
 }
 
-fn absent(path: &Path) -> io::Result<bool> {
-    match path.symlink_metadata() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(true),
-        there => there.map(|_| false),
-    }
-}
-
 /// The first file in an output that is not in its list. A folder that cannot be read may hold one.
 fn strangers(root: &Path) -> io::Result<Option<PathBuf>> {
-    if absent(root)? {
-        return Ok(None);
-    }
     let list = input::read_inside(&root.join(FILES), input::MOST_IMAGE_BYTES).unwrap_or_default();
     let list = String::from_utf8_lossy(&list);
     let mut ours: HashSet<PathBuf> =
