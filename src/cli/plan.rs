@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
@@ -35,7 +36,9 @@ pub struct Plan {
 impl Plan {
     pub(super) fn run(self) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
+        let start = Instant::now();
         let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
+        let load_s = start.elapsed().as_secs_f64();
         self.overrides.note(&plan.notes, Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
@@ -48,7 +51,7 @@ impl Plan {
         let mut text = heading(&plan, &forecast);
         text += &effects(&forecast);
         text += &stages(&forecast);
-        text += &totals(&forecast, &root, free_bytes(&root));
+        text += &totals(&forecast, load_s, &root, free_bytes(&root));
         print(&text)
     }
 }
@@ -110,13 +113,14 @@ fn stages(forecast: &Forecast) -> String {
     text
 }
 
-fn totals(forecast: &Forecast, root: &Path, free: Option<u64>) -> String {
+fn totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64>) -> String {
     let bytes = forecast.bytes as u64;
     let mut text = format!(
-        "\ntime   {} on {} thread{}: {:.1} samples/s\nsize   {} in {} shard{}",
-        duration(forecast.wall_s),
+        "\ntime   {} on {} thread{}{}: {:.1} samples/s\nsize   {} in {} shard{}",
+        duration(load_s + forecast.wall_s),
         forecast.threads,
         if forecast.threads == 1 { "" } else { "s" },
+        if load_s < SOON_S { String::new() } else { format!(", {} of it to load the job", duration(load_s)) },
         forecast.samples as f64 / forecast.wall_s.max(1e-9),
         HumanBytes(bytes),
         HumanCount(forecast.shards),
@@ -133,6 +137,9 @@ fn totals(forecast: &Forecast, root: &Path, free: Option<u64>) -> String {
     }
     text + "\n"
 }
+
+/// Time to load a job that is not worth a word, s.
+const SOON_S: f64 = 0.1;
 
 fn total_s(forecast: &Forecast) -> f64 {
     forecast.seconds.simulation() + forecast.seconds.encode + forecast.write_s

@@ -180,7 +180,7 @@ fn convolution(c: &mut Criterion) {
         }
         let shape = Shape { source: [width, height], offset: [0, 0], target: [width, height] };
         let lengths = Lengths::new(2 * width);
-        let torus = Torus::new(&lengths, shape, [kernel.width, kernel.height]);
+        let torus = Torus::new(&lengths, shape, [kernel.width, kernel.height], 0);
         let (mut buffers, mut spectrum, mut found) = (Buffers::default(), Spectrum::default(), Grid::default());
         torus.set_spectrum(&kernel, &mut buffers, &mut spectrum);
         torus.convolve(&spectrum, &source, &mut found, &mut buffers);

@@ -136,7 +136,7 @@ fn check(shape: Shape, kernel: [usize; 2], checks: usize, random: &mut Random) {
     let Shape { source: [width, height], offset, target } = shape;
     let (kernel, source) = (image(kernel[0], kernel[1], random), image(width, height, random));
     let lengths = Lengths::new(2 * target[0].max(target[1]));
-    let torus = Torus::new(&lengths, shape, [kernel.width, kernel.height]);
+    let torus = Torus::new(&lengths, shape, [kernel.width, kernel.height], 0);
     let (mut buffers, mut spectrum) = (Buffers::default(), Spectrum::default());
     let mut run = || {
         let mut found = Grid::default();
@@ -220,10 +220,11 @@ fn the_roughly_inverse_spectrum_undoes_a_convolution_but_for_its_cutoff() {
     let kernel = Grid { width: 2, height: 1, data: vec![1.0, 0.2] };
     let lengths = Lengths::new(96);
     let shape = Shape { source: [48, 40], offset: [0; 2], target: [48, 40] };
-    let torus = Torus::new(&lengths, shape, [48, 40]);
+    let torus = Torus::new(&lengths, shape, [48, 40], 0);
     let (mut buffers, mut spectrum, mut inverse) = (Buffers::default(), Spectrum::default(), Spectrum::default());
     torus.set_spectrum(&kernel, &mut buffers, &mut spectrum);
-    torus.invert(&spectrum, [0.1, 0.1], 0.0, 1.0, 1.4, &mut inverse);
+    inverse.clone_from(&spectrum);
+    torus.invert(&mut inverse, [0.1, 0.1], 0.0, 1.0, 1.4);
     let mut source = Grid::new(48, 40);
     source.row_mut(20)[24] = 1.0;
     let (mut there, mut back) = (Grid::default(), Grid::default());
@@ -233,7 +234,8 @@ fn the_roughly_inverse_spectrum_undoes_a_convolution_but_for_its_cutoff() {
         assert!((found - value).abs() < 1e-6, "{found} instead of {value}");
     }
     // With everything cut off it is a factor.
-    torus.invert(&spectrum, [0.1, 0.1], 1e3, 4.0, 1.4, &mut inverse);
+    inverse.clone_from(&spectrum);
+    torus.invert(&mut inverse, [0.1, 0.1], 1e3, 4.0, 1.4);
     torus.convolve(&inverse, &source, &mut back, &mut buffers);
     for (found, value) in back.data.iter().zip(&source.data) {
         assert!((found - value / 4.0).abs() < 1e-6, "{found} instead of a quarter of {value}");

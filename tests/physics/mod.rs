@@ -31,6 +31,7 @@ mod optics;
 mod oracle;
 mod presets;
 mod reference_solutions;
+mod response;
 mod rig;
 mod scene;
 mod shadow;

@@ -217,11 +217,12 @@ fn a_press_shallower_than_the_tolerance_has_a_force_in_proportion_to_its_depth()
 #[test]
 fn where_the_pads_response_is_computed_otherwise_the_surface_hardly_jumps() {
     // Thicknesses at which the window grows by four pixels, the response is averaged more finely over a pixel, or its end
-    // stands for the tail; and one at which nothing happens.
+    // stands for the tail, or the nodes of its far field lie further apart; and one at which nothing happens.
     for (what, thickness_mm, depth_mm, bound_um) in [
         ("four pixels more of margin", 10.0 / 3.0, 0.5, 6.0),
         ("finer pixels than a 32nd", 8.0, 0.5, 0.05),
         ("a wide window", 23.5 / 22.5, 0.2, 0.05),
+        ("nodes further apart", 10.0, 0.5, 0.3),
         ("nothing", 3.333, 0.5, 0.01),
     ] {
         for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference] {

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::simd::simd_dispatch;
+
 /// A row-major image. Row 0 is the top one.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grid<T> {
@@ -23,6 +25,12 @@ impl<T: Copy + Default> Grid<T> {
     pub fn reset(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.data.clear();
+        self.data.resize(width * height, T::default());
+    }
+
+    /// Makes it `width` x `height` in the memory that it has; what its values are is left open.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
         self.data.resize(width * height, T::default());
     }
 
@@ -74,6 +82,17 @@ impl<T: Copy + Default> Grid<T> {
 }
 
 impl Grid<f32> {
+    /// The largest of what is made of the values, 0 if nothing is above it.
+    pub fn largest(&self, of: impl Fn(f32) -> f32) -> f32 {
+        // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+        let mut bits = 0;
+        simd_dispatch(
+            #[inline(always)]
+            || bits = self.data.iter().fold(0, |most, value| of(*value).max(0.0).to_bits().max(most)),
+        );
+        f32::from_bits(bits)
+    }
+
     /// The value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between pixel
     /// centres, the border's values beyond them.
     pub fn stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
@@ -167,16 +186,29 @@ impl Rect {
 
 /// The smallest rectangle around the pixels for which `inside` holds; empty if there are none.
 pub fn bounding_box<T: Copy + Default>(grid: &Grid<T>, inside: impl Fn(T) -> bool) -> Rect {
-    let row_has = |y: &usize| grid.row(*y).iter().any(|value| inside(*value));
-    let Some(y0) = (0..grid.height).find(row_has) else { return Rect::default() };
-    let y1 = (y0..grid.height).rev().find(row_has).map_or(y0 + 1, |y| y + 1);
-    let (mut x0, mut x1) = (grid.width, 0);
-    for y in y0..y1 {
-        let row = grid.row(y);
-        x0 = row[..x0].iter().position(|value| inside(*value)).unwrap_or(x0);
-        x1 = row[x1..].iter().rposition(|value| inside(*value)).map_or(x1, |at| x1 + at + 1);
+    let mut columns = vec![0_u32; grid.width];
+    let mut rows = 0..0;
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for y in 0..grid.height {
+                let mut any = 0;
+                for (column, value) in columns.iter_mut().zip(grid.row(y)) {
+                    let is_inside = u32::from(inside(*value));
+                    *column |= is_inside;
+                    any |= is_inside;
+                }
+                if any != 0 {
+                    rows = if rows.is_empty() { y..y + 1 } else { rows.start..y + 1 };
+                }
+            }
+        },
+    );
+    let is_inside = |column: &u32| *column != 0;
+    match (columns.iter().position(is_inside), columns.iter().rposition(is_inside)) {
+        (Some(x0), Some(x1)) => Rect { x0, y0: rows.start, x1: x1 + 1, y1: rows.end },
+        _ => Rect::default(),
     }
-    Rect { x0, y0, x1, y1 }
 }
 
 /// A grid beside the camera's.

@@ -116,6 +116,11 @@ impl Sampled {
         let tiles = Tiles::around(pixels, width, height);
         Self { tiles, numbers, count: pixels.len(), across, down, reach }
     }
+
+    /// The number of a pixel that is sampled.
+    pub fn number(&self, x: usize, y: usize) -> usize {
+        self.numbers.at(x, y) as usize
+    }
 }
 
 /// Affine map from an object's vertices (mm, relative to its centre) to column px, row px and height over the pad mm.

@@ -6,8 +6,6 @@
 //! without a step. The optics average the light over the samples (not the heights, which would round the wall off), with a
 //! weight that grows from 0 to 1 while the slope changes by one to two [`BEND`]s from pixel to pixel.
 
-use std::ops::Range;
-
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::{SURFACE_BORDER, View};
@@ -46,35 +44,59 @@ const LEAST: f32 = 1e-3;
 pub struct Subpixel {
     /// The part of the view that holds all pixels that are sampled.
     pub region: Rect,
-    /// Weight of the samples against the centre, 0 to 1, in the region.
-    pub weight: Grid<f32>,
-    /// The surface at each offset, mm, in the region and [`SURFACE_BORDER`] around it; known where a pixel is sampled, and
-    /// beside it, 0 elsewhere.
-    pub surfaces: Vec<Grid<f32>>,
+    /// Those pixels, row by row.
+    pixels: Vec<SampledPixel>,
+    /// Where each of the region's rows begins among them, and the last one ends.
+    rows: Vec<usize>,
+}
+
+/// A pixel that is sampled.
+#[derive(Clone, Copy, Debug)]
+pub struct SampledPixel {
+    /// Column of the view.
+    pub x: usize,
+    /// Weight of the samples against the centre, over 0 to 1.
+    pub weight: f32,
+    /// The surface at each offset, mm.
+    pub heights_mm: [f32; SAMPLES],
+    /// Its fall at each offset, along the row and down.
+    pub falls: [[f32; SAMPLES]; 2],
 }
 
 impl Subpixel {
-    /// The weights along row `y` of the view within `part` of it, and in which of the part's columns; `None` if nothing is
-    /// sampled there.
-    pub fn row(&self, part: Rect, y: usize) -> Option<(Range<usize>, &[f32])> {
-        let Rect { x0, y0, x1, y1 } = self.region;
-        let (from, to) = (x0.max(part.x0), x1.min(part.x1));
-        let inside = (y0..y1).contains(&y) && from < to;
-        inside.then(|| (from - part.x0..to - part.x0, &self.weight.row(y - y0)[from - x0..to - x0]))
+    /// The sampled pixels of row `y` of the view.
+    pub fn row(&self, y: usize) -> &[SampledPixel] {
+        match (self.region.y0..self.region.y1).contains(&y) {
+            true => &self.pixels[self.rows[y - self.region.y0]..self.rows[y - self.region.y0 + 1]],
+            false => &[],
+        }
     }
 
     /// The same over a relief of the pad at rest, on the grid of [`Contact::surface`].
-    pub fn over(&self, relief: &Grid<f32>) -> Self {
+    pub fn over(&self, relief: &Grid<f32>, view: &View) -> Self {
         let mut over = self.clone();
-        let Rect { x0, y0, .. } = self.region;
-        for surface in &mut over.surfaces {
-            for y in 0..surface.height {
-                let row = &relief.row(y0 + y)[x0..];
-                surface.row_mut(y).iter_mut().zip(row).for_each(|(w, relief)| *w += relief);
+        let per_fall = per_fall(view);
+        for (row, ends) in self.rows.windows(2).enumerate() {
+            let y = self.region.y0 + row + SURFACE_BORDER;
+            for pixel in &mut over.pixels[ends[0]..ends[1]] {
+                let x = pixel.x + SURFACE_BORDER;
+                let falls = [
+                    (relief.at(x - 1, y) - relief.at(x + 1, y)) * per_fall[0],
+                    (relief.at(x, y - 1) - relief.at(x, y + 1)) * per_fall[1],
+                ];
+                pixel.heights_mm.iter_mut().for_each(|mm| *mm += relief.at(x, y));
+                for (samples, fall) in pixel.falls.iter_mut().zip(falls) {
+                    samples.iter_mut().for_each(|sample| *sample += fall);
+                }
             }
         }
         over
     }
+}
+
+/// From the difference of a pixel's neighbours, mm, to the slope.
+fn per_fall(view: &View) -> [f32; 2] {
+    view.mm_per_px.map(|pitch| (0.5 / pitch) as f32)
 }
 
 /// What the pad under an indenter is sampled from.
@@ -127,39 +149,37 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
             let pose = &indenter.pose;
             let there = depth::capture_samples(object, pose, view, region, &sampled, window);
             let centres = retouched.then(|| depth::capture_part(object, pose, view, region, window));
-            let surfaces = scene.surfaces(region, &places, &there, centres.as_ref());
-            Subpixel { region, surfaces, weight }
+            let mut heights = there;
+            simd_dispatch(
+                #[inline(always)]
+                || scene.surfaces(region, &places, &mut heights, centres.as_ref()),
+            );
+            scene.sampled(region, &weight, &sampled, &heights)
         })
     })
 }
 
-/// How much the samples count at each pixel of the view: by the largest bend there or beside it.
+/// How much the samples count at each pixel of the view: by the largest bend there or beside it. Empty where nothing is bent.
 fn weights(contact: &Contact, view: &View) -> Grid<f32> {
     let [width, height] = view.resolution_px;
     let surface = &contact.surface;
     let per_px = view.mm_per_px.map(|pitch| (1.0 / pitch) as f32);
-    let mut bends: Grid<f32> = Grid::new(width, height);
     let part =
         contact.region.grown(1, surface.width, surface.height).seen_from(SURFACE_BORDER, SURFACE_BORDER, width, height);
     let mut any = vec![false; height];
-    let mut weight = Grid::new(width, height);
+    let mut weight = Grid::default();
     simd_dispatch(
         #[inline(always)]
         || {
-            for (y, any) in any.iter_mut().enumerate().take(part.y1).skip(part.y0) {
-                let row = |dy: usize| &surface.row(y + dy)[part.x0..part.x1 + 2 * SURFACE_BORDER];
-                let (above, here, below) = (row(0), row(1), row(2));
-                let row = &mut bends.row_mut(y)[part.x0..part.x1];
-                let mut most = 0.0_f32;
-                for (x, bend) in row.iter_mut().enumerate() {
-                    let twice = 2.0 * here[x + 1];
-                    let along_x = (here[x] + here[x + 2] - twice).abs() * per_px[0];
-                    let along_y = (above[x + 1] + below[x + 1] - twice).abs() * per_px[1];
-                    *bend = along_x.max(along_y);
-                    most = if *bend > most { *bend } else { most };
-                }
-                *any = most > BEND;
+            let mut rows = [0; 3].map(|_| vec![0.0_f32; width]);
+            for y in part.y0..part.y1 {
+                any[y] = bends(surface, part, per_px, y, &mut rows[0][part.x0..part.x1]) > BEND;
             }
+            if !any.contains(&true) {
+                return;
+            }
+            weight.reset(width, height);
+            rows[0].fill(0.0);
             // The largest of three rows, and of three columns of that.
             let mut tallest = vec![0.0_f32; width + 2];
             for y in part.y0..part.y1 {
@@ -167,7 +187,14 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
                 if !(any[before] | any[y] | any[after]) {
                     continue;
                 }
-                let rows = bends.row(before).iter().zip(bends.row(y)).zip(bends.row(after));
+                for (row, y) in rows.iter_mut().zip([before, y, after]) {
+                    match (part.y0..part.y1).contains(&y) {
+                        true => _ = bends(surface, part, per_px, y, &mut row[part.x0..part.x1]),
+                        false => row.fill(0.0),
+                    }
+                }
+                let [before, here, after] = &rows;
+                let rows = before.iter().zip(here).zip(after);
                 for (tallest, ((before, here), after)) in tallest[1..].iter_mut().zip(rows) {
                     *tallest = before.max(*here).max(*after);
                 }
@@ -181,58 +208,122 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
     weight
 }
 
+/// By how much the surface bends at the pixels of a row of a part of the view, and the most of it.
+#[inline(always)]
+fn bends(surface: &Grid<f32>, part: Rect, per_px: [f32; 2], y: usize, bends: &mut [f32]) -> f32 {
+    let row = |dy: usize| &surface.row(y + dy)[part.x0..part.x1 + 2 * SURFACE_BORDER];
+    let (above, here, below) = (row(0), row(1), row(2));
+    let mut most = 0.0_f32;
+    for (x, bend) in bends.iter_mut().enumerate() {
+        let twice = 2.0 * here[x + 1];
+        let along_x = (here[x] + here[x + 2] - twice).abs() * per_px[0];
+        let along_y = (above[x + 1] + below[x + 1] - twice).abs() * per_px[1];
+        *bend = along_x.max(along_y);
+        most = if *bend > most { *bend } else { most };
+    }
+    most
+}
+
+/// Of the pixels around one, that which lies on the side of each sample along the row, and down: the first or the last.
+const ACROSS: [usize; SAMPLES] = side(0);
+const DOWN: [usize; SAMPLES] = side(1);
+/// How far each sample is from the centre along the row, and down, as a share of the way to the next pixel.
+const AWAY: [[f32; SAMPLES]; 2] = [away(0), away(1)];
+
+const fn side(k: usize) -> [usize; SAMPLES] {
+    let mut side = [0; SAMPLES];
+    let mut at = 0;
+    while at < SAMPLES {
+        side[at] = if OFFSETS[at][k] < 0.0 { 0 } else { 2 };
+        at += 1;
+    }
+    side
+}
+
+const fn away(k: usize) -> [f32; SAMPLES] {
+    let mut away = [0.0; SAMPLES];
+    let mut at = 0;
+    while at < SAMPLES {
+        away[at] = OFFSETS[at][k].abs() as f32;
+        at += 1;
+    }
+    away
+}
+
 impl Scene<'_> {
-    /// The surface at each offset from the pixels' centres: `there` is the object's height over the pad at the offsets of
-    /// each place, `centres` at the centres themselves if it is other than in the depth map.
+    /// From the object's height over the pad at the offsets of each place to the surface there: `centres` are those heights
+    /// at the centres themselves, if that is other than in the depth map.
+    #[inline(always)]
     fn surfaces(
         &self,
         region: Rect,
         places: &[[usize; 2]],
-        there: &[[f32; SAMPLES]],
+        heights: &mut [[f32; SAMPLES]],
         centres: Option<&Grid<f32>>,
-    ) -> Vec<Grid<f32>> {
+    ) {
         let Self { depth, contact, .. } = self;
         let surface = &contact.surface;
         // From the grid of the region to that of the surface, and on to that of the depth map.
         let margin = depth.margin_px - SURFACE_BORDER;
-        let object = |x: usize, y: usize| depth.overlap.at(x + margin, y + margin);
         let around = |at: usize, size: usize| [at.saturating_sub(1), at, (at + 1).min(size - 1)];
-        let step_mm = STEP * self.view.mm_per_px[0].max(self.view.mm_per_px[1]) as f32;
-        let [width, height] = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
-        // Each on its own: most of a grid's memory is never touched, and copies of one would be.
-        let mut surfaces: Vec<Grid<f32>> = (0..SAMPLES).map(|_| Grid::new(width, height)).collect();
-        for ([x, y], there) in places.iter().copied().zip(there) {
+        let per_step = 1.0 / (STEP * self.view.mm_per_px[0].max(self.view.mm_per_px[1]) as f32);
+        for ([x, y], heights) in places.iter().copied().zip(heights) {
             let [columns, rows] = [around(x + region.x0, surface.width), around(y + region.y0, surface.height)];
             // Of the pixel and those around it: the pad's surface, and the object's.
-            let pads = rows.map(|y| columns.map(|x| surface.at(x, y)));
-            let objects = rows.map(|y| columns.map(|x| object(x, y)));
+            let (mut pads, mut objects) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
+            for (row, y) in rows.into_iter().enumerate() {
+                let (pad, object) = (surface.row(y), depth.overlap.row(y + margin));
+                for (column, x) in columns.into_iter().enumerate() {
+                    (pads[row][column], objects[row][column]) = (pad[x], object[x + margin]);
+                }
+            }
             // Texture and curvature are those of the centre.
             let retouch = centres.map_or(0.0, |centres| objects[1][1] + centres.at(x, y));
-            for ((offset, there), surface) in OFFSETS.iter().zip(there).zip(&mut surfaces) {
-                let overlap = retouch - there;
-                let [u, v] = offset.map(|offset| offset.abs() as f32);
-                let [across, down] = offset.map(|offset| if offset < 0.0 { 0 } else { 2 });
-                let corners = [
-                    ([1, 1], (1.0 - u) * (1.0 - v)),
-                    ([across, 1], u * (1.0 - v)),
-                    ([1, down], (1.0 - u) * v),
-                    ([across, down], u * v),
-                ];
-                let (mut all, mut joined, mut weights) = (0.0, 0.0, 0.0);
-                for ([x, y], weight) in corners {
-                    let (w, g) = (pads[y][x], objects[y][x]);
-                    all += weight * w;
-                    let off = (w - g) / CLEAR_MM;
-                    let level = 2.0 - (g - overlap).abs() / step_mm;
-                    let weight = weight * off.max(level).clamp(0.0, 1.0);
-                    joined += weight * w;
-                    weights += weight;
+            let overlap = heights.map(|height| retouch - height);
+            let (mut all, mut joined, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES], [0.0; SAMPLES]);
+            for beside in [[false, false], [true, false], [false, true], [true, true]] {
+                let at = |k: usize, side: [usize; SAMPLES], sample: usize| if beside[k] { side[sample] } else { 1 };
+                let (mut w, mut g) = ([0.0; SAMPLES], [0.0; SAMPLES]);
+                for sample in 0..SAMPLES {
+                    let (row, column) = (at(1, DOWN, sample), at(0, ACROSS, sample));
+                    (w[sample], g[sample]) = (pads[row][column], objects[row][column]);
                 }
-                let pad = (joined + LEAST * all) / (weights + LEAST);
-                surface.row_mut(y)[x] = pad.max(overlap);
+                for sample in 0..SAMPLES {
+                    let share = |k: usize| if beside[k] { AWAY[k][sample] } else { 1.0 - AWAY[k][sample] };
+                    let weight = share(0) * share(1);
+                    let (w, g) = (w[sample], g[sample]);
+                    all[sample] += weight * w;
+                    let off = (w - g) * (1.0 / CLEAR_MM);
+                    let level = 2.0 - (g - overlap[sample]).abs() * per_step;
+                    let most = if off > level { off } else { level };
+                    let weight = weight * most.clamp(0.0, 1.0);
+                    joined[sample] += weight * w;
+                    weights[sample] += weight;
+                }
+            }
+            for sample in 0..SAMPLES {
+                let pad = (joined[sample] + LEAST * all[sample]) / (weights[sample] + LEAST);
+                heights[sample] = if overlap[sample] > pad { overlap[sample] } else { pad };
             }
         }
-        surfaces
+    }
+
+    /// The pixels of a region with its weights, of the surface's heights at their places.
+    fn sampled(&self, region: Rect, weight: &Grid<f32>, sampled: &Sampled, heights: &[[f32; SAMPLES]]) -> Subpixel {
+        let per_fall = per_fall(self.view);
+        let (mut pixels, mut rows) = (Vec::new(), vec![0]);
+        for y in 0..weight.height {
+            for (x, weight) in weight.row(y).iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+                let there = |dx: usize, dy: usize| &heights[sampled.number(x + dx, y + dy)];
+                let fall = |before: &[f32; SAMPLES], after: &[f32; SAMPLES], per_fall: f32| {
+                    std::array::from_fn(|sample| (before[sample] - after[sample]) * per_fall)
+                };
+                let falls = [fall(there(0, 1), there(2, 1), per_fall[0]), fall(there(1, 0), there(1, 2), per_fall[1])];
+                pixels.push(SampledPixel { x: region.x0 + x, weight: *weight, heights_mm: *there(1, 1), falls });
+            }
+            rows.push(pixels.len());
+        }
+        Subpixel { region, pixels, rows }
     }
 }
 

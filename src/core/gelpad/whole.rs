@@ -45,8 +45,7 @@ impl Beyond {
 impl Beyond {
     /// How high it lifts the pad in the window, mm.
     fn raised_mm(&self) -> f64 {
-        let values = self.displacement.iter().flat_map(|displacement| &displacement.data);
-        values.fold(0.0_f32, |most, w| most.max(-w)).into()
+        self.displacement.as_ref().map_or(0.0, |displacement| displacement.largest(|w| -w)).into()
     }
 }
 

@@ -66,20 +66,14 @@ pub struct PlacedLed {
     angular_size_deg: [f64; 2],
 }
 
-/// The pixels of a row, or of its part from a column on; places in mm from the middle of the image. They are counted
-/// from the view's first column, so that a pixel is at the same bits in every part.
+/// Where points of a row lie, mm from the middle of the image; only near LEDs read it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Row<'a> {
-    /// Centre of the view's first column.
-    pub x_mm: f32,
-    /// Of all.
+    /// Each along the row.
+    pub x_mm: &'a [f32],
+    /// All of them down.
     pub y_mm: f32,
-    /// Pitch along the row, mm.
-    pub pitch_mm: f32,
-    /// Column of the first pixel.
-    pub first_px: f32,
-    /// Heights of the surface over the undeformed pad, mm towards the camera, from the first pixel on; only near LEDs read
-    /// them.
+    /// Heights of the surface over the undeformed pad, mm towards the camera.
     pub heights_mm: &'a [f32],
 }
 
@@ -185,9 +179,9 @@ impl PlacedLed {
             }
             Some(distance) => {
                 let [led_x, led_y, led_z] = self.to_led.map(|v| v * distance);
-                let (dy, full) = (led_y - row.y_mm, distance * distance);
+                let (dy, full, places) = (led_y - row.y_mm, distance * distance, &row.x_mm[..width]);
                 let lit = |x: usize, dz: f32| {
-                    let dx = led_x - (row.x_mm + row.pitch_mm * (row.first_px + x as f32));
+                    let dx = led_x - places[x];
                     let inverse = 1.0 / (dx * dx + (dy * dy + dz * dz).max(NEAREST_MM2)).sqrt();
                     let to_led = [dx * inverse, dy * inverse, dz * inverse];
                     let strength = full * inverse * inverse;

@@ -33,6 +33,8 @@ pub struct Shader {
     /// Light that the LEDs leave unexplained.
     pub(super) residual: Option<residual::Ready>,
     pub(super) view: View,
+    /// Where the view's columns are, mm from its middle.
+    pub(super) columns_mm: Vec<f32>,
 }
 
 /// A pad that is not smooth and flat at rest.
@@ -78,6 +80,7 @@ impl Shader {
             residual: light.residual.map(LightResidual::ready),
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
+            columns_mm: (0..view.resolution_px[0]).map(|x| view.point_mm([x as f64 + 0.5, 0.0])[0] as f32).collect(),
         };
         let relative = phong.equation == Equation::Relative;
         if relative {
@@ -107,15 +110,15 @@ impl Shader {
 
     /// Where the pixels of a row are, whose surface is at these heights.
     #[inline(always)]
-    pub(super) fn row<'a>(&self, part: Rect, row: usize, heights_mm: &'a [f32]) -> Row<'a> {
-        let View { resolution_px: [width, height], mm_per_px: [pitch_x, pitch_y] } = self.view;
-        Row {
-            x_mm: ((0.5 - width as f64 / 2.0) * pitch_x) as f32,
-            y_mm: (((part.y0 + row) as f64 + 0.5 - height as f64 / 2.0) * pitch_y) as f32,
-            pitch_mm: pitch_x as f32,
-            first_px: part.x0 as f32,
-            heights_mm,
-        }
+    pub(super) fn row<'a>(&'a self, part: Rect, row: usize, heights_mm: &'a [f32]) -> Row<'a> {
+        Row { x_mm: &self.columns_mm[part.x0..part.x1], y_mm: self.row_mm(part.y0 + row), heights_mm }
+    }
+
+    /// Where a row of the view is, mm from its middle.
+    #[inline(always)]
+    pub(super) fn row_mm(&self, y: usize) -> f32 {
+        let View { resolution_px: [_, height], mm_per_px: [_, pitch] } = self.view;
+        ((y as f64 + 0.5 - height as f64 / 2.0) * pitch) as f32
     }
 
     /// The light of the untouched pad: its photograph; or a rendered picture and what the pad's relief changes in it; and
@@ -161,7 +164,9 @@ impl Shader {
         };
 
         let between = match (&rough, &self.relief) {
-            (Some(_), Some(relief)) => contact.subpixel.as_ref().map(|between| Cow::Owned(between.over(&relief.shape))),
+            (Some(_), Some(relief)) => {
+                contact.subpixel.as_ref().map(|between| Cow::Owned(between.over(&relief.shape, &self.view)))
+            }
             _ => contact.subpixel.as_ref().map(Cow::Borrowed),
         };
 

@@ -13,8 +13,6 @@
 //!
 //! Valid for low relief without interreflection; light is added in display values, as in the paper.
 
-use std::ops::Range;
-
 use serde::{Deserialize, Serialize};
 
 use super::background::BackgroundImage;
@@ -27,7 +25,8 @@ use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
-use crate::core::gelpad::subpixel::Subpixel;
+use crate::core::depth::raster::SAMPLES;
+use crate::core::gelpad::subpixel::{SampledPixel, Subpixel};
 
 /// Parameters of Phong shading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -272,15 +271,26 @@ struct Rows {
     added: [Vec<f32>; 3],
     normals: Normals,
     gain: Vec<f32>,
-    /// What each LED gives on average over a pixel, where that is sampled.
-    means: Vec<Vec<f32>>,
-    /// What the residual gives, at pixels' centres and on average over them.
+    /// What the residual gives.
     residual: Planes,
-    residual_means: Planes,
-    between: Normals,
+    between: Between,
     share: Vec<f32>,
     /// Shares on a coarser grid.
     line: Vec<f32>,
+}
+
+/// What is kept of the samples of a row's pixels.
+#[derive(Default)]
+struct Between {
+    normals: Normals,
+    /// Where they are.
+    x_mm: Vec<f32>,
+    heights_mm: Vec<f32>,
+    /// By how much their pixels are displaced.
+    displaced_mm: Vec<f32>,
+    /// What an LED gives at each, and what the residual does.
+    gain: Vec<f32>,
+    residual: Planes,
 }
 
 /// Heights along row `row` of a part of the view.
@@ -309,64 +319,40 @@ pub(super) fn set_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, ro
     }
 }
 
-/// What each LED gives on average over the samples of a pixel, along row `row` of a region; nothing new elsewhere.
-#[inline(always)]
-fn average(
-    shader: &Shader,
-    subpixel: &Subpixel,
-    heights_mm: &[f32],
-    region: Rect,
-    row: usize,
-    rows: &mut Rows,
-    power: impl Fn(f32) -> f32 + Copy,
-) {
-    let Rows { means, residual_means, between, gain, .. } = rows;
-    let y = region.y0 + row;
-    means.resize_with(shader.lamps.len(), Vec::new);
-    means.iter_mut().for_each(|mean| {
-        mean.clear();
-        mean.resize(region.width(), 0.0);
-    });
-    if shader.residual.is_some() {
-        residual::clear(residual_means, region.width());
-    }
-    let Some((columns, weight)) = subpixel.row(region, y) else { return };
-    let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
-    let each = 1.0 / subpixel.surfaces.len() as f32;
-    for run in runs(weight) {
-        let run = columns.start + run.start..columns.start + run.end;
-        // In the view, and in the grid of the samples.
-        let part = Rect { x0: region.x0 + run.start, x1: region.x0 + run.end, y0: y, y1: y + 1 };
-        let there = part.seen_from(subpixel.region.x0, subpixel.region.y0, usize::MAX, usize::MAX);
-        gain.resize(run.len(), 0.0);
-        for surface in &subpixel.surfaces {
-            set_normals(shader.view.mm_per_px, surface, there, 0, between);
-            let row = shader.row(part, 0, centres(surface, there, 0));
-            for (lamp, mean) in shader.lamps.iter().zip(&mut *means) {
-                lamp.reflect(between, row, diffuse, specular, power, gain);
-                for (mean, gain) in mean[run.clone()].iter_mut().zip(&*gain) {
-                    *mean += each * gain;
-                }
+impl Between {
+    /// Goes to the samples of these pixels, of a part of the view whose displacements along the row are `heights_mm`.
+    #[inline(always)]
+    fn go(&mut self, shader: &Shader, pixels: &[SampledPixel], part: Rect, heights_mm: &[f32]) {
+        let Self { normals: Normals { x: nx, y: ny, z: nz }, x_mm, heights_mm: between_mm, displaced_mm, .. } = self;
+        let mut planes = [nx, ny, nz, x_mm, between_mm, displaced_mm].map(|plane| {
+            plane.resize(pixels.len() * SAMPLES, 0.0);
+            plane.as_chunks_mut::<SAMPLES>().0
+        });
+        let [nx, ny, nz, x_mm, between_mm, displaced_mm] = &mut planes;
+        for (at, pixel) in pixels.iter().enumerate() {
+            let [across, down] = &pixel.falls;
+            for k in 0..SAMPLES {
+                let (fx, fy) = (across[k], down[k]);
+                let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
+                (nx[at][k], ny[at][k], nz[at][k]) = (fx * inverse, fy * inverse, -inverse);
             }
-            if let Some(residual) = &shader.residual {
-                // A pixel's displacement changes little within it beside its slope.
-                let sums = residual::part(residual_means, run.clone());
-                residual.add(between, &heights_mm[run.clone()], each, sums);
-            }
+            x_mm[at] = [shader.columns_mm[pixel.x]; SAMPLES];
+            between_mm[at] = pixel.heights_mm;
+            // It changes little within the pixel beside its slope.
+            displaced_mm[at] = [heights_mm[pixel.x - part.x0]; SAMPLES];
         }
     }
 }
 
-/// Where weights are above 0: runs of columns, joined where less than eight lie between.
-fn runs(weight: &[f32]) -> Vec<Range<usize>> {
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    for (column, _) in weight.iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-        match runs.last_mut() {
-            Some(run) if column < run.end + 8 => run.end = column + 1,
-            _ => runs.push(column..column + 1),
-        }
+/// Takes values at pixels' centres to those on average over the pixels.
+#[inline(always)]
+fn average(values: &mut [f32], samples: &[f32], pixels: &[SampledPixel], x0: usize) {
+    for (pixel, samples) in pixels.iter().zip(samples.as_chunks::<SAMPLES>().0) {
+        let [a, b, c, d, e, f, g, h] = samples;
+        let mean = (((a + b) + (c + d)) + ((e + f) + (g + h))) * (1.0 / SAMPLES as f32);
+        let value = &mut values[pixel.x - x0];
+        *value += pixel.weight * (mean - *value);
     }
-    runs
 }
 
 /// Shades row `row` of the light's region. Every loop runs along the row with nothing but arithmetic in it, so that
@@ -384,10 +370,9 @@ fn shade_row(
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
     let heights_mm = centres(lit.displacement, region, row);
-    if let Some(subpixel) = lit.subpixel {
-        average(shader, subpixel, heights_mm, region, row, rows, power);
-    }
-    let Rows { added, normals, gain, means, residual, residual_means, share, line, .. } = rows;
+    let Rows { added, normals, gain, residual, between, share, line } = rows;
+    let pixels = lit.subpixel.map_or(&[][..], |subpixel| subpixel.row(y));
+    between.go(shader, pixels, region, heights_mm);
     set_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
@@ -411,11 +396,12 @@ fn shade_row(
     let places = shader.row(region, row, centres(lit.shape, region, row));
     for (number, lamp) in shader.lamps.iter().enumerate() {
         lamp.reflect(normals, places, diffuse, specular, power, gain);
-        if let Some((columns, weight)) = lit.subpixel.and_then(|subpixel| subpixel.row(region, y)) {
-            let rows = gain[columns.clone()].iter_mut().zip(&means[number][columns]).zip(weight);
-            for ((gain, mean), weight) in rows {
-                *gain += weight * (mean - *gain);
-            }
+        if !pixels.is_empty() {
+            let Between { normals, x_mm, heights_mm, gain: samples, .. } = &mut *between;
+            samples.resize(pixels.len() * SAMPLES, 0.0);
+            let places = Row { x_mm, y_mm: shader.row_mm(y), heights_mm };
+            lamp.reflect(normals, places, diffuse, specular, power, samples);
+            average(gain, samples, pixels, region.x0);
         }
         if let Some(Some(visible)) = lit.visible.get(number) {
             visible.row(y, region.x0, line, share);
@@ -442,14 +428,11 @@ fn shade_row(
     if let Some(ready) = &shader.residual {
         residual::clear(residual, width);
         ready.add(normals, heights_mm, 1.0, residual::part(residual, 0..width));
-        let samples = lit.subpixel.and_then(|subpixel| subpixel.row(region, y));
+        let Between { normals: normals_between, displaced_mm, residual: samples, .. } = &mut *between;
+        residual::clear(samples, displaced_mm.len());
+        ready.add(normals_between, displaced_mm, 1.0, residual::part(samples, 0..displaced_mm.len()));
         for (channel, (plane, out)) in residual.iter_mut().zip([red, green, blue]).enumerate() {
-            if let Some((columns, weight)) = &samples {
-                let rows = plane[columns.clone()].iter_mut().zip(&residual_means[channel][columns.clone()]);
-                for ((value, mean), weight) in rows.zip(*weight) {
-                    *value += weight * (mean - *value);
-                }
-            }
+            average(plane, &samples[channel], pixels, region.x0);
             if let Some(at_rest) = lit.residual_at_rest {
                 let at_rest = &at_rest[channel][y * shader.view.resolution_px[0] + region.x0..][..width];
                 plane.iter_mut().zip(at_rest).for_each(|(value, at_rest)| *value -= at_rest);

@@ -244,7 +244,7 @@ mod tests {
     fn light(phong: &Phong, lamp: &PlacedLed, [x_mm, y_mm]: [f32; 2], normal: [f32; 2], height_mm: f64) -> f64 {
         let mut normals = Normals::default();
         normals.push(normal);
-        let row = Row { x_mm, y_mm, heights_mm: &[height_mm as f32], ..Row::default() };
+        let row = Row { x_mm: &[x_mm], y_mm, heights_mm: &[height_mm as f32] };
         let mut gain = [0.0];
         phong.reflect(lamp, &normals, row, &mut gain);
         f64::from(gain[0])

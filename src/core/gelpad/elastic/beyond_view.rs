@@ -7,9 +7,10 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::convolve::{Lengths, Shape, Torus};
+use super::convolve::Lengths;
 use super::kernel::kernel;
 use super::layer::ElasticLayer;
+use super::response::Response;
 use super::{BULGE, Elastic, Pad, WORKSPACE, Workspace};
 use crate::core::base::grid::{Grid, Rect, Resolution};
 use crate::core::base::simd::simd_dispatch;
@@ -49,7 +50,7 @@ const FINE: f64 = 0.25;
 /// What the grids beyond the window share from press to press, made when it is first needed.
 #[derive(Default)]
 pub(super) struct Grids {
-    kernels: OnceLock<Vec<OnceLock<Arc<Grid<f32>>>>>,
+    responses: OnceLock<Vec<OnceLock<Arc<Response>>>>,
     lengths: OnceLock<Arc<Lengths>>,
 }
 
@@ -96,7 +97,7 @@ impl Pad {
                 let given = field.at(cells.corner_mm, [cells.pitch_mm; 2], cells.count);
                 overlap.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
             }
-            let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
+            let deepest = overlap.largest(|g| g);
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
             let solution = pad.solve(workspace, &overlap, Rect::default(), None);
             solved &= solution.converged;
@@ -158,19 +159,21 @@ impl Pad {
 
     /// The same layer on a grid of cells.
     fn on_cells(&self, size: usize, pitch_mm: f64, deepest_mm: f64) -> Self {
-        let Grids { kernels, lengths } = &*self.grids;
+        let Grids { responses, lengths } = &*self.grids;
         let most = WIDEST as usize + 4 * BORDER + 8;
-        let kernels = shared(kernels, || (0..SIZES).map(|_| OnceLock::new()).collect());
-        let own = shared(&kernels[size], || Arc::new(response(self.layer, pitch_mm, 2 * most)));
+        let responses = shared(responses, || (0..SIZES).map(|_| OnceLock::new()).collect());
         let lengths = shared(lengths, || Arc::new(Lengths::new(4 * most)));
+        let own = shared(&responses[size], || {
+            let kernel = response(self.layer, pitch_mm, 2 * most);
+            Arc::new(Response::of(self.layer, [pitch_mm; 2], kernel, Arc::clone(lengths)))
+        });
         let tolerance_um = self.elastic.tolerance_um.max(1e3 * TOLERANCE * deepest_mm);
         Self {
             elastic: Elastic { resolution: Resolution::Full, tolerance_um, ..self.elastic },
             margin_px: 0,
             mm_per_px: [pitch_mm; 2],
             coarse_mm_per_px: [pitch_mm; 2],
-            kernel: Arc::clone(own),
-            lengths: Arc::clone(lengths),
+            response: Arc::clone(own),
             coarser: None,
             ..self.clone()
         }
@@ -187,12 +190,12 @@ impl Pad {
         };
         let reaches = [reach(0), reach(1)];
         let count = reaches.map(|(low, high)| (high - low) as usize);
-        let shape = Shape { source: cells.count, offset: reaches.map(|(low, _)| -low as usize), target: count };
-        let torus = Torus::new(&self.lengths, shape, [self.kernel.width, self.kernel.height]);
-        let Workspace { buffers, response, .. } = workspace;
-        torus.set_spectrum(&self.kernel, buffers, response);
+        let [x0, y0] = reaches.map(|(low, _)| -low as usize);
+        let source = Rect { x0, y0, x1: x0 + cells.count[0], y1: y0 + cells.count[1] };
+        let operator = self.response.operator(source, Rect::whole(count[0], count[1]));
+        operator.prepare(&mut workspace.operator);
         let mut values = Grid::default();
-        torus.convolve(response, pressure, &mut values, buffers);
+        operator.displace(pressure, &mut workspace.operator, &mut values);
         let corner_mm = std::array::from_fn(|k| cells.corner_mm[k] + reaches[k].0 as f64 * pitch);
         Field { cells: Cells { corner_mm, pitch_mm: pitch, count }, values }
     }

@@ -58,15 +58,15 @@ pub struct Torus<'a> {
 }
 
 impl<'a> Torus<'a> {
-    /// A torus on which a kernel of `reach` px along x and y does not meet itself.
-    pub fn new(lengths: &'a Lengths, shape: Shape, reach: [usize; 2]) -> Self {
+    /// A torus on which a kernel of `reach` px along x and y does not meet itself, with `spare` px more.
+    pub fn new(lengths: &'a Lengths, shape: Shape, reach: [usize; 2], spare: usize) -> Self {
         let length = |k: usize| {
             // Lags from source to target, ahead and behind. The kernel is even on the torus too: the longer of them must
             // not meet its own mirror image.
             let ahead = shape.target[k] - 1 - shape.offset[k];
             let behind = shape.offset[k] + shape.source[k] - 1;
             let longest = ahead.max(behind);
-            lengths.holding((longest + longest.min(reach[k]) + 1).max(shape.target[k]))
+            lengths.holding((longest + longest.min(reach[k]) + 1).max(shape.target[k]) + spare)
         };
         Self { shape, x: length(0), y: length(1) }
     }
@@ -74,6 +74,11 @@ impl<'a> Torus<'a> {
     /// Its width and height, px.
     pub fn size(&self) -> [usize; 2] {
         [self.x.length(), self.y.length()]
+    }
+
+    /// Its pixels.
+    pub fn area(&self) -> usize {
+        self.x.length() * self.y.length()
     }
 
     /// Frequencies along x that are kept, from 0 up; the others are their mirror images.
@@ -94,29 +99,18 @@ impl<'a> Torus<'a> {
     /// `target = kernel * source`; the target is made as large as the shape says.
     pub fn convolve(&self, spectrum: &Spectrum, source: &Grid<f32>, target: &mut Grid<f32>, buffers: &mut Buffers) {
         let [width, height] = self.shape.target;
-        target.reset(width, height);
+        target.reshape(width, height);
         dispatch(Convolve { torus: self, spectrum, source, target, buffers });
     }
 
-    /// The spectrum of a convolution that roughly undoes another, whose spectrum is `response`. It is that one's
-    /// reciprocal, no larger than 1e5 times that of `softest`, and `1 / plateau` below the frequency `cutoff` (rad/mm).
-    pub fn invert(
-        &self,
-        response: &Spectrum,
-        mm_per_px: [f64; 2],
-        cutoff: f64,
-        plateau: f64,
-        softest: f64,
-        inverse: &mut Spectrum,
-    ) {
-        let step = |k: usize, len: usize| (std::f64::consts::TAU / (len as f64 * mm_per_px[k])) as f32;
-        let (step_x, step_y) = (step(0, self.x.length()), step(1, self.y.length()));
+    /// Turns the spectrum of a convolution into that of one that roughly undoes it: its reciprocal, no larger than 1e5 times
+    /// that of `softest`, and `1 / plateau` below the frequency `cutoff` (rad/mm).
+    pub fn invert(&self, spectrum: &mut Spectrum, mm_per_px: [f64; 2], cutoff: f64, plateau: f64, softest: f64) {
+        let [step_x, step_y] = self.steps(mm_per_px).map(|step| step as f32);
         let norm = self.norm();
         let (stiffest, plateau) = (norm * (1e-5 * softest) as f32, norm * plateau.max(1e-5 * softest) as f32);
         let limit = (cutoff * cutoff) as f32;
-        inverse.0.clone_from(&response.0);
-        let columns = self.columns();
-        for (block, row) in inverse.0.chunks_exact_mut(columns).enumerate() {
+        for (block, row) in spectrum.0.chunks_exact_mut(self.columns()).enumerate() {
             for (x, lanes) in row.iter_mut().enumerate() {
                 let qx = x as f32 * step_x;
                 for (k, value) in lanes.iter_mut().enumerate() {
@@ -126,6 +120,42 @@ impl<'a> Torus<'a> {
                 }
             }
         }
+    }
+
+    /// Adds to a spectrum one that is known over the distance from frequency 0, rad/mm, and 0 from `end` on.
+    pub fn add(&self, spectrum: &mut Spectrum, mm_per_px: [f64; 2], end: f64, value: impl Fn(f64) -> f32) {
+        let [step_x, step_y] = self.steps(mm_per_px);
+        let norm = self.norm();
+        let columns = self.columns();
+        let within = ((end / step_x) as usize + 1).min(columns);
+        for y in (0..=self.y.length() / 2).take_while(|y| *y as f64 * step_y < end) {
+            let qy = y as f64 * step_y;
+            for (x, lanes) in spectrum.0[y / LANES * columns..][..within].iter_mut().enumerate() {
+                let qx = x as f64 * step_x;
+                lanes[y % LANES] += norm * value(libm::sqrt(qx * qx + qy * qy));
+            }
+        }
+    }
+
+    /// Multiplies a spectrum by a function of the phase from pixel to pixel, of that along x and of that along y.
+    pub fn scale(&self, spectrum: &mut Spectrum, factor: impl Fn(f64) -> f32) {
+        let factors = |length: usize| -> Vec<f32> {
+            (0..length).map(|n| factor(std::f64::consts::TAU * n as f64 / length as f64)).collect()
+        };
+        let (along_x, along_y) = (factors(self.x.length()), factors(self.y.length()));
+        for (block, row) in spectrum.0.chunks_exact_mut(self.columns()).enumerate() {
+            for (lanes, x) in row.iter_mut().zip(&along_x) {
+                for (value, y) in lanes.iter_mut().zip(along_y[block * LANES..].iter()) {
+                    *value *= x * y;
+                }
+            }
+        }
+    }
+
+    /// From one frequency to the next along x and y, rad/mm.
+    fn steps(&self, mm_per_px: [f64; 2]) -> [f64; 2] {
+        let [width, height] = self.size();
+        [(width, mm_per_px[0]), (height, mm_per_px[1])].map(|(len, mm)| std::f64::consts::TAU / (len as f64 * mm))
     }
 
     #[inline(always)]

@@ -112,7 +112,7 @@ impl Pad {
             let coupling = self.layer.coupling(q);
             coupling * coupling / (self.layer.normal(q) * self.layer.tangential(q))
         };
-        let deepest = depth.overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
+        let deepest = depth.overlap.largest(|g| g);
         (0..=STEPS).map(share).fold(0.0, f64::max) * f64::from(deepest)
     }
 
@@ -126,7 +126,7 @@ impl Pad {
             let workspace = workspace.rubbed.get_or_insert_default();
             self.rubbed(depth.touching).turns(workspace, depth, beyond, friction)
         })?;
-        let largest = drag.down.data.iter().fold(0.0_f32, |most, mm| most.max(mm.abs()));
+        let largest = drag.down.largest(f32::abs);
         (f64::from(largest) >= self.unseen_mm()).then_some(drag)
     }
 

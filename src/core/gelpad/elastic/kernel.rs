@@ -152,7 +152,7 @@ fn pressed_rectangle(x: f64, y: f64, pitch: [f64; 2]) -> f64 {
 }
 
 /// What the shell takes from a half-space's displacement under unit force, times thickness, over distance / thickness.
-struct Curve {
+pub(super) struct Curve {
     /// At every [`STEP`] from minus one step on: the curve is even.
     values: Vec<f64>,
 }
@@ -161,7 +161,7 @@ struct Curve {
 const STEP: f64 = 1.0 / 256.0;
 
 impl Curve {
-    fn new(layer: ElasticLayer) -> Self {
+    pub(super) fn new(layer: ElasticLayer) -> Self {
         const TERMS: usize = 48;
         let h = layer.thickness_mm;
         // (G - half-space) q over s = q h: gone beyond s = 24.
@@ -192,7 +192,7 @@ impl Curve {
     }
 
     /// At a distance in thicknesses, 0 to [`FARTHEST`].
-    fn at(&self, distance: f64) -> f64 {
+    pub(super) fn at(&self, distance: f64) -> f64 {
         let position = distance.min(FARTHEST) / STEP;
         let first = position as usize;
         let t = position - first as f64;

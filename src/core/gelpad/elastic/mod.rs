@@ -32,18 +32,19 @@ pub mod layer;
 pub mod model_error;
 pub mod plane;
 mod resample;
+pub mod response;
 pub mod shear;
 mod solution;
 mod solve;
 mod surface;
 
 use beyond_view::Grids;
-use convolve::{Buffers, Lengths, Spectrum, Torus};
 use inplane::Load;
 use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
 use resample::Shape;
+use response::Response;
 use shear::Friction;
 pub use solution::Given;
 use solution::Solution;
@@ -111,9 +112,7 @@ pub struct Pad {
     /// Of the solver's grid.
     coarse_mm_per_px: [f64; 2],
     layer: ElasticLayer,
-    softest: f64,
-    kernel: Arc<Grid<f32>>,
-    lengths: Arc<Lengths>,
+    response: Arc<Response>,
     /// The same on every second pixel, if that is fine enough to be of help.
     coarser: Option<Box<Pad>>,
     /// For what lies beyond the window.
@@ -123,10 +122,8 @@ pub struct Pad {
 /// Memory that one thread needs, kept from sample to sample.
 #[derive(Default)]
 struct Workspace {
-    buffers: Buffers,
+    operator: response::Memory,
     scratch: Scratch,
-    response: Spectrum,
-    inverse: Spectrum,
     coarse: Grid<f32>,
     displacement: Grid<f32>,
     /// Of the coarser grid.
@@ -166,10 +163,7 @@ impl Pad {
             mm_per_px: view.mm_per_px,
             coarse_mm_per_px,
             layer,
-            softest: layer.softest(),
-            kernel: Arc::new(kernel::kernel(layer, coarse_mm_per_px, reach_mm, window)),
-            // A coarser grid may have a pixel more than counted here, depending on how it is come by.
-            lengths: Arc::new(Lengths::new(2 * window[0].max(window[1]) + 16)),
+            response: Arc::new(Response::new(layer, coarse_mm_per_px, reach_mm, window, elastic.tolerance_um)),
             coarser: elastic.coarser().map(|coarser| Box::new(Self::new(&coarser, material, view))),
             grids: Arc::default(),
         }
@@ -184,7 +178,7 @@ impl Pad {
     /// Displacement around one pressed pixel of the solver's grid, mm, for Young's modulus 1: lags from 0 up along x and
     /// y, 0 beyond the last.
     pub fn kernel(&self) -> &Grid<f32> {
-        &self.kernel
+        self.response.kernel()
     }
 
     /// See [`super::Pad::window`].
@@ -258,7 +252,7 @@ impl Pad {
         if let Some(beyond) = given.beyond {
             contact.surface = beyond.crop(seen);
         }
-        contact.bulge_mm = solution.displacement.data.iter().fold(0.0, |highest, w| highest.max(-w));
+        contact.bulge_mm = solution.displacement.largest(|w| -w);
         self.fill(&solution, depth, object, seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
         let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
@@ -314,13 +308,13 @@ impl Pad {
             iterations: 0,
             residual_mm: 0.0,
         };
-        solution.displacement.reset(seen.width(), seen.height());
         if touching.is_empty() {
             // The object touches between the pixels of the solver's grid only.
+            solution.displacement.reset(seen.width(), seen.height());
             return solution;
         }
         // A press shallower than the tolerance would be solved before it began, whatever its pressure.
-        let deepest = overlap.data.iter().fold(0.0_f32, |deepest, g| deepest.max(*g));
+        let deepest = overlap.largest(|g| g);
         let goal = tolerance.min(SHALLOW * deepest);
         let touching_px = overlap.data.iter().filter(|g| **g > 0.0).count();
         let area = touching_px as f64 * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
@@ -331,15 +325,13 @@ impl Pad {
             let room = 4 + touching.width().min(touching.height()) / 32;
             let contact_box = touching.grown(room, whole.x1, whole.y1);
             let overlap_there = overlap.crop(contact_box);
-            let torus = self.torus(contact_box, contact_box);
-            let Workspace { buffers, scratch, response, inverse, nested, .. } = workspace;
-            torus.set_spectrum(&self.kernel, buffers, response);
-            torus.invert(response, self.coarse_mm_per_px, cutoff, self.layer.normal(cutoff), self.softest, inverse);
+            let operator = self.response.operator(contact_box, contact_box);
+            let Workspace { operator: memory, scratch, nested, .. } = workspace;
+            operator.prepare(memory);
+            operator.prepare_undo(cutoff, memory);
             let problem = ContactProblem {
-                torus: &torus,
-                response,
-                inverse,
-                softest: self.softest as f32,
+                operator: &operator,
+                softest: self.response.softest() as f32,
                 overlap: &overlap_there,
                 tolerance_mm: goal,
                 max_iterations: self.elastic.max_iterations - solution.iterations.min(self.elastic.max_iterations),
@@ -359,7 +351,7 @@ impl Pad {
                 pressure.reset(contact_box.width(), contact_box.height());
                 pressure.paste(&solution.pressure, solution.contact_box, contact_box);
             }
-            let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, scratch, buffers);
+            let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, scratch, memory);
             solution.iterations += iterations;
             solution.contact_box = contact_box;
             solution.pressure = pressure;
@@ -369,9 +361,9 @@ impl Pad {
             if all == contact_box {
                 solution.displacement.clone_from(&scratch.displacement);
             } else {
-                let torus = self.torus(contact_box, all);
-                torus.set_spectrum(&self.kernel, buffers, response);
-                torus.convolve(response, &solution.pressure, &mut solution.displacement, buffers);
+                let operator = self.response.operator(contact_box, all);
+                operator.prepare(memory);
+                operator.displace(&solution.pressure, memory, &mut solution.displacement);
             }
             let missed = solution.check(overlap, 2.0 * tolerance);
             // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
@@ -412,14 +404,5 @@ impl Pad {
     /// An interpolated surface that is no further than this from the object may touch it, mm.
     fn close_mm(&self) -> f32 {
         0.1 * self.coarse_mm_per_px[0].min(self.coarse_mm_per_px[1]) as f32
-    }
-
-    fn torus(&self, source: Rect, target: Rect) -> Torus<'_> {
-        let shape = convolve::Shape {
-            source: [source.width(), source.height()],
-            offset: [source.x0 - target.x0, source.y0 - target.y0],
-            target: [target.width(), target.height()],
-        };
-        Torus::new(&self.lengths, shape, [self.kernel.width, self.kernel.height])
     }
 }

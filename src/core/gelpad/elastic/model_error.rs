@@ -73,8 +73,12 @@ impl ContactEdge {
         let per_px = mm_per_px.map(|pitch| (1.0 / pitch) as f32);
         let object = |y: usize| &overlap.row(y + margin_px)[margin_px..][..mask.width];
         let (mut slope, mut touching_px, mut sides) = (0.0_f32, 0_u64, [0_u64; 2]);
+        let nothing = vec![0; mask.width];
         for y in 0..mask.height {
             let (touching, here) = (mask.row(y), object(y));
+            if touching == nothing && (y + 1 == mask.height || mask.row(y + 1) == nothing) {
+                continue;
+            }
             touching_px += touching.iter().map(|value| u64::from(*value != 0)).sum::<u64>();
             for (touching, mm) in touching.windows(2).zip(here.windows(2)) {
                 if touching[0] != touching[1] {

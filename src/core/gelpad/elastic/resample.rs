@@ -1,5 +1,7 @@
 //! Between the camera's grid and one that is coarser by a whole factor ([`super::lattice`]).
 
+use std::ops::Range;
+
 use super::lattice::Lattice;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
@@ -13,7 +15,7 @@ impl Lattice {
 
     /// The same for the coarse pixels `part` alone.
     pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>) {
-        coarse.reset(part.width(), part.height());
+        coarse.reshape(part.width(), part.height());
         for y in 0..part.height() {
             let from = fine.row(self.fine(part.y0 + y, 1))[self.fine(part.x0, 0)..].iter().step_by(self.factor);
             coarse.row_mut(y).iter_mut().zip(from).for_each(|(value, from)| *value = *from);
@@ -74,6 +76,29 @@ impl Lattice {
         out
     }
 
+    /// The same along straight lines, a row at a time.
+    pub fn rows(self, values: &Grid<f32>, part: Rect, rect: Rect) -> Rows {
+        let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
+        let (top, rows) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
+        let bases: Vec<Basis> =
+            (0..self.factor).map(|past| Shape::Linear.basis(past as f32 / self.factor as f32)).collect();
+        let (mut line, level) = (vec![0.0; columns.len()], vec![0.0; columns.len()]);
+        let mut widened = Grid::new((columns.len() - 1) * self.factor, rows.len());
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for (y, row) in rows.iter().enumerate() {
+                    gather(&mut line, values.row(*row), &columns);
+                    match self.factor {
+                        2 => interleave::<2>(&line, &level, &bases, widened.row_mut(y)),
+                        _ => interleave::<4>(&line, &level, &bases, widened.row_mut(y)),
+                    }
+                }
+            },
+        );
+        Rows { widened, inside: left..left + rect.width(), top, factor: self.factor }
+    }
+
     /// For the fine pixels `from..to` of a line along axis `k`: how many fine pixels the first of them is past a coarse one,
     /// and which coarse pixels, counted from `start` and kept within `count`, they lie between.
     fn coarse_around(self, k: usize, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
@@ -83,6 +108,25 @@ impl Lattice {
         let steps = (past + to - from).div_ceil(self.factor);
         let inside = |k: usize| (first + k as isize - start as isize).clamp(0, count as isize - 1) as usize;
         (past, (0..=steps).map(inside).collect())
+    }
+}
+
+/// Values on a coarse grid, interpolated along its rows and, when they are asked for, between them.
+pub struct Rows {
+    widened: Grid<f32>,
+    inside: Range<usize>,
+    /// Fine rows from the first coarse one to the first that there is.
+    top: usize,
+    factor: usize,
+}
+
+impl Rows {
+    /// The coarse rows above and below fine row `y`, and the share of the lower one.
+    #[inline(always)]
+    pub fn around(&self, y: usize) -> ([&[f32]; 2], f32) {
+        let (row, past) = ((self.top + y) / self.factor, (self.top + y) % self.factor);
+        let rows = [row, row + 1].map(|row| &self.widened.row(row)[self.inside.clone()]);
+        (rows, past as f32 / self.factor as f32)
     }
 }
 

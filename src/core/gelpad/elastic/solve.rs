@@ -5,18 +5,14 @@
 //! needs the more iterations the softer the response differs over the frequencies, which for a thin incompressible
 //! layer is without limit; the preconditioner, cut off below the contact's own size, brings that to 4 to 10.
 
-use super::convolve::{Buffers, Spectrum, Torus};
+use super::response::{Memory, Operator};
 use crate::core::base::grid::Grid;
 use crate::core::base::simd::simd_dispatch;
 
 /// What there is to solve.
 pub struct ContactProblem<'a> {
-    /// Convolutions over the box.
-    pub torus: &'a Torus<'a>,
-    /// From pressure to displacement.
-    pub response: &'a Spectrum,
-    /// Roughly from displacement to pressure.
-    pub inverse: &'a Spectrum,
+    /// From pressure to displacement in the box, and roughly back; prepared for both.
+    pub operator: &'a Operator<'a>,
     /// The largest G, mm: what a first guess of the pressure is scaled with.
     pub softest: f32,
     /// Overlap, mm, over the box.
@@ -61,12 +57,12 @@ impl ContactProblem<'_> {
     }
 
     /// Improves `pressure` until the conditions hold.
-    pub fn solve(&self, pressure: &mut Grid<f32>, scratch: &mut Scratch, buffers: &mut Buffers) -> Outcome {
+    pub fn solve(&self, pressure: &mut Grid<f32>, scratch: &mut Scratch, memory: &mut Memory) -> Outcome {
         let Scratch { displacement, residual, step, last_step, direction, response } = scratch;
         for grid in [&mut *residual, step, last_step, direction, response] {
             grid.reset(pressure.width, pressure.height);
         }
-        self.torus.convolve(self.response, pressure, displacement, buffers);
+        self.operator.displace(pressure, memory, displacement);
         let mut outcome = Outcome { iterations: 0, residual_mm: f32::INFINITY };
         let (mut last_product, mut keeps_direction) = (1.0, false);
         loop {
@@ -76,14 +72,14 @@ impl ContactProblem<'_> {
             }
             outcome.iterations += 1;
             std::mem::swap(step, last_step);
-            self.torus.convolve(self.inverse, residual, step, buffers);
+            self.operator.undo(residual, memory, step);
             let product = dot(residual, step);
             // Polak and Ribiere's, from 0 up, so that a step that went wrong is forgotten.
             let share = ((product - dot(residual, last_step)) / last_product).max(0.0);
             let share = if share.is_finite() { share } else { 0.0 };
             turn(direction, step, pressure, if keeps_direction { share as f32 } else { 0.0 });
             last_product = product;
-            self.torus.convolve(self.response, direction, response, buffers);
+            self.operator.displace(direction, memory, response);
             let curvature = dot(direction, response);
             // No pixel may touch yet, as after a guess that missed all of them.
             let length = if curvature > 0.0 { (dot(residual, direction) / curvature) as f32 } else { 0.0 };
@@ -93,7 +89,7 @@ impl ContactProblem<'_> {
             }
             keeps_direction = !changes.joined;
             if changes.joined || changes.left {
-                self.torus.convolve(self.response, pressure, displacement, buffers);
+                self.operator.displace(pressure, memory, displacement);
             } else {
                 subtract(displacement, response, length);
             }

@@ -128,43 +128,66 @@ impl Pad {
         let stiffness = (2.0 / self.layer.half_space()) as f32;
         let inside =
             edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness, highest);
-        let enlarge = |values, part| lattice.enlarge(values, part, area, Shape::Linear);
-        let mut pressure = enlarge(&solution.pressure, solution.contact_box);
         let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
         if visible.is_empty() {
-            return pressure;
+            return lattice.enlarge(&solution.pressure, solution.contact_box, area, Shape::Linear);
         }
-        let inside = enlarge(&inside, solution.contact_box);
         let mut touching = solution.pressure.clone();
         touching.data.iter_mut().for_each(|p| *p = if *p > 0.0 { 1.0 } else { 0.0 });
-        let touching = enlarge(&touching, solution.contact_box);
+        let rows = |values, part| lattice.rows(values, part, area);
         // A cubic overshoots beside a sharp edge, where a straight line does not.
-        let straight = enlarge(&solution.displacement, solution.seen);
+        let straight = rows(&solution.displacement, solution.seen);
+        let [pressures, inside, touching] =
+            [&solution.pressure, &inside, &touching].map(|values| rows(values, solution.contact_box));
         let (close, through) = (self.close_mm(), (self.elastic.tolerance_um * 1e-3) as f32);
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
         let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
+        let mut pressure = Grid::<f32>::new(area.width(), area.height());
         let mut fine_sum = 0.0;
-        for y in rows.y0..rows.y1 {
-            let object = &depth.overlap.row(y)[columns.clone()];
-            let in_area = columns.start - area.x0..columns.end - area.x0;
-            let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
-            let inside = &inside.row(y - area.y0)[in_area.clone()];
-            let straight = &straight.row(y - area.y0)[in_area.clone()];
-            let touching = &touching.row(y - area.y0)[in_area.clone()];
-            let pressure = &mut pressure.row_mut(y - area.y0)[in_area];
-            let rows = pressure.iter_mut().zip(surface).zip(object).zip(inside).zip(straight).zip(touching);
-            for (((((p, w), g), inside), straight), touching) in rows {
-                let gap = *w - g;
-                let touches = ((*inside > 0.0) & (gap.min(straight - g) < close)) | (-gap > through);
-                *p = if touches & (*g >= highest) { *p } else { 0.0 };
-                // Gradually: a contact that gains a pixel must not move the surface by more than the object moved.
-                let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
-                *w -= share * gap.min((*w - highest).max(0.0));
-                // No further off than it may be, where only the cubic has overshot.
-                *w = if *p > 0.0 { w.min(g + close) } else { *w };
-                fine_sum += f64::from(*p);
-            }
-        }
+        let in_area = columns.start - area.x0..columns.end - area.x0;
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in area.y0..area.y1 {
+                    let to = pressure.row_mut(y - area.y0);
+                    let ([above, below], share) = pressures.around(y - area.y0);
+                    for ((p, above), below) in to.iter_mut().zip(above).zip(below) {
+                        *p = above + share * (below - above);
+                    }
+                    if y < rows.y0 || y >= rows.y1 {
+                        continue;
+                    }
+                    let object = &depth.overlap.row(y)[columns.clone()];
+                    let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
+                    let to = &mut to[in_area.clone()];
+                    let around = [&inside, &straight, &touching].map(|rows| rows.around(y - area.y0).0);
+                    let [inside, straight, touching] = around.map(|rows| rows.map(|row| &row[in_area.clone()]));
+                    for x in 0..to.len() {
+                        let between = |[above, below]: [&[f32]; 2]| above[x] + share * (below[x] - above[x]);
+                        let (inside, straight, touching) = (between(inside), between(straight), between(touching));
+                        let (w, g) = (surface[x], object[x]);
+                        let gap = w - g;
+                        let nearest = if straight - g < gap { straight - g } else { gap };
+                        let touches = ((inside > 0.0) & (nearest < close)) | (-gap > through);
+                        let p = if touches & (g >= highest) { to[x] } else { 0.0 };
+                        // Gradually: a contact that gains a pixel must not move the surface by more than the object moved.
+                        let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
+                        let w = w - share * gap.min((w - highest).max(0.0));
+                        // No further off than it may be, where only the cubic has overshot.
+                        let near = if w < g + close { w } else { g + close };
+                        surface[x] = if p > 0.0 { near } else { w };
+                        to[x] = p;
+                    }
+                    // Eight sums at a time, the same on every processor.
+                    let mut sums = [0.0_f64; 8];
+                    let (eights, rest) = to.as_chunks::<8>();
+                    for eight in eights.iter().map(|eight| &eight[..]).chain([rest]) {
+                        sums.iter_mut().zip(eight).for_each(|(sum, p)| *sum += f64::from(*p));
+                    }
+                    fine_sum += sums.iter().sum::<f64>();
+                }
+            },
+        );
         // Where an edge cut pressure off, the rest carries it: the force is the solver's.
         let mut coarse_sum = 0.0;
         let part = lattice.inside(Rect { x0: columns.start, x1: columns.end, ..rows });

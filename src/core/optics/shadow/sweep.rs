@@ -75,17 +75,24 @@ impl Obstacles {
     /// Every line takes over from its neighbours what is higher.
     #[inline(always)]
     fn spread(&mut self, before: &mut Self) {
-        before.over_mm.clone_from(&self.over_mm);
-        before.step.clone_from(&self.step);
-        let inner = self.step.len().saturating_sub(2);
-        let (over, step) = self.part_mut(inner.min(1), inner);
-        for side in [0, 2 * inner.min(1)] {
-            let (aside, aside_step) = before.part(side, inner);
-            for x in 0..inner {
-                let higher = aside[x] > over[x];
-                over[x] = if higher { aside[x] } else { over[x] };
-                step[x] = if higher { aside_step[x] } else { step[x] };
-            }
+        let count = self.step.len();
+        let Some(inner) = count.checked_sub(2).filter(|inner| *inner > 0) else { return };
+        std::mem::swap(self, before);
+        for values in [&mut self.over_mm, &mut self.step] {
+            values.resize(count, 0.0);
+        }
+        for end in [0, count - 1] {
+            (self.over_mm[end], self.step[end]) = (before.over_mm[end], before.step[end]);
+        }
+        let [(left, left_step), (own, own_step), (right, right_step)] =
+            [0, 1, 2].map(|first| before.part(first, inner));
+        let (over, step) = self.part_mut(1, inner);
+        for x in 0..inner {
+            let higher = left[x] > own[x];
+            let (highest, stands) = if higher { (left[x], left_step[x]) } else { (own[x], own_step[x]) };
+            let higher = right[x] > highest;
+            over[x] = if higher { right[x] } else { highest };
+            step[x] = if higher { right_step[x] } else { stands };
         }
     }
 }
@@ -124,13 +131,14 @@ pub fn sweep(
         let heights = &heights[y * size[0]..][..size[0]];
         let shown = rows.contains(&y);
         if shown {
-            if rays.shear == 0.0 {
-                lines.shade::<true>(step, heights)
-            } else {
-                lines.shade::<false>(step, heights)
-            }
+            let shaded = match rays.shear == 0.0 {
+                true => lines.shade::<true>(step, heights),
+                false => lines.shade::<false>(step, heights),
+            };
             let Lines { shown: [first, _], scratch, .. } = &mut lines;
-            scratch.row.soften(*first, &mut shares[(y - rows.start) * width..][..width]);
+            let shares = &mut shares[(y - rows.start) * width..][..width];
+            // What is 1 everywhere stays so when it is softened.
+            if shaded { scratch.row.soften(*first, shares) } else { shares.fill(1.0) }
         }
         if rays.shear == 0.0 {
             lines.advance::<true>(step, heights)
@@ -177,9 +185,10 @@ impl<'a> Lines<'a> {
         (whole as isize, (shift - whole) as f32)
     }
 
-    /// Hard shares of the LED that the pixels of this step's row see, and how soft they are to be.
+    /// Hard shares of the LED that the pixels of this step's row see, and how soft they are to be; false if all of them see all
+    /// of it.
     #[inline(always)]
-    fn shade<const STRAIGHT: bool>(&mut self, step: usize, heights: &[f32]) {
+    fn shade<const STRAIGHT: bool>(&mut self, step: usize, heights: &[f32]) -> bool {
         let (whole, part) = self.shift(step);
         let width = self.across.len();
         let around = &heights[self.across.start - 1..][..width + 2];
@@ -193,6 +202,15 @@ impl<'a> Lines<'a> {
         let mixed = part * (1.0 - part);
         // Two loops: one with both results is too much for the compiler to vectorise.
         let shares = &mut row.shares[..width];
+        let mut blocked = 0;
+        for x in 0..width {
+            let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
+            let over_low = between::<STRAIGHT>(low, x, part) - (here + now.planes_mm[0]);
+            blocked |= u32::from(over_low > 0.0);
+        }
+        if blocked == 0 {
+            return false;
+        }
         for x in 0..width {
             let here = if STRAIGHT { heights[x] } else { lifted(left[x], heights[x], right[x], mixed) };
             let over_low = between::<STRAIGHT>(low, x, part) - (here + now.planes_mm[0]);
@@ -213,6 +231,7 @@ impl<'a> Lines<'a> {
         } else if width > 1 && self.rays.shear < 0.0 && self.across.end + SURFACE_BORDER == self.size[0] {
             (shares[width - 1], spread[width - 1]) = (shares[width - 2], spread[width - 2]);
         }
+        true
     }
 
     /// Adds this step's row to the obstacles.
