@@ -172,8 +172,8 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
         #[inline(always)]
         || {
             let mut rows = [0; 3].map(|_| vec![0.0_f32; width]);
-            for y in part.y0..part.y1 {
-                any[y] = bends(surface, part, per_px, y, &mut rows[0][part.x0..part.x1]) > BEND;
+            for (y, any) in any.iter_mut().enumerate().take(part.y1).skip(part.y0) {
+                *any = bends(surface, part, per_px, y, &mut rows[0][part.x0..part.x1]) > BEND;
             }
             if !any.contains(&true) {
                 return;
