@@ -1,4 +1,4 @@
-"""CPU time a tactile image, gelsim's beside that of what people use instead: `python3 tests/bench/others.py GELSIM`.
+"""CPU time a tactile image, gelsim's beside that of what people use instead: `python tests/bench/others.py GELSIM`.
 
 In one run, in turns, one thread each: gelsim at each fidelity level (the whole of `generate`, program start and files
 included); the method of Gomes, Wilson and Luo (2019) written for this in numpy and OpenCV; and the package `taxim` of PyPI on

@@ -137,7 +137,7 @@ pub(super) struct Lit<'a> {
     pub at_rest: &'a [Flat],
     /// What the residual gives at rest, to be taken off.
     pub residual_at_rest: Option<&'a Planes>,
-    /// Its shape between pixel centres, where light is averaged.
+    /// Its shape between pixel centres, where light is averaged: all of it within the part that is shaded.
     pub subpixel: Option<&'a Subpixel>,
     /// The share of each LED that is seen; empty for all of it.
     pub visible: &'a [Option<Values>],

@@ -23,14 +23,31 @@ const WIDE: f64 = 2.5;
 /// Displacement, mm, at lags from 0 up (columns along x, rows along y) from a pixel under pressure 1, and 0 from
 /// `reach_mm` on. The image is as large as that needs, at most `most_px`.
 pub fn kernel(layer: ElasticLayer, mm_per_px: [f64; 2], reach_mm: f64, most_px: [usize; 2]) -> Grid<f32> {
+    kernel_by(&Curve::new(layer), mm_per_px, reach_mm, most_px, most_px)
+}
+
+/// How many lags a kernel has along each axis.
+pub(super) fn lags(layer: ElasticLayer, mm_per_px: [f64; 2], reach_mm: f64, most_px: [usize; 2]) -> [usize; 2] {
     let reach_mm = reach_mm.min(FARTHEST * layer.thickness_mm);
-    let size: [usize; 2] = std::array::from_fn(|k| ((reach_mm / mm_per_px[k]) as usize + 1).min(most_px[k]).max(1));
+    std::array::from_fn(|k| ((reach_mm / mm_per_px[k]) as usize + 1).min(most_px[k]).max(1))
+}
+
+/// The same as [`kernel`], of a curve that is known, for windows of up to `window_px`.
+pub(super) fn kernel_by(
+    curve: &Curve,
+    mm_per_px: [f64; 2],
+    reach_mm: f64,
+    window_px: [usize; 2],
+    most_px: [usize; 2],
+) -> Grid<f32> {
+    let layer = curve.layer;
+    let size = lags(layer, mm_per_px, reach_mm, most_px);
+    let reach_mm = reach_mm.min(FARTHEST * layer.thickness_mm);
     let coarse = mm_per_px[0].max(mm_per_px[1]) > 0.5 * layer.thickness_mm;
-    let curve = Curve::new(layer);
-    let exact = if coarse { summed(layer, mm_per_px, size) } else { in_space(layer, &curve, mm_per_px, size) };
+    let exact = if coarse { summed(layer, mm_per_px, size) } else { in_space(curve, mm_per_px, size) };
     // In a window that is not much wider than the reach, the kernel as it is does better.
-    let wide = (0..2).any(|k| most_px[k] as f64 * mm_per_px[k] > WIDE * reach_mm);
-    let ending = if wide && !coarse { Ending::new(layer, &curve, reach_mm) } else { Ending::NONE };
+    let wide = (0..2).any(|k| window_px[k] as f64 * mm_per_px[k] > WIDE * reach_mm);
+    let ending = if wide && !coarse { Ending::new(curve, reach_mm) } else { Ending::NONE };
     let area = mm_per_px[0] * mm_per_px[1];
     let mut kernel = Grid::new(size[0], size[1]);
     for (y, row) in kernel.data.chunks_exact_mut(size[0]).enumerate() {
@@ -58,7 +75,8 @@ struct Ending([f64; 2]);
 impl Ending {
     const NONE: Self = Self([0.0; 2]);
 
-    fn new(layer: ElasticLayer, curve: &Curve, reach_mm: f64) -> Self {
+    fn new(curve: &Curve, reach_mm: f64) -> Self {
+        let layer = curve.layer;
         let h = layer.thickness_mm;
         // Sums over the plane of a function of the share of the reach, per distance, and of that times the share squared.
         let moments = |value: &dyn Fn(f64) -> f64| {
@@ -102,7 +120,8 @@ fn length(x: f64, y: f64) -> f64 {
     libm::sqrt(x * x + y * y)
 }
 
-fn in_space(layer: ElasticLayer, curve: &Curve, pitch: [f64; 2], size: [usize; 2]) -> Grid<f64> {
+fn in_space(curve: &Curve, pitch: [f64; 2], size: [usize; 2]) -> Grid<f64> {
+    let layer = curve.layer;
     let h = layer.thickness_mm;
     let area = pitch[0] * pitch[1];
     // Gauss points in which the smooth part is averaged over a pixel; for small pixels its middle is enough.
@@ -153,6 +172,7 @@ fn pressed_rectangle(x: f64, y: f64, pitch: [f64; 2]) -> f64 {
 
 /// What the shell takes from a half-space's displacement under unit force, times thickness, over distance / thickness.
 pub(super) struct Curve {
+    pub layer: ElasticLayer,
     /// At every [`STEP`] from minus one step on: the curve is even.
     values: Vec<f64>,
 }
@@ -188,7 +208,7 @@ impl Curve {
             coefficients[0] + x * next - after
         };
         let count = (FARTHEST / STEP) as i64 + 3;
-        Self { values: (-1..count).map(|k| at((k.abs() as f64 * STEP).min(FARTHEST))).collect() }
+        Self { layer, values: (-1..count).map(|k| at((k.abs() as f64 * STEP).min(FARTHEST))).collect() }
     }
 
     /// At a distance in thicknesses, 0 to [`FARTHEST`].

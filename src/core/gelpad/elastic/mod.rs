@@ -40,6 +40,7 @@ mod surface;
 
 use beyond_view::Grids;
 use inplane::Load;
+use kernel::Curve;
 use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
@@ -139,7 +140,11 @@ thread_local! {
 impl Pad {
     /// Computes the layer's response.
     pub fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
-        let layer = ElasticLayer::new(material);
+        Self::by(&Curve::new(ElasticLayer::new(material)), elastic, material, view)
+    }
+
+    fn by(curve: &Curve, elastic: &Elastic, material: &Material, view: &View) -> Self {
+        let layer = curve.layer;
         let [width, height] = view.resolution_px;
         let [dx, dy] = view.mm_per_px;
         // On a pad much thicker than the view is wide, no margin would do; one of half a view is not too slow.
@@ -163,8 +168,8 @@ impl Pad {
             mm_per_px: view.mm_per_px,
             coarse_mm_per_px,
             layer,
-            response: Arc::new(Response::new(layer, coarse_mm_per_px, reach_mm, window, elastic.tolerance_um)),
-            coarser: elastic.coarser().map(|coarser| Box::new(Self::new(&coarser, material, view))),
+            response: Arc::new(Response::by(curve, coarse_mm_per_px, reach_mm, window, elastic.tolerance_um)),
+            coarser: elastic.coarser().map(|coarser| Box::new(Self::by(curve, &coarser, material, view))),
             grids: Arc::default(),
         }
     }

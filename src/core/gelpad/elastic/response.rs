@@ -11,7 +11,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use super::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
-use super::kernel::{Curve, kernel};
+use super::kernel::{Curve, kernel_by, lags};
 use super::layer::ElasticLayer;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
@@ -73,14 +73,20 @@ impl Response {
     /// Of pixels of this size, as far as `reach_mm`, in windows of up to `window` pixels; for contacts that are solved to
     /// `tolerance_um`.
     pub fn new(layer: ElasticLayer, mm_per_px: [f64; 2], reach_mm: f64, window: [usize; 2], tolerance_um: f64) -> Self {
-        let whole = kernel(layer, mm_per_px, reach_mm, window);
+        Self::by(&Curve::new(layer), mm_per_px, reach_mm, window, tolerance_um)
+    }
+
+    /// The same of a curve that is known.
+    pub(super) fn by(curve: &Curve, mm_per_px: [f64; 2], reach_mm: f64, window: [usize; 2], tolerance_um: f64) -> Self {
+        let layer = curve.layer;
+        let size = lags(layer, mm_per_px, reach_mm, window);
         let mut steps = (1..=MOST_STEP.ilog2()).rev().map(|octave| 1 << octave);
-        let step = steps.find(|step| tolerance_um >= ENOUGH_UM && Fields::suit(layer, mm_per_px, *step, &whole));
-        let fields = step.map(|step| {
-            // Beyond the window, the far field goes on until what is divided out of its spectrum has died away.
-            let wide = kernel(layer, mm_per_px, reach_mm, window.map(|size| size + (TAPS + 2 * TAIL) * step));
-            Fields::new(layer, mm_per_px, step, &wide)
-        });
+        let step = steps.find(|step| tolerance_um >= ENOUGH_UM && Fields::suit(layer, mm_per_px, *step, size));
+        // Beyond the window, the far field goes on until what is divided out of its spectrum has died away.
+        let most = window.map(|size| size + step.map_or(0, |step| (TAPS + 2 * TAIL) * step));
+        let wide = kernel_by(curve, mm_per_px, reach_mm, window, most);
+        let fields = step.map(|step| Fields::new(curve, mm_per_px, step, &wide));
+        let whole = wide.crop(Rect::whole(size[0], size[1]));
         // A coarser grid may have a pixel more than counted here, depending on how it is come by.
         let lengths = Arc::new(Lengths::new(2 * window[0].max(window[1]) + 16));
         Self { layer, mm_per_px, softest: layer.softest(), whole, lengths, fields }
@@ -134,19 +140,19 @@ impl Response {
 
 impl Fields {
     /// Whether nodes so many pixels apart are of use.
-    fn suit(layer: ElasticLayer, [dx, dy]: [f64; 2], step: usize, whole: &Grid<f32>) -> bool {
+    fn suit(layer: ElasticLayer, [dx, dy]: [f64; 2], step: usize, [width, height]: [usize; 2]) -> bool {
         let pitch_mm = step as f64 * dx.max(dy);
         let reach = END * WIDTH * pitch_mm;
-        let longest = (whole.width as f64 * dx).min(whole.height as f64 * dy);
+        let longest = (width as f64 * dx).min(height as f64 * dy);
         dx.max(dy) <= SQUARE * dx.min(dy) && pitch_mm <= SMOOTH * layer.thickness_mm && 2.0 * reach <= longest
     }
 
-    fn new(layer: ElasticLayer, mm_per_px: [f64; 2], step: usize, whole: &Grid<f32>) -> Self {
+    fn new(curve: &Curve, mm_per_px: [f64; 2], step: usize, whole: &Grid<f32>) -> Self {
+        let layer = curve.layer;
         let [dx, dy] = mm_per_px;
         let width_mm = WIDTH * step as f64 * dx.max(dy);
         let end_mm = END * width_mm;
         let (h, half_space) = (layer.thickness_mm, layer.half_space());
-        let curve = Curve::new(layer);
         let distance_mm = |x: usize, y: usize| libm::hypot(x as f64 * dx, y as f64 * dy);
         // erfc(r / s) / r where it ends, and its slope: a parabola goes on from there to the middle.
         let gauss = 2.0 / (libm::sqrt(PI) * width_mm);
