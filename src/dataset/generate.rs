@@ -239,7 +239,9 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
     let container = plan.output().container;
     let files = |shard: Shard| [container.file(&shard), format!("stats/{}.json", shard.name())];
     let ours: HashSet<String> = wanted.flat_map(|number| files(plan.layout.shard(number))).collect();
-    let is_ours = |finding: &Finding| finding.file == "job.toml" || ours.contains(&finding.file);
+    // So are the folders: one that cannot be looked through may hold what belongs to no shard.
+    let is_ours =
+        |finding: &Finding| matches!(&*finding.file, "job.toml" | "data" | "stats") || ours.contains(&finding.file);
     if let Some(Finding { file, what, .. }) = findings.into_iter().find(is_ours)
         && recorded_samples(root).is_none_or(|samples| samples == plan.layout.samples())
     {
