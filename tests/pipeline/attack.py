@@ -20,6 +20,7 @@ import pickle
 import random
 import re
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -1576,6 +1577,8 @@ def prepare(folder):
 
 
 def main():
+    # A shell starts what runs in the background with SIGINT ignored, and Python leaves it so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if sys.argv[1:2] == ["--child"]:
         prepare(sys.argv[5])
         child(sys.argv[2], int(sys.argv[3]), sys.argv[4])
