@@ -38,10 +38,10 @@ const SQUARE: f64 = 1.5;
 /// Nodes over which what is divided by the splines' spectrum dies away.
 const TAIL: usize = 8;
 
-/// Share of the whole response's torus that the near field's may take.
+/// Share of the whole response's torus that the near field's may take, or parts are not worth it.
 const WORTH: f64 = 0.6;
 
-/// Nodes beyond a target on either side.
+/// Nodes that a pixel lies among along an axis: a cubic spline is four wide.
 const TAPS: usize = 4;
 
 /// The response on a grid: what all presses share.
