@@ -40,6 +40,12 @@ class Sample(TypedDict, total=False):
     """(H, W, 3): the image without contact."""
     lamps: NDArray[np.float32]
     """(H, W, 6): the grey image under each lamp, 0 to 1; of sensors whose lamps were measured one by one."""
+    slip: NDArray[np.uint8]
+    """(H, W): 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; of sequences."""
+    flow: NDArray[np.float32]
+    """(H, W, 2): motion of the pad's surface to the right and down since it was untouched, mm."""
+    frames: list[Sample]
+    """Of a sequence: its frames, each with `tactile` and the layers; the sequence itself has `frames` and `label` only."""
     label: dict[str, Any]
     """The label's JSON; `gelsim schema label` prints its schema."""
 
@@ -57,4 +63,5 @@ class Batch(TypedDict, total=False):
     markers: list[Markers]
     reference: NDArray[np.uint8]
     lamps: NDArray[np.float32]
+    flow: NDArray[np.float32]
     label: list[dict[str, Any]]

@@ -53,6 +53,11 @@ impl Arrays {
         }
     }
 
+    /// A frame of a sequence: its label is the sequence's.
+    pub fn of_frame(plan: &Plan, sample: Sample) -> Self {
+        Self { labels: Vec::new(), ..Self::new(plan, sample) }
+    }
+
     /// This sample as the first of a batch of `count`, with room for the others.
     pub fn first_of(mut self, count: usize) -> PyResult<Self> {
         self.shape.insert(0, 1);
@@ -93,10 +98,10 @@ impl Arrays {
             };
             dict.set_item(layer.name(), array)?;
         }
-        let scan = scanner(py)?;
-        let value = |label: &Vec<u8>| scan.call1((PyString::from_bytes(py, label)?, 0))?.get_item(0);
-        let labels = self.labels.iter().map(value);
-        dict.set_item("label", one_or_all(py, batch, labels)?)?;
+        if !self.labels.is_empty() {
+            let labels = self.labels.iter().map(|label| parsed(py, label));
+            dict.set_item("label", one_or_all(py, batch, labels)?)?;
+        }
         Ok(dict)
     }
 }
@@ -118,6 +123,11 @@ impl Values {
             _ => unreachable!("samples of one plan have the same layers"),
         }
     }
+}
+
+/// JSON as Python's objects.
+pub fn parsed<'py>(py: Python<'py>, text: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+    scanner(py)?.call1((PyString::from_bytes(py, text)?, 0))?.get_item(0)
 }
 
 /// What `json.loads` calls to read JSON, which is C. As Python ends it ends threads wherever they run Python's code, and

@@ -4,6 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
+use gelsim::dataset::encode::json;
 use gelsim::files::diagnostic::Report;
 use gelsim::job::config::Overrides;
 use gelsim::job::label::key;
@@ -11,6 +12,7 @@ use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::Accepted;
 use gelsim::job::sample::accept;
+use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
@@ -18,7 +20,7 @@ use pyo3::types::{PyDict, PyList};
 use rayon::prelude::*;
 
 use crate::arguments::{self, Given, each, flag, texts, whole};
-use crate::arrays::{Arrays, need_numpy};
+use crate::arrays::{Arrays, need_numpy, parsed};
 use crate::errors::{named, panicked, rung, running, usage, warn};
 use crate::threads::{checked, pool};
 
@@ -32,6 +34,32 @@ pub struct Job {
     /// The same as text, for other processes.
     text: String,
     threads: Option<usize>,
+}
+
+/// A sample, made without Python.
+enum Rendered {
+    Press(Arrays),
+    /// Its frames, and its label.
+    Sequence(Vec<Arrays>, Vec<u8>),
+}
+
+impl Rendered {
+    /// A press as [`Arrays::into_dict`] has it; of a sequence `frames`, each such a dictionary, and the `label` of all.
+    fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+        match self {
+            Self::Press(arrays) => arrays.into_dict(py),
+            Self::Sequence(frames, label) => {
+                let list = PyList::empty(py);
+                for arrays in frames {
+                    list.append(arrays.into_dict(py)?)?;
+                }
+                let dict = PyDict::new(py);
+                dict.set_item("frames", list)?;
+                dict.set_item("label", parsed(py, &label)?)?;
+                Ok(dict)
+            }
+        }
+    }
 }
 
 /// What pickle wants to know: a function of the module, and its arguments.
@@ -75,11 +103,19 @@ impl Job {
     }
 
     /// Sample `index` as `gelsim generate` writes it.
-    fn render(&self, index: u64) -> PyResult<Arrays> {
+    fn render(&self, index: u64) -> PyResult<Rendered> {
         let plan = &*self.plan;
         // Nothing outside is changed by what panics.
-        let rendered = catch_unwind(AssertUnwindSafe(|| {
-            accept(plan, index).map(|Accepted { sample, .. }| Arrays::new(plan, sample))
+        let rendered = catch_unwind(AssertUnwindSafe(|| match plan.job().sequence {
+            None => accept(plan, index).map(|Accepted { sample, .. }| Rendered::Press(Arrays::new(plan, sample))),
+            Some(_) => {
+                let mut frames = Vec::new();
+                let accepted = sequence::accept(plan, index, |shown| match shown {
+                    Shown::Begin => frames.clear(),
+                    Shown::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
+                })?;
+                Ok(Rendered::Sequence(frames, json(&accepted.label)))
+            }
         }));
         match rendered {
             Ok(Ok(arrays)) => Ok(arrays),
@@ -141,8 +177,8 @@ impl Job {
         let list = PyList::empty(py);
         for block in numbers.chunks(BLOCK * pool.current_num_threads()) {
             let render = || block.par_iter().map(|index| self.render(*index)).collect::<PyResult<Vec<_>>>();
-            for arrays in py.detach(|| pool.install(render))? {
-                list.append(arrays.into_dict(py)?)?;
+            for rendered in py.detach(|| pool.install(render))? {
+                list.append(rendered.into_dict(py)?)?;
             }
             py.check_signals()?;
         }

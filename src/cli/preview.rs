@@ -13,7 +13,7 @@ use crate::files::diagnostic::user_error;
 use crate::files::write::write_output;
 use crate::job::plan::Plan;
 use crate::lab::preview::effects::{self, EffectComparison, compare};
-use crate::lab::preview::{Tile, sheet};
+use crate::lab::preview::{Tile, animation, sequence_files, sheet};
 
 /// Draw a contact sheet: tactile image, depth and (where there is one) contact, with class and depth under each. Or show
 /// what each effect changes in a job's samples.
@@ -22,7 +22,8 @@ use crate::lab::preview::{Tile, sheet};
 Example:
   gelsim preview configs/quickstart.toml --out sheet.png
   gelsim preview out/quickstart --out sample.png --key 42
-  gelsim preview configs/effects.toml --effects --out effects.png")]
+  gelsim preview configs/effects.toml --effects --out effects.png
+  gelsim preview configs/slip.toml --key 0 --apng --out slip.png")]
 pub struct Preview {
     /// A dataset's folder, or a job whose samples are rendered on the spot
     #[arg(value_name = "DIR|JOB.toml")]
@@ -30,16 +31,19 @@ pub struct Preview {
     /// The picture to write
     #[arg(long, value_name = "FILE.png")]
     out: PathBuf,
-    /// Only this sample, at full size
+    /// Only this sample, at full size unless --panel says otherwise
     #[arg(long, value_name = "K")]
     key: Option<u64>,
     /// For each effect that a job's samples call for, one of them with the effect, without it, and the difference
     #[arg(long, conflicts_with_all = ["count", "columns"])]
     effects: bool,
+    /// An animated PNG of the frames of the sequence that --key names
+    #[arg(long, requires = "key", conflicts_with_all = ["effects", "count", "columns", "panel"])]
+    apng: bool,
     /// How many samples the sheet shows
     #[arg(long, value_name = "N", default_value_t = 12)]
     count: u64,
-    /// Width of one panel of the sheet, px [default: 240; of effects 658]
+    /// Width of one panel of the sheet, px [default: 240; of effects 658; with --key full size]
     #[arg(long, value_name = "PX")]
     panel: Option<u32>,
     /// Columns of the sheet
@@ -55,12 +59,37 @@ impl Preview {
         if self.effects {
             return write(&self.out, &effects::sheet(&self.comparisons()?, panel(effects::PANEL)));
         }
+        if self.apng {
+            return self.animated();
+        }
         let tiles = if self.source.is_dir() { self.dataset_tiles()? } else { self.job_tiles()? };
         let picture = match self.key {
-            Some(_) => sheet(&tiles, 1, u32::MAX),
+            Some(_) => sheet(&tiles, 1, panel(u32::MAX)),
             None => sheet(&tiles, self.columns, panel(240)),
         };
         write(&self.out, &picture)
+    }
+
+    /// Writes the frames of a sequence.
+    fn animated(&self) -> Result<(), Failure> {
+        let files = match self.source.is_dir() {
+            true => {
+                let dataset = Recorded::open(&self.source)?;
+                let [index] = self.indices(dataset.layout.samples(), true)?[..] else { return Ok(()) };
+                dataset.sample(index).map_err(Failure::running)?
+            }
+            false => {
+                let plan = self.plan()?;
+                if plan.job().sequence.is_none() {
+                    let message = "--apng shows a sequence, and this job's samples are presses";
+                    return Err(user_error(message, "leave --apng out, or add a [sequence] table").into());
+                }
+                let [index] = self.indices(plan.layout.samples(), false)?[..] else { return Ok(()) };
+                sequence_files(&plan, index)
+            }
+        };
+        let bytes = animation(&files).map_err(Failure::running)?;
+        write_output(&self.out, &bytes).map_err(|error| Failure::running(format!("{}: {error}", self.out.display())))
     }
 
     fn plan(&self) -> Result<Plan, Failure> {
@@ -79,6 +108,7 @@ impl Preview {
             return Err(user_error(message, format!("if it is a dataset, preview its job: {folder}/job.toml")).into());
         }
         let plan = self.plan()?;
+        plan.of_presses("--effects")?;
         let samples = plan.layout.samples();
         let indices = match self.key {
             Some(_) => self.indices(samples, false)?,

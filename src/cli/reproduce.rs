@@ -8,13 +8,11 @@ use clap::Args;
 use super::{Failure, Log, print};
 use crate::dataset::archive::Files;
 use crate::dataset::archive::Member;
-use crate::dataset::encode::members;
+use crate::dataset::encode::make;
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::user_error;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
-use crate::job::sample::Accepted;
-use crate::job::sample::accept;
 
 /// Render one sample of a dataset again, from the seed in its label, and say whether the bytes are the same. Exit status 1
 /// if they are not.
@@ -45,10 +43,9 @@ impl Reproduce {
         if let Some(cost) = cost(plan.simulator.view().resolution_px) {
             Log::text(false).note(&cost);
         }
-        let drawn = accept(&plan, self.key);
-        let Accepted { sample, .. } =
-            drawn.map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
-        let (text, same) = compare(&written, &members(&plan, &sample));
+        let made = make(&plan, self.key)
+            .map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
+        let (text, same) = compare(&written, &made.members);
         print(&text)?;
         // What differs has been said.
         if same { Ok(()) } else { Err(Failure::reported(1)) }

@@ -7,6 +7,7 @@ use crate::files::sensor::Sensor;
 use crate::job::config::Job;
 use crate::job::label::Label;
 use crate::job::schema::with_distributions;
+use crate::job::sequence::label::SequenceLabel;
 use crate::lab::augment::config::Augment;
 
 /// Print the JSON Schema of a file format.
@@ -24,6 +25,8 @@ pub enum Format {
     Job,
     /// The label of a sample
     Label,
+    /// The label of a sample that is a sequence
+    Sequence,
     /// A sensor file
     Sensor,
     /// An AUGMENT.toml
@@ -35,6 +38,7 @@ pub fn text(format: Format) -> String {
     let schema = match format {
         Format::Job => with_distributions(schemars::schema_for!(Job)),
         Format::Label => schemars::schema_for!(Label).to_value(),
+        Format::Sequence => schemars::schema_for!(SequenceLabel).to_value(),
         Format::Sensor => with_distributions(schemars::schema_for!(Sensor)),
         Format::Augment => schemars::schema_for!(Augment).to_value(),
     };

@@ -12,13 +12,17 @@ use crate::files::write::write_output;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 use crate::lab::finite::{self, Options, finite};
-use crate::lab::tradeoff::{plot, report, tradeoff};
+use crate::lab::tradeoff::{plot, report, sequences, tradeoff};
 
 /// Samples, if the user names no number.
 const SAMPLES: u64 = 32;
 
+/// Sequences, likewise.
+const SEQUENCES: u64 = 6;
+
 /// Render the same samples of a job at every fidelity level: error against the reference level, and time. Prints a
-/// table and writes tradeoff.csv, tradeoff.json, tradeoff.svg and tradeoff.png.
+/// table and writes tradeoff.csv, tradeoff.json, tradeoff.svg and tradeoff.png. Of sequences: force, onset of slip and motion of
+/// the pad, against the reference at four times the frame rate; no PNG.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -29,7 +33,7 @@ pub struct Tradeoff {
     #[arg(value_name = "JOB.toml")]
     job: PathBuf,
     /// How many of the job's samples are rendered: shallow and deep ones of each object while N allows, and the deepest
-    /// of all [default: 32, or one of each object if that is more]
+    /// of all [default: 32, or one of each object if that is more; of a job of sequences 6]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     samples: Option<u64>,
     /// Instead of the levels: the error of the linear elastic layer itself, against finite elements of rubber at large strains, for
@@ -67,6 +71,7 @@ impl Tradeoff {
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         Log::text(self.quiet).notes(&plan.notes);
         if self.finite_elements {
+            plan.of_presses("--finite-elements")?;
             return self.finite(&plan);
         }
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));
@@ -79,12 +84,28 @@ impl Tradeoff {
         // Before the work, lest it be in vain.
         std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
         let heard = !self.quiet && std::io::stderr().is_terminal();
-        let samples = self.samples.unwrap_or(SAMPLES.max(plan.sampling.objects.len() as u64));
-        let result = tradeoff(&plan, samples, |what| {
+        let said = |what: &str| {
             if heard {
                 say(&format!("rendering: {what}"));
             }
-        });
+        };
+        if plan.job().sequence.is_some() {
+            let result = sequences::tradeoff(&plan, self.samples.unwrap_or(SEQUENCES), said);
+            let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
+            for (name, text) in
+                [("tradeoff.csv", result.csv()), ("tradeoff.json", json), ("tradeoff.svg", result.svg())]
+            {
+                let path = folder.join(name);
+                write_output(&path, text.as_bytes()).map_err(|error| failed(&path, &error))?;
+            }
+            print(&result.table())?;
+            if !self.quiet {
+                say(&format!("-> {}", folder.display()));
+            }
+            return Ok(());
+        }
+        let samples = self.samples.unwrap_or(SAMPLES.max(plan.sampling.objects.len() as u64));
+        let result = tradeoff(&plan, samples, said);
         let page = plot::draw(&result);
         let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
         let files = [

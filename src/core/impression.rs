@@ -11,6 +11,8 @@ use crate::core::camera::{CameraParams, Image};
 use crate::core::depth::Depth;
 use crate::core::effects::EffectLog;
 use crate::core::gelpad::Contact;
+use crate::core::gelpad::elastic::history::Contacting;
+use crate::core::gelpad::sliding::{Slip, Wrench};
 use crate::core::optics::lamps;
 use crate::core::optics::normals::normals;
 
@@ -24,6 +26,8 @@ pub struct Impression {
     pub depth: Depth,
     /// The pad under it: surface, contact mask, pressure, force. As the pad is, not as the lens shows it.
     pub contact: Contact,
+    /// What friction did, in a frame of a sequence.
+    pub sliding: Option<Slid>,
     /// The pad's markers, if it has any.
     pub markers: Option<MarkerPositions>,
     /// Distortion of the lens, if it has any.
@@ -38,6 +42,17 @@ pub struct Impression {
     /// Height over the undeformed pad up to which the object was captured, mm.
     pub(super) above_mm: f64,
     pub(super) lamps: Option<Arc<lamps::Shader>>,
+}
+
+/// What friction did in a frame of a sequence.
+#[derive(Clone, Debug)]
+pub struct Slid {
+    /// How much of the contact slips, and how far it has.
+    pub slip: Slip,
+    /// What the object does to the pad.
+    pub wrench: Wrench,
+    /// What each pixel in view does. As the pad is, not as the lens shows it.
+    pub states: Grid<Contacting>,
 }
 
 /// What [`Impression::gap_mm`] is where no object was captured.
@@ -83,6 +98,33 @@ impl Impression {
             Some(lens) => lens.warp_mask(&self.contact.mask).data,
             None => self.contact.mask.data.clone(),
         }
+    }
+
+    /// Of each pixel 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it; 0 everywhere but
+    /// in a frame of a sequence.
+    pub fn slip(&self) -> Vec<u8> {
+        let Some(slid) = &self.sliding else { return vec![0; self.contact.mask.data.len()] };
+        let of = |wanted: Contacting| {
+            let data = slid.states.data.iter().map(|state| if *state == wanted { 255 } else { 0 }).collect();
+            let mask = Grid { width: slid.states.width, height: slid.states.height, data };
+            self.lens.as_ref().map_or(mask.clone(), |lens| lens.warp_mask(&mask)).data
+        };
+        let value = |(sticks, slips): (u8, u8)| match (sticks, slips) {
+            (0, 0) => 0,
+            (_, 0) => 128,
+            _ => 255,
+        };
+        of(Contacting::Sticks).into_iter().zip(of(Contacting::Slips)).map(value).collect()
+    }
+
+    /// How far the pad's surface has moved in its own plane since it was untouched, along x and y, mm; 0 where nothing is
+    /// known of it.
+    pub fn flow_mm(&self) -> Vec<[f32; 2]> {
+        let [width, height] = self.view.resolution_px;
+        let Some(tangential) = &self.contact.tangential else { return vec![[0.0; 2]; width * height] };
+        let planes = tangential.field.in_view(&self.view);
+        let [x, y] = planes.map(|plane| self.through_lens(plane));
+        x.into_iter().zip(y).map(|(x, y)| [x, y]).collect()
     }
 
     /// Unit normals of the pad's surface, towards the camera: a flat pad is (0, 0, -1).

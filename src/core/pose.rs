@@ -28,6 +28,18 @@ pub enum Side {
 impl Side {
     /// All six.
     pub const ALL: [Self; 6] = [Self::PlusX, Self::MinusX, Self::PlusY, Self::MinusY, Self::PlusZ, Self::MinusZ];
+
+    /// Turns this side towards the pad.
+    pub fn rotation(self) -> DMat3 {
+        match self {
+            Self::MinusZ => DMat3::IDENTITY,
+            Self::PlusZ => about(DVec3::X, 180.0),
+            Self::PlusX => about(DVec3::Y, 90.0),
+            Self::MinusX => about(DVec3::Y, -90.0),
+            Self::PlusY => about(DVec3::X, -90.0),
+            Self::MinusY => about(DVec3::X, 90.0),
+        }
+    }
 }
 
 /// Point of an object that a position refers to.
@@ -138,6 +150,14 @@ impl Pose {
         Self { translation_mm, ..self }
     }
 
+    /// The same with the object's lowest point at z = `lowest_mm`.
+    pub fn lowered(self, lowest_mm: f64, object: &Clusters) -> Self {
+        let centre = self.rotation * DVec3::from_array(object.centre_mm());
+        let lowest = object.extreme((self.rotation.transpose() * DVec3::NEG_Z).to_array());
+        let DVec3 { x, y, .. } = self.translation_mm;
+        Self { translation_mm: DVec3::new(x, y, lowest_mm + lowest - centre.z), ..self }
+    }
+
     /// Height of the placed object's lowest point over the undeformed pad, mm.
     pub fn lowest_mm(&self, object: &Clusters) -> f64 {
         let centre = self.rotation * DVec3::from_array(object.centre_mm()) + self.translation_mm;
@@ -164,21 +184,14 @@ impl Pose {
 
 /// The object's axes to the sensor's.
 fn rotation(side: Side, angles: Angles) -> DMat3 {
-    let turned = match side {
-        Side::MinusZ => DMat3::IDENTITY,
-        Side::PlusZ => about(DVec3::X, 180.0),
-        Side::PlusX => about(DVec3::Y, 90.0),
-        Side::MinusX => about(DVec3::Y, -90.0),
-        Side::PlusY => about(DVec3::X, -90.0),
-        Side::MinusY => about(DVec3::X, 90.0),
-    };
+    let turned = side.rotation();
     let (sin, cos) = sin_cos_deg(angles.tilt_azimuth_deg);
     let tilt_axis = DVec3::new(cos, sin, 0.0);
     about(tilt_axis, angles.tilt_deg) * about(DVec3::Z, angles.yaw_deg) * turned
 }
 
 /// Rotation by `angle_deg` about a unit `axis`, right-handed (Rodrigues).
-fn about(axis: DVec3, angle_deg: f64) -> DMat3 {
+pub fn about(axis: DVec3, angle_deg: f64) -> DMat3 {
     let (sin, cos) = sin_cos_deg(angle_deg);
     let cross = DMat3::from_cols(
         DVec3::new(0.0, axis.z, -axis.y),

@@ -2,7 +2,7 @@
 //!
 //! [`Simulator::new`] is the costly part and is shared by threads; [`Simulator::press`] cannot fail.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::core::base::clock::{Clock, Seconds};
 use crate::core::base::grid::Grid;
@@ -12,21 +12,24 @@ use crate::core::camera::markers::MarkerPattern;
 use crate::core::camera::{Camera, CameraParams, Image};
 use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::texture::Texture;
+use crate::core::depth::texture::{Laid, Texture};
 use crate::core::depth::{self, rest};
 use crate::core::effects::{Effect, EffectLog, EffectPolicy};
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::curvature_error_mm;
+use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::gelpad::material::Material;
+use crate::core::gelpad::sliding::{FramePad, ObjectStep, Sliding};
 use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::whole::Whole;
 use crate::core::gelpad::{self, Contact, Pad};
-use crate::core::impression::Impression;
+use crate::core::impression::{Impression, Slid};
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::lamps;
 use crate::core::optics::{self, Illumination, Shader};
+use crate::core::pose::Pose;
 use crate::core::sensor::{Background, Markers, Sensor, SensorError};
 
 /// Everything about a sensor that is the same in every press, computed once.
@@ -44,9 +47,13 @@ pub struct Simulator {
     /// What the light sees of a pad that is not smooth and flat.
     relief: Option<Arc<Grid<f32>>>,
     pad: Arc<Pad>,
+    /// The same as an object that slides sees it, once one does.
+    frame_pad: Arc<OnceLock<FramePad>>,
     /// The sensor's markers, unless they are left out.
     markers: Option<Markers>,
-    /// In-plane motion of the pad, where markers show it.
+    /// In-plane motion of the pad is wanted for itself.
+    flow: bool,
+    /// In-plane motion of the pad, where it is wanted or markers show it.
     in_plane: Option<Arc<InPlane>>,
     shader: Arc<Shader>,
     /// The grey images of the sensor's lamps, whatever the model of the light.
@@ -91,6 +98,16 @@ impl Simulator {
     /// common (the pad's response, the background image, its light) is shared and not computed again.
     pub fn variant(&self, sensor: Sensor) -> Self {
         Self::make(sensor, self.models.clone(), self.policy, Some(self))
+    }
+
+    /// The same, but every press says how the pad's surface moves in its plane, markers or not; see
+    /// [`Impression::flow_mm`].
+    pub fn with_flow(self) -> Self {
+        let in_plane = self.in_plane.or_else(|| {
+            let Sensor { gelpad, field_of_view_mm, .. } = &self.sensor;
+            self.pad.in_plane(gelpad, *field_of_view_mm, &self.view).map(Arc::new)
+        });
+        Self { flow: true, in_plane, ..self }
     }
 
     /// Takes from `like`, of the same models and policy, all that is the same in `sensor`.
@@ -149,6 +166,11 @@ impl Simulator {
             _ => Arc::new(Pad::new(&models.gelpad, &sensor.gelpad, &view)),
         };
 
+        let frame_pad = match like {
+            Some(like) if like.sensor.gelpad == sensor.gelpad => Arc::clone(&like.frame_pad),
+            _ => Arc::default(),
+        };
+
         let light = Illumination {
             leds: &sensor.leds,
             lamps: &sensor.lamps,
@@ -191,11 +213,13 @@ impl Simulator {
         };
 
         let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
+        let flow = like.is_some_and(|like| like.flow);
         let in_plane = match like {
             Some(like) if like.markers.is_some() == markers.is_some() && Arc::ptr_eq(&like.pad, &pad) => {
                 like.in_plane.clone()
             }
-            _ => markers.and_then(|_| pad.in_plane(&sensor.gelpad, sensor.field_of_view_mm, &view)).map(Arc::new),
+            _ if markers.is_none() && !flow => None,
+            _ => pad.in_plane(&sensor.gelpad, sensor.field_of_view_mm, &view).map(Arc::new),
         };
         let same_camera = same_leds.zip(same_background).map(|(like, _)| like).filter(|like| {
             let (a, b) = (&like.sensor, &sensor);
@@ -219,7 +243,9 @@ impl Simulator {
             drop_mm,
             relief,
             pad,
+            frame_pad,
             markers,
+            flow,
             in_plane,
             shader,
             lamps,
@@ -242,6 +268,57 @@ impl Simulator {
     ///
     /// If the indenter is a height map of another size than the sensor's image.
     pub fn press_with(&self, press: &Press) -> Impression {
+        self.pressed(press, None)
+    }
+
+    /// An object that is to slide, turn and roll on the pad; `None` if the model of the gelpad knows no tractions.
+    pub fn sliding(&self, friction: Friction) -> Option<Sliding> {
+        match &self.models.gelpad {
+            gelpad::Model::Elastic(elastic) => {
+                let pad = || FramePad::new(elastic, &self.sensor.gelpad, &self.view);
+                Some(Sliding::new(self.frame_pad.get_or_init(pad), friction))
+            }
+            _ => None,
+        }
+    }
+
+    /// The next frame of a sequence: the object goes through `steps`, the last of which leads to where `press` has it, and
+    /// friction remembers in `sliding` what it did. The press's texture lies where it lay at the start of the sequence; its
+    /// shear is left out.
+    ///
+    /// # Panics
+    ///
+    /// If the indenter is a height map of another size than the sensor's image.
+    pub fn press_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
+        let mut clock = Clock::start();
+        let (texture, curved) = self.object_on_pad(press);
+        sliding.advance(steps, &press.indenter, texture, curved);
+        let carried = |texture: &Texture| {
+            texture.laid_out(sliding.carried(texture.laid.unwrap_or_else(|| Laid::with(&press.indenter.pose))))
+        };
+        let press = Press { texture: press.texture.as_ref().map(carried), shear: None, ..press.clone() };
+        let seconds = clock.lap();
+        let mut impression = self.pressed(&press, Some(sliding));
+        impression.seconds.gelpad += seconds;
+        impression.effects.seconds[Effect::Friction] += seconds;
+        impression
+    }
+
+    /// Normal force of the whole object on the pad if it were pressed so deep at a pose, N.
+    pub fn force_n(&self, sliding: &Sliding, press: &Press, pose: Pose, depth_mm: f64) -> f64 {
+        let (texture, curved) = self.object_on_pad(press);
+        sliding.normal_force_n(&press.indenter, pose, depth_mm, texture, curved)
+    }
+
+    /// What beside the object's shape decides where it meets the pad, unless it is left out.
+    fn object_on_pad<'a>(&'a self, press: &'a Press) -> (Option<&'a Texture>, Option<(&'a Grid<f32>, &'a View)>) {
+        let unless = |effect| self.policy != EffectPolicy::Without(effect);
+        let texture = press.texture.as_ref().filter(|_| unless(Effect::Texture));
+        let curved = self.drop_mm.as_deref().zip(Some(&self.view)).filter(|_| unless(Effect::RestShape));
+        (texture, curved)
+    }
+
+    fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
         let Press { indenter, texture, shear, markers, camera } = press;
         if let Shape::HeightMap(map) = &indenter.shape {
             let size = [map.above_mm.width, map.above_mm.height];
@@ -252,6 +329,8 @@ impl Simulator {
         let mut effects = EffectLog::new(self.policy);
         let camera = camera.under(self.policy);
 
+        let unseen_mm = if let Pad::Elastic(pad) = &*self.pad { pad.unseen_mm() } else { 0.0 };
+        let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
         let thickness_mm = self.sensor.gelpad.thickness_mm;
         let mut window = self.pad.window(indenter.depth_mm);
         let mut beyond = None;
@@ -270,7 +349,8 @@ impl Simulator {
                     .map(|around| effects.timed(Effect::Deformation, || self.pad.beyond(&around)))
             });
             // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
-            let mut contact = gelpad::deform(&self.pad, &depth, beyond.as_ref(), self.in_plane.is_some(), &mut effects);
+            let (markers, drag) = (self.in_plane.is_some(), drag.as_ref().map(Option::as_ref));
+            let mut contact = gelpad::deform(&self.pad, &depth, beyond.as_ref(), drag, markers, &mut effects);
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
             let (shape, beyond) = (&indenter.shape, beyond.as_ref());
             contact.whole = Whole::of(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
@@ -300,7 +380,9 @@ impl Simulator {
         // The motion of the elastomer in its own plane, where markers show it.
         let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
         let held = self.models.gelpad.friction();
-        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, held, shear.as_ref(), &mut effects);
+        let sliding = sliding.as_deref();
+        let shear = shear.as_ref();
+        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, held, shear, sliding, &mut effects);
         seconds.gelpad += clock.lap();
 
         // The light that the surface sends to the camera.
@@ -318,7 +400,12 @@ impl Simulator {
         let lens = camera.lens(&self.view);
         let lamps = self.lamps.clone();
         let (view, above_mm) = (self.view, window.above_mm);
-        Impression { image, depth, contact, markers, lens, camera, effects, seconds, view, above_mm, lamps }
+        let sliding = sliding.map(|sliding| Slid {
+            slip: sliding.slip(),
+            wrench: sliding.wrench(),
+            states: sliding.states(&contact.mask, &view),
+        });
+        Impression { image, depth, contact, sliding, markers, lens, camera, effects, seconds, view, above_mm, lamps }
     }
 
     /// The sensor.

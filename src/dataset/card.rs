@@ -13,6 +13,7 @@ use crate::job::label::Label;
 use crate::job::layers::{Coding, OutputLayer};
 use crate::job::layout::Split;
 use crate::job::plan::view;
+use crate::job::sequence::label::FrameRow;
 
 mod loading;
 
@@ -49,6 +50,8 @@ fn front_matter(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
         }
     }
     match manifest.container {
+        // The columns would be the frames, and sequences differ in how many they have: `datasets` reads none such.
+        Container::Tar if recorded.job.sequence.is_some() => {}
         Container::Tar => {
             text.push_str("dataset_info:\n  features:\n");
             columns_of_tars(text, &recorded.job);
@@ -92,7 +95,7 @@ fn columns_of_tars(text: &mut String, job: &Job) {
     features(text, &schema, &schema, 4);
 }
 
-/// The columns of metadata.jsonl, as [`super::imagefolder::row`] writes them.
+/// The columns of metadata.jsonl, as [`super::imagefolder::rows`] writes them.
 fn columns_of_folders(text: &mut String, job: &Job) {
     // First: a reader looks for `file_name` where it meets the first image.
     text.push_str("  - name: image\n    dtype: image\n");
@@ -102,7 +105,10 @@ fn columns_of_folders(text: &mut String, job: &Job) {
             _ => writeln!(text, "  - name: {}_path\n    dtype: string", layer.name()),
         };
     }
-    let schema = schemars::schema_for!(Label).to_value();
+    let schema = match job.sequence {
+        None => schemars::schema_for!(Label).to_value(),
+        Some(_) => schemars::schema_for!(FrameRow).to_value(),
+    };
     features(text, &schema, &schema, 2);
 }
 
@@ -152,11 +158,14 @@ fn dtype(schema: &Value) -> &'static str {
 
 fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     let sensor = &recorded.job.sensor;
+    let sequences = recorded.job.sequence.is_some();
+    let (what, one, frame) =
+        if sequences { ("sequences of presses", "KEY.f0000", " of the first frame") } else { ("presses", "KEY", "") };
     let [width, height] = sensor.resolution_px;
     let [mm_x, mm_y] = view(&recorded.job).mm_per_px;
     let _ = writeln!(
         text,
-        "# {}\n\n{} synthetic presses on a `{}` tactile sensor ({width} x {height} px, {mm_x} x {mm_y} mm per pixel, \
+        "# {}\n\n{} synthetic {what} on a `{}` tactile sensor ({width} x {height} px, {mm_x} x {mm_y} mm per pixel, \
          gelpad {} mm), made by gelsim {} at the rung `{}`. `job.toml` is the job that makes the same bytes again.\n",
         manifest.name,
         manifest.samples,
@@ -175,13 +184,26 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
         let _ = writeln!(text, "| {} | {} |", in_table(&class.name), class.samples);
     }
     text.push_str("\n## A sample\n\n| member | what it is |\n|---|---|\n");
-    text.push_str("| `KEY.tactile.png` | the tactile image, 8-bit RGB |\n");
+    let _ = writeln!(text, "| `{one}.tactile.png` | the tactile image{frame}, 8-bit RGB |");
     let format = recorded.job.output.depth_format;
     for layer in recorded.job.output.layers_in_order() {
-        let _ = writeln!(text, "| `KEY.{}` | {} |", layer.suffix(format), meaning(layer, layer.coding(format)));
+        let _ = writeln!(text, "| `{one}.{}` | {} |", layer.suffix(format), meaning(layer, layer.coding(format)));
     }
-    text.push_str("| `KEY.json` | the label: object, pose, indentation, contact, sensor, numerics |\n");
-    if manifest.container == Container::Folder {
+    text.push_str(match sequences {
+        false => "| `KEY.json` | the label: object, pose, indentation, contact, sensor, numerics |\n",
+        true => {
+            "| `KEY.f0001.tactile.png` and so on | the other frames, each with its layers |\n\
+             | `KEY.json` | the label: object, sensor, friction and phases; a list of the frames with time, pose, wrench, slip, \
+             contact, markers |\n"
+        }
+    });
+    if sequences && manifest.container == Container::Folder {
+        text.push_str(
+            "\nA frame is a row of `metadata.jsonl` in its folder: its images, the paths of its other layers from this folder \
+             on, what holds for the sequence, and under `frame` what the frame shows. Folders are read in no fixed order: \
+             `key` and `frame.index` say what belongs together.\n",
+        );
+    } else if manifest.container == Container::Folder {
         text.push_str(
             "\nA sample is a row of `metadata.jsonl` in its folder: its images, the paths of its other layers from this \
              folder on, and the label's keys. Folders are read in no fixed order.\n",
@@ -192,7 +214,7 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
          of the image on the undeformed pad; lengths are millimetres.\n\n## Loading\n\nFrom this folder:\n\n",
     );
     let split = used_splits(manifest).next().map_or("train", |(split, _)| split);
-    for snippet in loading::snippets(&recorded.job.output, split) {
+    for snippet in loading::snippets(&recorded.job.output, split, sequences) {
         let _ = writeln!(text, "```python\n{snippet}```\n");
     }
 }

@@ -126,7 +126,7 @@ impl Container {
             Self::Folder => {
                 let members = members.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice()));
                 let files: usize = members.clone().map(|(_, bytes)| bytes.len()).sum();
-                (files + imagefolder::row(&shard.name(), &key(index), members).len()) as u64
+                (files + imagefolder::rows(&shard.name(), &key(index), members).len()) as u64
             }
         }
     }

@@ -50,6 +50,8 @@ pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
             let value = |(k, at): (usize, usize)| planes.get(k).map_or(0.0, |plane: &Vec<f32>| plane[at]);
             Content::Floats((0..pixels).flat_map(pixel).map(value).collect())
         }
+        OutputLayer::Flow => Content::Floats(impression.flow_mm().into_flattened()),
+        OutputLayer::Slip => Content::Bytes(impression.slip().into()),
         OutputLayer::Contact => Content::Bytes(impression.contact_mask().into()),
         OutputLayer::Reference => Content::Bytes((&sample.simulator.untouched().rgb).into()),
         OutputLayer::Markers => {

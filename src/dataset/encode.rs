@@ -5,16 +5,101 @@ use std::io;
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
+use crate::core::base::clock::{Clock, Seconds};
+use crate::core::effects::PerEffect;
 use crate::dataset::archive::Member;
 use crate::dataset::content::{Content, content};
 use crate::files::exr::Exr;
 use crate::files::{exr, npy, png};
+use crate::job::label::Label;
 use crate::job::layers::{Coding, Form, OutputLayer};
 use crate::job::plan::Plan;
-use crate::job::sample::Sample;
+use crate::job::sample::{Accepted, Sample, Unfit, accept, render};
+use crate::job::sequence::{self, Shown};
+
+/// A sample made and encoded. Its images are not kept.
+pub struct Made {
+    /// Its label; of a sequence what counts of it as a whole.
+    pub label: Label,
+    /// What was drawn before it and rejected.
+    pub rejected: Vec<Label>,
+    /// Its files.
+    pub members: Vec<Member>,
+    /// CPU seconds of its stages.
+    pub seconds: Seconds,
+    /// The same of each effect.
+    pub effects: PerEffect<f64>,
+}
+
+/// Makes sample `index` as a dataset has it: a press, or a sequence.
+pub fn make(plan: &Plan, index: u64) -> Result<Made, Unfit> {
+    match plan.job().sequence {
+        None => accept(plan, index).map(|accepted| press(plan, accepted)),
+        Some(_) => sequence(plan, |each| sequence::accept(plan, index, each)),
+    }
+}
+
+/// The same of its first draw if no draw of it may go into a dataset.
+pub fn make_shown(plan: &Plan, index: u64) -> Made {
+    make(plan, index).unwrap_or_else(|_| match plan.job().sequence {
+        None => press(plan, Accepted { sample: render(plan, index), rejected: Vec::new() }),
+        Some(_) => {
+            let first = |each: &mut dyn FnMut(Shown)| {
+                let each = |sample, number| each(Shown::Frame(Box::new(sample), number));
+                Ok::<_, std::convert::Infallible>(sequence::render(plan, index, 0, each))
+            };
+            let Ok(made) = sequence(plan, first);
+            made
+        }
+    })
+}
+
+/// Encodes a press.
+pub fn press(plan: &Plan, Accepted { sample, rejected }: Accepted) -> Made {
+    let mut clock = Clock::start();
+    let members = members(plan, &sample);
+    let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
+    Made { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds }
+}
+
+/// Encodes a sequence that `draw` shows frame by frame: only their files are kept.
+fn sequence<E>(
+    plan: &Plan,
+    draw: impl FnOnce(&mut dyn FnMut(Shown)) -> Result<sequence::Accepted, E>,
+) -> Result<Made, E> {
+    let (mut members, mut encode) = (Vec::new(), 0.0);
+    let accepted = draw(&mut |shown| match shown {
+        Shown::Begin => members.clear(),
+        Shown::Frame(sample, number) => {
+            let mut clock = Clock::start();
+            for mut member in layers(plan, &sample) {
+                member.suffix = format!("{}.{}", frame(number), member.suffix);
+                members.push(member);
+            }
+            encode += clock.lap();
+        }
+    })?;
+    let mut clock = Clock::start();
+    members.push(Member::new("json", json(&accepted.label)));
+    let seconds = Seconds { encode: encode + clock.lap(), ..accepted.seconds };
+    let sequence::Accepted { summary, rejected, effects, .. } = accepted;
+    Ok(Made { label: summary, rejected, members, seconds, effects })
+}
+
+/// What stands in the names of a frame's files, after the sample's key.
+pub fn frame(number: u32) -> String {
+    format!("f{number:04}")
+}
 
 /// Encodes the tactile image, the layers and the label.
 pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
+    let mut members = layers(plan, sample);
+    members.push(Member::new("json", json(&sample.label)));
+    members
+}
+
+/// Encodes the tactile image and the layers.
+fn layers(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let image = &sample.impression.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
@@ -36,7 +121,6 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
         };
         members.push(Member::new(layer.suffix(plan.output().depth_format), bytes));
     }
-    members.push(Member::new("json", json(&sample.label)));
     members
 }
 

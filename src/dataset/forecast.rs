@@ -13,10 +13,9 @@ use sha2::{Digest, Sha256};
 use crate::core::base::clock::Clock;
 use crate::core::base::clock::Seconds;
 use crate::core::effects::{Effect, PerEffect};
-use crate::dataset::encode::members;
+use crate::dataset::encode::{Made, make_shown};
 use crate::dataset::stats::LightRange;
 use crate::job::plan::Plan;
-use crate::job::sample::shown;
 
 /// Samples that are probed at least, if the job has them and time allows.
 const FEWEST: u64 = 32;
@@ -81,20 +80,18 @@ struct Probe {
 
 impl Probe {
     fn new(plan: &Plan, index: u64) -> Self {
-        let sample = shown(plan, index);
+        let Made { label, members, seconds, effects, .. } = make_shown(plan, index);
         let mut clock = Clock::start();
-        let members = members(plan, &sample);
-        let encode = clock.lap();
         let mut hash = Sha256::new();
         members.iter().for_each(|member| hash.update(&member.bytes));
         std::hint::black_box(hash.finalize());
         Self {
-            healthy: sample.label.health.healthy,
-            in_contact: sample.label.contact.in_contact,
-            light: LightRange::from_label(&sample.label),
-            notes: sample.label.effects,
-            effects: sample.impression.effects.seconds,
-            seconds: Seconds { encode, ..sample.seconds },
+            healthy: label.health.healthy,
+            in_contact: label.contact.in_contact,
+            light: LightRange::from_label(&label),
+            notes: label.effects,
+            effects,
+            seconds,
             write_s: clock.lap(),
             bytes: plan.output().container.bytes_of(&plan.layout.shard_of(index), index, &members),
         }

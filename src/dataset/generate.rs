@@ -18,12 +18,8 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::core::base::clock::Clock;
-use crate::core::base::clock::Seconds;
-use crate::core::effects::PerEffect;
-use crate::dataset::archive::Member;
 use crate::dataset::cleanup;
-use crate::dataset::encode::members;
+use crate::dataset::encode::{Made, make};
 use crate::dataset::finalize::{Finalized, finalize};
 use crate::dataset::folder::{prepare, recorded_samples, still_ours};
 use crate::dataset::lock::Lock;
@@ -36,12 +32,9 @@ use crate::dataset::stats::{LightRange, Stats};
 use crate::dataset::verify::{CheckLevel, Cure, Finding};
 use crate::dataset::versioned::Versioned;
 use crate::files::diagnostic::Report;
-use crate::job::label::Label;
 use crate::job::layout::Shard;
 use crate::job::plan::Plan;
-use crate::job::sample::Accepted;
 use crate::job::sample::Unfit;
-use crate::job::sample::accept;
 
 /// Samples that are rendered before the first of them is written: bounds memory, and keeps helping threads busy.
 const BLOCK: usize = 16;
@@ -141,12 +134,12 @@ pub struct Expected {
     pub skipped: u64,
 }
 
-/// Draws a sample of a plan: [`accept`], but for tests.
-type Draw = dyn Fn(&Plan, u64) -> Result<Accepted, Unfit> + Sync;
+/// Makes a sample of a plan: [`make`], but for tests.
+type Draw = dyn Fn(&Plan, u64) -> Result<Made, Unfit> + Sync;
 
 /// Generates the dataset, or the shards of it that were asked for.
 pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
-    run(plan, request, watch, &accept)
+    run(plan, request, watch, &make)
 }
 
 fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Done, GenerateError> {
@@ -307,7 +300,7 @@ fn write_shard(
     let mut writer = Writer::create(paths, lock, shard, &plan.fingerprint).map_err(io)?;
     let indices: Vec<u64> = plan.layout.indices(*shard).collect();
     for block in indices.chunks(BLOCK) {
-        let encoded: Vec<Option<Result<Encoded, GenerateError>>> = block
+        let encoded: Vec<Option<Result<Made, GenerateError>>> = block
             .par_iter()
             .map(|&index| {
                 let stop = watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed);
@@ -329,25 +322,10 @@ fn write_shard(
     Ok(stats)
 }
 
-/// What is kept of a sample until it is written; its images are not.
-struct Encoded {
-    label: Label,
-    rejected: Vec<Label>,
-    members: Vec<Member>,
-    seconds: Seconds,
-    effects: PerEffect<f64>,
-}
-
-fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Encoded, GenerateError> {
+fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Made, GenerateError> {
     // Nothing outside is changed by what panics.
-    let encoded = catch_unwind(AssertUnwindSafe(|| {
-        let Accepted { sample, rejected } = draw(plan, index).map_err(GenerateError::Unhealthy)?;
-        let mut clock = Clock::start();
-        let members = members(plan, &sample);
-        let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
-        Ok(Encoded { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds })
-    }));
-    encoded.unwrap_or_else(|panic| Err(GenerateError::Panicked(index, said(&*panic))))
+    let made = catch_unwind(AssertUnwindSafe(|| draw(plan, index).map_err(GenerateError::Unhealthy)));
+    made.unwrap_or_else(|panic| Err(GenerateError::Panicked(index, said(&*panic))))
 }
 
 /// The message of a panic.
@@ -382,7 +360,7 @@ mod tests {
             let request = Request { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
             let broken = |plan: &Plan, index: u64| match index {
                 27 => panic!("injected"),
-                _ => accept(plan, index),
+                _ => make(plan, index),
             };
             match run(&plan, &request, &Watch::default(), &broken) {
                 Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),

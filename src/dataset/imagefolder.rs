@@ -21,7 +21,7 @@ use crate::files::write::{same_file, sync_all_in};
 
 mod rows;
 
-pub use rows::{Rows, row};
+pub use rows::{Rows, rows};
 
 /// The file with a row per sample.
 pub const METADATA: &str = "metadata.jsonl";
@@ -57,7 +57,7 @@ impl Writer {
             self.sums.add(&name, member.bytes.len() as u64, Sha256::digest(&member.bytes).as_slice());
         }
         let row =
-            row(&self.shard, key, in_order.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice())));
+            rows(&self.shard, key, in_order.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice())));
         self.metadata_hash.update(&row);
         self.metadata_bytes += row.len() as u64;
         self.metadata.write_all(&row)

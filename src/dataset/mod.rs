@@ -18,6 +18,7 @@ pub mod forecast;
 pub mod frames;
 pub mod generate;
 pub mod imagefolder;
+pub mod labels;
 pub mod lock;
 pub mod manifest;
 pub mod paths;

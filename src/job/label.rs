@@ -373,6 +373,20 @@ impl Label {
     }
 }
 
+impl ShearLabel {
+    /// Of what was not moved after the press.
+    pub fn still() -> Self {
+        Self {
+            shift_mm: [0.0; 2],
+            twist_deg: 0.0,
+            about_mm: [0.0; 2],
+            force_n: Some([0.0; 2]),
+            torque_nmm: Some(0.0),
+            slipping: Some(0.0),
+        }
+    }
+}
+
 struct Extent {
     pixels: u64,
     centroid_mm: [f64; 2],

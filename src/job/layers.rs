@@ -33,6 +33,10 @@ pub enum OutputLayer {
     Reference,
     /// The grey image under each lamp; only for sensors whose lamps were measured one by one.
     Lamps,
+    /// 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; only of sequences.
+    Slip,
+    /// Motion of the pad's surface in its own plane since it was untouched, mm; only from models that know it.
+    Flow,
 }
 
 /// What is to be known of a layer to write, read, check and describe it.
@@ -73,7 +77,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 9] = [
+const TABLE: [LayerSpec; 11] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -137,6 +141,20 @@ const TABLE: [LayerSpec; 9] = [
         form: Form::Floats { channels: &["A", "B", "C", "D", "E", "F"], least: 0.0, pixel: None, steps: None },
         unit: None,
         meaning: "the grey image under each of the sensor's six lamps, 0 to 1",
+    },
+    LayerSpec {
+        layer: OutputLayer::Slip,
+        name: "slip",
+        form: Form::Grey,
+        unit: None,
+        meaning: "8-bit grey, 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it",
+    },
+    LayerSpec {
+        layer: OutputLayer::Flow,
+        name: "flow",
+        form: Form::Floats { channels: &["X", "Y"], least: f32::NEG_INFINITY, pixel: None, steps: None },
+        unit: Some("mm"),
+        meaning: "motion of the pad's surface in its own plane since it was untouched, to the right and down",
     },
 ];
 
@@ -346,13 +364,13 @@ mod tests {
         let bytes = |layer: OutputLayer, ending| layer.spec().form.bytes_per_px(ending, Pixel::Half);
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "exr")),
-            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12)]
+            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12), None, Some(4)]
         );
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "npy")),
-            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24)]
+            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24), None, Some(8)]
         );
-        let png = [None, None, Some(1), None, None, None, None, Some(3), None];
+        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

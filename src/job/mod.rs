@@ -9,4 +9,5 @@ pub mod plan;
 pub mod sample;
 pub mod scene;
 pub mod schema;
+pub mod sequence;
 pub mod steps;

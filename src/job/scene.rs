@@ -191,6 +191,7 @@ impl Scene {
         let texture = |(pattern, sample): (usize, TextureSample)| Texture {
             relief: Arc::clone(&plan.sampling.textures[pattern]),
             sample,
+            laid: None,
         };
         let friction = plan.job.shear.friction;
         Press {

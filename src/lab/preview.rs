@@ -9,8 +9,10 @@ use crate::core::base::grid::Grid;
 use crate::core::impression::Impression;
 use crate::dataset::archive::Files;
 use crate::dataset::decode;
+use crate::dataset::encode::{frame, make_shown};
+use crate::dataset::labels::SampleLabel;
 use crate::files::png;
-use crate::job::label::Label;
+use crate::job::label::{Label, key};
 use crate::job::plan::Plan;
 use crate::job::sample::{Sample, shown};
 use crate::lab::page::ink::dots;
@@ -20,21 +22,24 @@ pub mod rows;
 
 /// One sample as a sheet shows it.
 pub struct Tile {
-    tactile: RgbImage,
-    /// mm; a dataset may have been written without it.
-    depth: Option<Grid<f32>>,
-    /// 255 where the pad touches; likewise.
-    contact: Option<Grid<u8>>,
+    panels: Vec<RgbImage>,
     caption: String,
 }
+
+/// Frames of a sequence that a sheet shows, at most.
+const FRAMES: usize = 6;
 
 impl Tile {
     /// Renders sample `index` of a plan.
     pub fn rendered(plan: &Plan, index: u64) -> Self {
+        if plan.job().sequence.is_some() {
+            return Self::read(&sequence_files(plan, index)).expect("files that were made just now");
+        }
         let Sample { impression: Impression { image, depth, contact, .. }, label, .. } = shown(plan, index);
         let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
         tactile.copy_from_slice(&image.rgb);
-        Self { tactile, depth: Some(depth.below_pad()), contact: Some(contact.mask), caption: caption(&label) }
+        let panels = panels(tactile, Some(&depth.below_pad()), Some(&contact.mask));
+        Self { panels, caption: caption(&label) }
     }
 
     /// Shows a sample of a dataset from its files.
@@ -42,8 +47,16 @@ impl Tile {
         let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
         let needed =
             |suffix: &str| files.member(suffix).ok_or_else(|| named(suffix, String::from("is not in the shard")));
+        let label = SampleLabel::read(needed("json")?).map_err(|error| named("json", error))?;
+        if let Some(sequence) = label.sequence() {
+            let count = sequence.frames.len();
+            let shown = count.min(FRAMES);
+            // The first, the last, and some between.
+            let panels = (0..shown).map(|k| tactile(files, k * (count - 1) / (shown - 1).max(1)));
+            return Ok(Self { panels: panels.collect::<Result<_, _>>()?, caption: caption(label.summary()) });
+        }
+        let label = label.summary();
         let tactile = png::decode_rgb(needed("tactile.png")?).map_err(|reason| named("tactile.png", reason))?;
-        let label: Label = serde_json::from_slice(needed("json")?).map_err(|error| named("json", error.to_string()))?;
         let depth = decode::depth_mm(files, &label.png16)?;
         let contact = files.member("contact.png").map(png::decode_rgb).transpose();
         let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
@@ -51,7 +64,7 @@ impl Tile {
             height: grey.height() as usize,
             data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
         });
-        Ok(Self { tactile, depth, contact, caption: caption(&label) })
+        Ok(Self { panels: panels(tactile, depth.as_ref(), contact.as_ref()), caption: caption(label) })
     }
 
     /// Class, depth and number.
@@ -61,7 +74,7 @@ impl Tile {
 
     /// The panels beside each other, each made `panel_width` px wide at the most.
     pub fn strip(&self, panel_width: u32) -> RgbImage {
-        let panels = scaled(self.panels(), panel_width);
+        let panels = scaled(&self.panels, panel_width);
         let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
         let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
         let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
@@ -72,19 +85,54 @@ impl Tile {
         }
         strip
     }
+}
 
-    /// The panels that there are: tactile, depth, contact.
-    fn panels(&self) -> Vec<RgbImage> {
-        let mut panels = vec![self.tactile.clone()];
-        if let Some(depth) = &self.depth {
-            let deepest = depth.data.iter().fold(f32::MIN_POSITIVE, |max, mm| max.max(*mm));
-            panels.push(grey(depth, |mm| (mm / deepest * 255.0) as u8));
-        }
-        if let Some(contact) = &self.contact {
-            panels.push(grey(contact, |value| value));
-        }
-        panels
+/// The panels that there are: tactile, depth (mm), contact (255 where the pad touches).
+fn panels(tactile: RgbImage, depth: Option<&Grid<f32>>, contact: Option<&Grid<u8>>) -> Vec<RgbImage> {
+    let mut panels = vec![tactile];
+    if let Some(depth) = depth {
+        let deepest = depth.data.iter().fold(f32::MIN_POSITIVE, |max, mm| max.max(*mm));
+        panels.push(grey(depth, |mm| (mm / deepest * 255.0) as u8));
     }
+    panels.extend(contact.map(|contact| grey(contact, |value| value)));
+    panels
+}
+
+/// The files of a sequence of a plan, made anew.
+pub fn sequence_files(plan: &Plan, index: u64) -> Files {
+    let made = make_shown(plan, index);
+    let members = made.members.into_iter().map(|member| (member.suffix, member.bytes)).collect();
+    Files { key: key(index), members }
+}
+
+/// The tactile image of a frame.
+fn tactile(files: &Files, number: usize) -> Result<RgbImage, String> {
+    let suffix = format!("{}.tactile.png", frame(number as u32));
+    let png = files.member(&suffix).ok_or_else(|| format!("{}.{suffix}: is not in the shard", files.key))?;
+    png::decode_rgb(png).map_err(|reason| format!("{}.{suffix}: {reason}", files.key))
+}
+
+/// All frames of a sequence as an animated PNG, at the speed at which they were taken.
+pub fn animation(files: &Files) -> Result<Vec<u8>, String> {
+    let label = files.member("json").ok_or_else(|| format!("{}.json: is not in the shard", files.key))?;
+    let label = SampleLabel::read(label).map_err(|error| format!("{}.json: {error}", files.key))?;
+    let Some(sequence) = label.sequence() else {
+        return Err(format!("sample {} is a press: only a sequence moves", files.key));
+    };
+    let first = tactile(files, 0)?;
+    let mut bytes = Vec::new();
+    let said = |error: ::png::EncodingError| error.to_string();
+    let mut encoder = ::png::Encoder::new(&mut bytes, first.width(), first.height());
+    encoder.set_color(::png::ColorType::Rgb);
+    encoder.set_animated(sequence.frames.len() as u32, 0).map_err(said)?;
+    let delay_ms = (1e3 / sequence.common.sequence.frame_rate_hz).round().clamp(1.0, 65_535.0);
+    encoder.set_frame_delay(delay_ms as u16, 1000).map_err(said)?;
+    let mut writer = encoder.write_header().map_err(said)?;
+    for number in 0..sequence.frames.len() {
+        writer.write_image_data(&tactile(files, number)?).map_err(said)?;
+    }
+    writer.finish().map_err(said)?;
+    Ok(bytes)
 }
 
 fn caption(label: &Label) -> String {
@@ -110,7 +158,7 @@ const INK: Rgb<u8> = Rgb([225, 225, 225]);
 
 /// Lays tiles out in rows of `columns`; panels are made `panel_width` px wide at the most.
 pub fn sheet(tiles: &[Tile], columns: usize, panel_width: u32) -> RgbImage {
-    let panels: Vec<Vec<RgbImage>> = tiles.iter().map(|tile| scaled(tile.panels(), panel_width)).collect();
+    let panels: Vec<Vec<RgbImage>> = tiles.iter().map(|tile| scaled(&tile.panels, panel_width)).collect();
     let tile_width = panels.iter().map(|row| row.iter().map(|p| p.width() + 2).sum::<u32>()).max().unwrap_or(1);
     let tile_height = panels.iter().flatten().map(RgbImage::height).max().unwrap_or(1) + CAPTION;
     let columns = columns.clamp(1, tiles.len().max(1)) as u32;
@@ -131,15 +179,15 @@ pub fn sheet(tiles: &[Tile], columns: usize, panel_width: u32) -> RgbImage {
     canvas.0
 }
 
-fn scaled(panels: Vec<RgbImage>, width: u32) -> Vec<RgbImage> {
-    let scale = |panel: RgbImage| match panel.width() > width {
+fn scaled(panels: &[RgbImage], width: u32) -> Vec<RgbImage> {
+    let scale = |panel: &RgbImage| match panel.width() > width {
         true => {
             let height = (u64::from(panel.height()) * u64::from(width)).div_ceil(u64::from(panel.width()));
-            imageops::resize(&panel, width, height as u32, FilterType::Triangle)
+            imageops::resize(panel, width, height as u32, FilterType::Triangle)
         }
-        false => panel,
+        false => panel.clone(),
     };
-    panels.into_iter().map(scale).collect()
+    panels.iter().map(scale).collect()
 }
 
 /// `to` less `from`, times `gain`, around grey. Both are of one size.

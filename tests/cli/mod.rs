@@ -27,5 +27,6 @@ mod render;
 mod report;
 mod resume;
 mod schema;
+mod sequences;
 mod tradeoff;
 mod verify;

@@ -51,7 +51,7 @@ fn lowered(plan: &Plan, lower_mm: f64) -> Shown {
     let window = plan.simulator.pad().window((scene.indentation_depth_mm + lower_mm).max(0.0));
     let object = &plan.sampling.objects[0].clusters;
     let depth = depth::capture(object, &placement, plan.simulator.view(), window, plan.thickness_mm());
-    let contact = gelpad::deform(plan.simulator.pad(), &depth, None, false, &mut effects);
+    let contact = gelpad::deform(plan.simulator.pad(), &depth, None, None, false, &mut effects);
     let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects);
     let light_levels = levels(plan, &light);
     let image = plan.simulator.camera().expose(light, Some(&contact.mask), None, &scene.camera, &mut effects);
@@ -147,7 +147,7 @@ fn looks_higher(plan: &Plan) -> bool {
         window,
         &mut effects,
     );
-    let contact = gelpad::deform(pad, &depth, None, false, &mut effects);
+    let contact = gelpad::deform(pad, &depth, None, None, false, &mut effects);
     pad.higher(window, &contact).is_some()
 }
 

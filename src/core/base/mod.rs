@@ -2,6 +2,7 @@
 
 pub mod angle;
 pub mod clock;
+pub mod cubic;
 pub mod grain;
 pub mod grid;
 pub mod light;

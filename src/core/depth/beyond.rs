@@ -2,7 +2,7 @@
 //! grid of square cells.
 
 use super::indenter::{Indenter, Shape};
-use super::texture::Texture;
+use super::texture::{Laid, Texture};
 use super::{Window, capture};
 use crate::core::base::grid::Grid;
 use crate::core::base::view::{SURFACE_BORDER, View};
@@ -160,8 +160,9 @@ impl<'a> Surroundings<'a> {
         let view = View { resolution_px: cells.count, mm_per_px: [cells.pitch_mm; 2] };
         let above_mm = self.thickness_mm;
         let mut depth = capture(self.object, &placement, &view, Window { margin_px: 0, above_mm }, self.thickness_mm);
-        if let Some(Texture { relief, sample }) = self.texture {
-            relief.cut(sample, origin_mm, self.pose.angles.yaw_deg, &view, above_mm, &mut depth);
+        if let Some(Texture { relief, sample, laid }) = self.texture {
+            let Laid { origin_mm: [x, y], yaw_deg } = laid.unwrap_or_else(|| Laid::with(self.pose));
+            relief.cut(sample, [x - middle[0], y - middle[1]], yaw_deg, &view, above_mm, &mut depth);
         }
         if let Some(drop) = self.drop_mm {
             self.lower(drop, cells, &mut depth.overlap);

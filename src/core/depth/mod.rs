@@ -23,7 +23,7 @@ pub mod texture;
 use height_map::HeightMap;
 use indenter::{Indenter, Shape};
 use raster::{Canvas, Projection, SAMPLES, Sampled};
-use texture::Texture;
+use texture::{Laid, Texture};
 
 /// The depth map of a press.
 #[derive(Clone, Debug)]
@@ -114,10 +114,9 @@ pub fn overlap(
         Some(_) => if_touching(&depth, "a textured object reaches into the pad"),
     };
     effects.run(Effect::Texture, need, || {
-        if let Some(Texture { relief, sample }) = texture {
-            let Pose { translation_mm, angles, .. } = indenter.pose;
-            let origin_mm = [translation_mm.x, translation_mm.y];
-            relief.cut(sample, origin_mm, angles.yaw_deg, view, window.above_mm, &mut depth);
+        if let Some(Texture { relief, sample, laid }) = texture {
+            let Laid { origin_mm, yaw_deg } = laid.unwrap_or_else(|| Laid::with(&indenter.pose));
+            relief.cut(sample, origin_mm, yaw_deg, view, window.above_mm, &mut depth);
         }
     });
 

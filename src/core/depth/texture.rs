@@ -13,6 +13,7 @@ use crate::core::base::angle::sin_cos_deg;
 use crate::core::base::grid::{Grid, bounding_box};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
+use crate::core::pose::Pose;
 
 /// A relief, and how it lies on the object.
 #[derive(Clone, Debug)]
@@ -21,6 +22,31 @@ pub struct Texture {
     pub relief: Arc<Relief>,
     /// How it lies on the object in this press.
     pub sample: TextureSample,
+    /// Where the pattern's origin is; `None`: at the object's, turned with it. The two differ where an object rolls.
+    pub laid: Option<Laid>,
+}
+
+/// Where a pattern lies in the pad's plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Laid {
+    /// Its origin, mm.
+    pub origin_mm: [f64; 2],
+    /// Its turn, degrees from x towards y.
+    pub yaw_deg: f64,
+}
+
+impl Laid {
+    /// At an object's own origin.
+    pub fn with(pose: &Pose) -> Self {
+        Self { origin_mm: [pose.translation_mm.x, pose.translation_mm.y], yaw_deg: pose.angles.yaw_deg }
+    }
+}
+
+impl Texture {
+    /// The same with its origin elsewhere.
+    pub fn laid_out(&self, laid: Laid) -> Self {
+        Self { laid: Some(laid), ..self.clone() }
+    }
 }
 
 /// The texture of one press.

@@ -14,11 +14,13 @@ pub mod gaussian;
 pub mod material;
 pub mod mean_blur;
 pub mod none;
+pub mod sliding;
 pub mod subpixel;
 pub mod tangential;
 pub mod whole;
 
 use crate::core::base::simd::simd_dispatch;
+use elastic::friction::Drag;
 use elastic::inplane::{InPlane, Load};
 use elastic::layer::ElasticLayer;
 use elastic::shear::Friction;
@@ -164,7 +166,16 @@ impl Pad {
 
 /// The pad under an object that overlaps it, with what touches beyond the window; `markers` if something shows how it
 /// moves in its own plane.
-pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, markers: bool, effects: &mut EffectLog) -> Contact {
+///
+/// In a sequence friction was solved for already: `carried` is what its tractions displace, if that shows.
+pub fn deform(
+    pad: &Pad,
+    depth: &Depth,
+    beyond: Option<&Beyond>,
+    carried: Option<Option<&Drag>>,
+    markers: bool,
+    effects: &mut EffectLog,
+) -> Contact {
     let clear = depth.touching.is_empty() && beyond.is_none_or(|beyond| beyond.displacement.is_none());
     let need = match pad {
         Pad::None => Requirement::Absent("the gelpad model has none"),
@@ -174,6 +185,7 @@ pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, markers: bool, 
     // What a model makes of nothing is its own business: it knows which numbers it would give.
     let deforms = effects.enable(Effect::Deformation, need);
     let friction = match pad {
+        Pad::Elastic(_) if deforms && carried.is_some() => Requirement::Needed("a sequence carries tractions on"),
         Pad::Elastic(pad) if deforms => pad.friction_required(depth, markers),
         Pad::Elastic(_) => Requirement::Absent("the pad is not deformed"),
         Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_) => Requirement::Absent("the gelpad model knows none"),
@@ -182,8 +194,13 @@ pub fn deform(pad: &Pad, depth: &Depth, beyond: Option<&Beyond>, markers: bool, 
     match pad {
         Pad::Elastic(pad) if deforms || clear => {
             let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
-            let drag = if holds { effects.timed(Effect::Friction, || pad.drag(depth, beyond)) } else { None };
-            effects.timed(Effect::Deformation, || pad.press_into(depth, Given { beyond, drag: drag.as_ref() }))
+            let drag = match carried {
+                Some(_) => None,
+                None if holds => effects.timed(Effect::Friction, || pad.drag(depth, beyond)),
+                None => None,
+            };
+            let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
+            effects.timed(Effect::Deformation, || pad.press_into(depth, Given { beyond, drag }))
         }
         _ if deforms || clear => effects.timed(Effect::Deformation, || pad.press(depth)),
         _ => none::press(depth),

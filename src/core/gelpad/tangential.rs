@@ -5,6 +5,7 @@ use super::elastic::inplane::{Field, InPlane, Load};
 use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::{self, Friction, Motion};
 use super::material::Material;
+use super::sliding::Sliding;
 use crate::core::effects::{Effect, EffectLog, Requirement};
 
 /// Motion of the pad's surface in its own plane.
@@ -28,6 +29,8 @@ pub struct Shear {
 /// How a press moves the pad in its plane. `None` where nothing would show it, or no model knows. Without `shear` no press
 /// of the kind has any.
 ///
+/// In a sequence the tractions are `carried` from frame to frame.
+///
 /// With the friction `held` while pressing, one law holds for press and motion together: in the contact the surface goes
 /// where the object takes it, from where it was before the press.
 pub fn tangential(
@@ -36,8 +39,15 @@ pub fn tangential(
     load: Option<&Load>,
     held: Option<Friction>,
     shear: Option<&Shear>,
+    carried: Option<&Sliding>,
     effects: &mut EffectLog,
 ) -> Option<TangentialMotion> {
+    if let Some(carried) = carried {
+        effects.enable(Effect::Shear, Requirement::Absent("a sequence moves its object from frame to frame"));
+        let (in_plane, load) = in_plane.zip(load)?;
+        let field = effects.timed(Effect::Markers, || carried.motion(in_plane, load));
+        return Some(TangentialMotion { field, shear: None });
+    }
     let still = |shear: &Shear| shear.motion.shift_mm == [0.0; 2] && shear.motion.twist_rad == 0.0;
     let need = match (shear, in_plane, load) {
         (None, ..) => Requirement::Absent("the job moves no object"),

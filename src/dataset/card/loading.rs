@@ -4,9 +4,11 @@ use crate::job::config::output::{Container, Output};
 use crate::job::layers::{Coding, OutputLayer};
 
 /// The snippets for a dataset that has samples in `split`.
-pub fn snippets(output: &Output, split: &str) -> Vec<String> {
+pub fn snippets(output: &Output, split: &str, sequences: bool) -> Vec<String> {
     let fill = |text: String| text.replace("SPLIT", split);
     match output.container {
+        Container::Tar if sequences => vec![TAR_SEQUENCES.to_owned()],
+        Container::Folder if sequences => vec![FOLDER_SEQUENCES.to_owned()],
         Container::Tar => vec![webdataset(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()],
         Container::Folder => vec![rows(output), FOLDER_BATCHES.to_owned()],
     }
@@ -76,6 +78,30 @@ fn webdataset(output: &Output) -> String {
         imports.join("\n")
     )
 }
+
+const TAR_SEQUENCES: &str = "\
+import glob
+import itertools
+
+import webdataset as wds
+
+shards = sorted(glob.glob(\"data/SPLIT-*.tar\"))
+for sample in itertools.islice(wds.WebDataset(shards, shardshuffle=False).decode(\"rgb8\"), 3):
+    label = sample[\"json\"]
+    video = [sample[f\"f{k:04d}.tactile.png\"] for k in range(label[\"sequence\"][\"frames\"])]
+    force_n = [frame[\"wrench\"][\"force_n\"] for frame in label[\"frames\"]]
+    print(sample[\"__key__\"], label[\"object\"][\"class\"], len(video), video[0].shape, force_n[-1], label[\"sequence\"][\"first_slip_s\"])
+";
+
+const FOLDER_SEQUENCES: &str = "\
+import os
+
+from datasets import load_dataset
+
+frames = load_dataset(os.getcwd(), split=\"SPLIT\")
+first = frames[0]
+print(first[\"key\"], first[\"frame\"][\"index\"], first[\"image\"].size, first[\"frame\"][\"wrench\"][\"force_n\"])
+";
 
 const TAR_COLUMNS: &str = "\
 import os

@@ -6,12 +6,36 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use super::super::archive::Files;
+use super::super::encode::{frame, json};
+use super::super::labels::{SampleLabel, split};
 use super::{METADATA, old_file, open};
+use crate::job::sequence::label::FrameRow;
 
-/// The row of a sample in metadata.jsonl, from its files by the ends of their names: names of its images, which
+/// The rows of a sample in metadata.jsonl: one of a press, one for each frame of a sequence.
+pub fn rows<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, &'a [u8])>) -> Vec<u8> {
+    let members: Vec<(&str, &[u8])> = members.collect();
+    let label = members.iter().find(|(suffix, _)| *suffix == "json").map_or(&b"{}"[..], |(_, bytes)| bytes);
+    if members.iter().all(|(suffix, _)| split(suffix).0.is_none()) {
+        return row(shard, key, members.into_iter());
+    }
+    // What is no label of ours has no rows.
+    let Ok(SampleLabel::Sequence(sequence, _)) = SampleLabel::read(label) else { return b"\n".to_vec() };
+    let of_frame = |of_frame: FrameRow| {
+        let name = frame(of_frame.frame.index);
+        let label = json(&of_frame);
+        let own = members.iter().filter_map(|(suffix, bytes)| {
+            let (of, suffix) = split(suffix);
+            (of == Some(name.as_str())).then_some((suffix, *bytes))
+        });
+        row(shard, &format!("{key}.{name}"), own.chain([("json", label.as_slice())]))
+    };
+    sequence.rows().flat_map(of_frame).collect()
+}
+
+/// The row of a press in metadata.jsonl, from its files by the ends of their names: names of its images, which
 /// Hugging Face takes for such by `file_name`, from this folder; paths of the other layers, from the dataset's folder;
 /// and the label's keys.
-pub fn row<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, &'a [u8])>) -> Vec<u8> {
+fn row<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, &'a [u8])>) -> Vec<u8> {
     let (mut first, mut rest, mut label) = (String::new(), String::new(), &b"{}"[..]);
     for (suffix, bytes) in members {
         match suffix.split_once('.') {
@@ -47,7 +71,7 @@ impl Rows {
     /// Compares the next row with the sample that it should be about.
     pub fn compare(&mut self, files: &Files) {
         let members = files.members.iter().map(|(suffix, bytes)| (suffix.as_str(), bytes.as_slice()));
-        let expected = row(&self.shard, &files.key, members);
+        let expected = rows(&self.shard, &files.key, members);
         let mut found = vec![0; expected.len()];
         let same = self.wrong.is_none() && self.file.read_exact(&mut found).is_ok() && found == expected;
         if !same {

@@ -5,18 +5,19 @@ use std::io::Read;
 use std::ops::ControlFlow;
 
 use serde::Deserialize;
-use serde_json::Value;
 
 use crate::core::base::clock::Seconds;
 use crate::core::effects::PerEffect;
 use crate::dataset::archive::{self, Files};
+use crate::dataset::encode::frame;
+use crate::dataset::labels::SampleLabel;
 use crate::dataset::paths::Paths;
 use crate::dataset::recorded::Recorded;
 use crate::dataset::stats::Stats;
 use crate::dataset::{decode, imagefolder};
 use crate::files::{exr, npy, png};
 use crate::job::config::output::Container;
-use crate::job::label::{Label, SCHEMA_VERSION, key};
+use crate::job::label::{Label, key};
 use crate::job::layers::{Coding, Form, OutputLayer, Scale};
 use crate::job::layout::{Shard, Split};
 use crate::job::steps;
@@ -108,18 +109,43 @@ fn check_sample(
     let format = recorded.job.output.depth_format;
     let layers = recorded.job.output.layers_in_order();
     let suffixes: Vec<(String, OutputLayer)> = layers.into_iter().map(|layer| (layer.suffix(format), layer)).collect();
-    let of_layers = suffixes.iter().map(|(suffix, _)| suffix.as_str());
-    let (expected, there): (BTreeSet<&str>, BTreeSet<&str>) = (
-        of_layers.chain(["tactile.png", "json"]).collect(),
-        files.members.iter().map(|(suffix, _)| suffix.as_str()).collect(),
-    );
+    let read = files.member("json").map(|bytes| check_label(bytes, recorded, split, index));
+    // Of a sequence the label says how many frames there are.
+    let frames: Vec<String> = match (&recorded.job.sequence, &read) {
+        (None, _) => vec![String::new()],
+        (Some(_), Some(Ok(label))) => {
+            let count = label.sequence().map_or(0, |sequence| sequence.common.sequence.frames);
+            (0..count).map(|number| format!("{}.", frame(number))).collect()
+        }
+        (Some(_), _) => Vec::new(),
+    };
+    let of_frame = |prefix: &String| {
+        let images = suffixes.iter().map(|(suffix, _)| suffix.as_str()).chain(["tactile.png"]);
+        images.map(|suffix| format!("{prefix}{suffix}")).collect::<Vec<_>>()
+    };
+    let expected: BTreeSet<String> = frames.iter().flat_map(of_frame).chain([String::from("json")]).collect();
+    let there: BTreeSet<String> = files.members.iter().map(|(suffix, _)| suffix.clone()).collect();
     found.extend(expected.difference(&there).map(|suffix| format!("{key}.{suffix} is missing")));
-    found.extend(there.difference(&expected).map(|suffix| format!("{key}.{suffix} does not belong there")));
+    // Without a label nobody knows what belongs there.
+    if !frames.is_empty() {
+        found.extend(there.difference(&expected).map(|suffix| format!("{key}.{suffix} does not belong there")));
+    }
     let size = recorded.job.sensor.resolution_px.map(|px| px as usize);
-    for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix.as_str())) {
-        let layer = suffixes.iter().find(|(of, _)| of == suffix).map(|(_, layer)| *layer);
+    for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix)) {
+        let of_frame = match recorded.job.sequence {
+            Some(_) => suffix.split_once('.').map_or(suffix.as_str(), |(_, rest)| rest),
+            None => suffix,
+        };
+        let layer = suffixes.iter().find(|(of, _)| of == of_frame).map(|(_, layer)| *layer);
         let checked = match layer.map(|layer| (layer, layer.spec().form)) {
-            None if suffix == "json" => check_label(bytes, recorded, split, index).map(|read| label = Some(read)),
+            None if suffix == "json" => match &read {
+                Some(Ok(read)) => {
+                    label = Some(read.summary().clone());
+                    Ok(())
+                }
+                Some(Err(reason)) => Err(reason.clone()),
+                None => Ok(()),
+            },
             None | Some((_, Form::Rgb)) => check_png(bytes, size, image::ColorType::Rgb8),
             Some((_, Form::Grey)) => check_png(bytes, size, image::ColorType::L8),
             Some((_, Form::Positions)) => check_markers(bytes),
@@ -199,20 +225,14 @@ fn check_markers(bytes: &[u8]) -> Result<(), String> {
 }
 
 /// The label's keys and types are those of its schema, and it is about the sample.
-fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<Label, String> {
-    let value: Value = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-    if let Some(version) = value["schema_version"].as_u64().filter(|version| *version != u64::from(SCHEMA_VERSION)) {
-        return Err(format!("has version {version} of the schema, this gelsim knows {SCHEMA_VERSION}"));
-    }
-    let label = Label::deserialize(&value).map_err(|error| error.to_string())?;
-    // Read and written again it must be the same: no key too many.
-    if serde_json::to_value(&label).ok().as_ref() != Some(&value) {
-        return Err(String::from("has keys that the schema does not know"));
-    }
+fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<SampleLabel, String> {
+    let read = SampleLabel::read_strictly(bytes)?;
+    let label = read.summary();
     let same = label.index == index
         && label.key == key(index)
         && label.split == split
         && label.seed == recorded.job.dataset.seed
+        && read.sequence().is_some() == recorded.job.sequence.is_some()
         && [label.sensor.width_px, label.sensor.height_px] == recorded.job.sensor.resolution_px;
-    if same { Ok(label) } else { Err(String::from("is not about this sample")) }
+    if same { Ok(read) } else { Err(String::from("is not about this sample")) }
 }

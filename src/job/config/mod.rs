@@ -17,6 +17,7 @@ pub mod output;
 pub mod random;
 mod reader;
 pub mod scene;
+pub mod sequence;
 pub mod texture;
 
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
@@ -59,6 +60,9 @@ pub struct Job {
     pub indentation: scene::Indentation,
     /// How the object moves in the pad's plane after it was pressed in.
     pub shear: scene::Shear,
+    /// Makes each sample a sequence of frames; without it a sample is one press.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sequence: Option<sequence::Sequence>,
     /// Micro relief of the object.
     pub texture: texture::TextureDistribution,
     /// Dots printed on the pad; keys that are left out are the sensor's.

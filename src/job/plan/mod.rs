@@ -16,7 +16,7 @@ use crate::core::fidelity::{Fidelity, Models};
 use crate::core::optics::LightSource;
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
-use crate::files::diagnostic::{Diagnostics, Report};
+use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::hash::sha256;
 use crate::files::sensor::PRESETS;
 use crate::job::config::document::{Document, Node};
@@ -171,7 +171,7 @@ impl Plan {
                 .filter(|note| !notes.contains(note))
                 .collect::<Vec<_>>(),
         );
-        let simulator = Simulator::with_models(sensor, chosen_models(&job), job.effects);
+        let simulator = simulator(sensor, chosen_models(&job), job.effects, &job);
         let classes = classes(objects.iter().map(|object| object.class.as_str()));
         let sampling = Sampling { objects, classes, draw, textures, moves_objects: job.shear.any() };
         let plan = Self {
@@ -236,6 +236,21 @@ impl Plan {
         self.simulator.sensor().gelpad.thickness_mm
     }
 
+    /// Refuses a job of sequences where `what` looks at single presses.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with such a job.
+    pub fn of_presses(&self, what: &str) -> Result<(), Report> {
+        match self.job.sequence {
+            None => Ok(()),
+            Some(_) => Err(user_error(
+                format!("{what} looks at single presses, and the samples of this job are sequences"),
+                "take a job without [sequence]",
+            )),
+        }
+    }
+
     /// The bound by which the job's fidelity level is still to be chosen.
     pub fn open_choice(&self) -> Option<FidelityChoice> {
         self.job.fidelity.filter(|fidelity| fidelity.level().is_none())
@@ -267,6 +282,27 @@ impl Plan {
         Self { fingerprint: fingerprint(&job), job, others, ..self.with_models(models) }
     }
 
+    /// The same, with the pad's motion in its plane known, whatever its layers are.
+    pub fn with_flow(&self) -> Self {
+        let flowing = |plan: &Self| {
+            let models = plan.simulator.models().clone();
+            let sensor = plan.simulator.sensor().clone();
+            Arc::new(Simulator::with_models(sensor, models, plan.simulator.policy()).with_flow())
+        };
+        let others = self.others.iter().map(Self::with_flow).collect();
+        Self { simulator: flowing(self), others, ..self.clone() }
+    }
+
+    /// The same with `times` as many frames in each second of a sequence.
+    pub fn with_frame_rate(&self, times: f64) -> Self {
+        let mut plan = self.clone();
+        if let Some(sequence) = &mut plan.job.sequence {
+            sequence.frame_rate_hz *= times;
+        }
+        plan.others = self.others.iter().map(|other| other.with_frame_rate(times)).collect();
+        plan
+    }
+
     /// The plan that a draw of a sample follows: this one, or where the job names several presets, that of one of them.
     pub fn of_sample(&self, index: u64, attempt: u32) -> &Self {
         if self.others.is_empty() {
@@ -277,7 +313,7 @@ impl Plan {
     }
 
     fn with_simulator(&self, models: Models, policy: EffectPolicy) -> Self {
-        let simulator = Simulator::with_models(self.simulator.sensor().clone(), models.clone(), policy);
+        let simulator = simulator(self.simulator.sensor().clone(), models.clone(), policy, &self.job);
         let others = self.others.iter().map(|other| other.with_simulator(models.clone(), policy)).collect();
         Self { simulator: Arc::new(simulator), others, ..self.clone() }
     }
@@ -304,7 +340,7 @@ impl OtherSensor {
     /// A plan with this sensor, in all else like `first`.
     fn plan(self, first: &Plan) -> Plan {
         let job = config::random::with_sensor_of(&first.job, self.job);
-        let simulator = Simulator::with_models(self.sensor, chosen_models(&job), job.effects);
+        let simulator = simulator(self.sensor, chosen_models(&job), job.effects, &job);
         Plan { simulator: Arc::new(simulator), sensors: Arc::new(self.sampling), job, ..first.clone() }
     }
 }
@@ -388,6 +424,12 @@ pub fn classes<'a>(of_objects: impl Iterator<Item = &'a str>) -> Vec<String> {
 /// The fidelity level of a job; the most exact one while it is still to be chosen.
 pub fn level(job: &Job) -> Fidelity {
     job.fidelity.map_or(Fidelity::default(), |fidelity| fidelity.level().unwrap_or(Fidelity::Reference))
+}
+
+/// What simulates the layers that a job wants.
+fn simulator(sensor: Sensor, models: Models, policy: EffectPolicy, job: &Job) -> Simulator {
+    let simulator = Simulator::with_models(sensor, models, policy);
+    if job.output.layers.contains(&OutputLayer::Flow) { simulator.with_flow() } else { simulator }
 }
 
 fn chosen_models(job: &Job) -> Models {

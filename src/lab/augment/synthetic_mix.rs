@@ -72,6 +72,7 @@ fn loaded(path: &Path, size: Option<[usize; 2]>) -> Result<Plan, Report> {
         (String::from("[mixing], from the images' size"), format!("sensor.resolution_px = [{width}, {height}]"))
     });
     let plan = Plan::load(path, &Overrides { set: set.into_iter().collect(), fidelity: None })?;
+    plan.of_presses("[mixing]")?;
     match plan.open_choice() {
         None => Ok(plan),
         Some(bound) => {

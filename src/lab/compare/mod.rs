@@ -225,6 +225,11 @@ fn tally_files(entries: &[&Entry]) -> Result<Tally, Report> {
 }
 
 fn tally_dataset(dataset: &Recorded) -> Result<Tally, Report> {
+    if dataset.job.sequence.is_some() {
+        let message =
+            format!("{}: compare looks at single presses, and its samples are sequences", dataset.root.display());
+        return Err(user_error(message, "name the folder of their images instead"));
+    }
     let every = dataset.layout.samples().div_ceil(MOST_OF_A_SET as u64).max(1);
     let shard = |number: u64| -> Result<Tally, String> {
         let shard = dataset.layout.shard(number);

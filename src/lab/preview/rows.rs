@@ -17,7 +17,7 @@ pub struct Row {
 
 /// Lays rows out one below the other under one title per column; pictures are made `panel_width` px wide at the most.
 pub fn sheet(titles: &[&str], rows: Vec<Row>, panel_width: u32) -> RgbImage {
-    let rows: Vec<_> = rows.into_iter().map(|row| (scaled(row.panels, panel_width), row.captions)).collect();
+    let rows: Vec<_> = rows.into_iter().map(|row| (scaled(&row.panels, panel_width), row.captions)).collect();
     let widest = rows.iter().flat_map(|(panels, _)| panels).map(RgbImage::width).max().unwrap_or(1);
     let stride = widest.max(NARROWEST) + GAP;
     let columns = titles.len() as u32;

@@ -8,6 +8,7 @@ use image::RgbImage;
 use super::histogram::{Histogram, PerSplit};
 use super::places::Places;
 use super::quantities::QUANTITIES;
+use super::sequences::Sequences;
 use crate::core::base::clock::Seconds;
 use crate::core::effects::{Effect, PerEffect};
 use crate::dataset::stats::{Count, Stats};
@@ -32,6 +33,8 @@ pub struct Gathered {
     pub histograms: Vec<Histogram>,
     /// Mean grey levels of some tactile images.
     pub brightness: Histogram,
+    /// What sequences have beyond that.
+    pub sequences: Sequences,
     /// Middles of the contacts.
     pub places: Places,
     /// Why each effect ran (true) or did not, with the number of samples.
@@ -157,6 +160,7 @@ impl Gathered {
             models: BTreeSet::new(),
             histograms: QUANTITIES.iter().map(|quantity| quantity.histogram()).collect(),
             brightness: Histogram::continuous(),
+            sequences: Sequences::default(),
             places: Places::new(view_mm),
             reasons: PerEffect::default(),
             unhealthy: Reasons::default(),
@@ -254,6 +258,7 @@ impl Gathered {
         self.models.extend(other.models);
         self.histograms.iter_mut().zip(other.histograms).for_each(|(sum, more)| sum.merge(more));
         self.brightness.merge(other.brightness);
+        self.sequences.merge(other.sequences);
         self.places.merge(&other.places);
         for (effect, reasons) in other.reasons.iter() {
             for (reason, count) in reasons {

@@ -14,10 +14,12 @@ pub mod histogram;
 mod html;
 pub mod places;
 pub mod quantities;
+pub mod sequences;
 
 use gather::{Gathered, counted};
 
 use crate::dataset::archive::{Files, Head};
+use crate::dataset::labels::{self, SampleLabel};
 use crate::dataset::manifest::Manifest;
 use crate::dataset::recorded::Recorded;
 use crate::dataset::refused::Refused;
@@ -27,7 +29,7 @@ use crate::dataset::versioned::Versioned;
 use crate::files::input;
 use crate::files::png;
 use crate::job::config::document::MOST_READ;
-use crate::job::label::{Label, key};
+use crate::job::label::key;
 use crate::job::layout::{Layout, Shard, Split};
 use crate::lab::preview::Tile;
 
@@ -174,11 +176,14 @@ fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gath
     let (mut wrong, mut files, mut seen, mut strangers) = (Vec::new(), BTreeMap::new(), 0, 0);
     let picked = |picks: &BTreeSet<u64>, key: &str| key.parse().is_ok_and(|index| picks.contains(&index));
     let wanted = |head: Head| {
-        let (number, bytes): &mut (u64, u64) = counted(&mut files, head.suffix);
+        // The files of all frames are of one kind.
+        let (frame, suffix) = labels::split(head.suffix);
+        let kind = if frame.is_some() { format!("f*.{suffix}") } else { suffix.to_owned() };
+        let (number, bytes): &mut (u64, u64) = counted(&mut files, &kind);
         *number += 1;
         *bytes += head.bytes;
         head.suffix == "json"
-            || head.suffix == "tactile.png" && picked(&picks.brightness, head.key)
+            || matches!((frame, suffix), (None | Some("f0000"), "tactile.png")) && picked(&picks.brightness, head.key)
             || picked(&picks.sheet, head.key)
     };
     let mut expected = recorded.layout.indices(*shard);
@@ -204,12 +209,18 @@ fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gath
 fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -> Result<(), String> {
     let key = &sample.key;
     let bytes = sample.member("json").ok_or_else(|| format!("{key}.json is missing"))?;
-    let label: Label = serde_json::from_slice(bytes).map_err(|error| format!("{key}.json: {error}"))?;
-    gathered.count(split, &label);
-    let Ok(index) = key.parse::<u64>() else { return Ok(()) };
+    let label = SampleLabel::read(bytes).map_err(|error| format!("{key}.json: {error}"))?;
+    gathered.count(split, label.summary());
+    let index = key.parse::<u64>();
+    if let Some(sequence) = label.sequence() {
+        let shown = index.as_ref().is_ok_and(|index| picks.sheet.contains(index));
+        gathered.sequences.count(split, sequence, shown);
+    }
+    let Ok(index) = index else { return Ok(()) };
     if picks.brightness.contains(&index) {
-        let png = sample.member("tactile.png").ok_or_else(|| format!("{key}.tactile.png is missing"))?;
-        let image = png::decode_background(png).map_err(|reason| format!("{key}.tactile.png: {reason}"))?;
+        let first = if label.sequence().is_some() { "f0000.tactile.png" } else { "tactile.png" };
+        let png = sample.member(first).ok_or_else(|| format!("{key}.{first} is missing"))?;
+        let image = png::decode_background(png).map_err(|reason| format!("{key}.{first}: {reason}"))?;
         let sum: u64 = image.iter().map(|level| u64::from(*level)).sum();
         gathered.brightness.count(split, sum as f64 / (image.len().max(1)) as f64);
     }

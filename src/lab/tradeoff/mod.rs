@@ -32,6 +32,7 @@ pub mod choose;
 mod errors;
 pub(crate) mod plot;
 pub mod report;
+pub mod sequences;
 pub mod strata;
 
 use errors::{Errors, Mean};

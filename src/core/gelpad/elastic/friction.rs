@@ -13,6 +13,7 @@ use super::lattice::Lattice;
 use super::model_error::{ContactEdge, force_over_linear};
 use super::shear::{Friction, Grip, Point, Vector};
 use super::{Given, Pad, Solution, WORKSPACE, Workspace};
+use crate::core::base::cubic::catmull_rom;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
@@ -41,9 +42,6 @@ const SETTLED: f32 = 6.0;
 
 /// How far beyond the contact tractions displace the pad, thicknesses.
 const REACH: f64 = 0.5 * ROOM;
-
-/// Share of that over which what they displace fades to 0.
-const FADE: f64 = 0.3;
 
 /// What is a share of the tolerance does not count.
 const UNSEEN: f64 = 0.5;
@@ -94,7 +92,7 @@ impl Pad {
     }
 
     /// What is below it is taken for nothing, mm.
-    fn unseen_mm(&self) -> f64 {
+    pub fn unseen_mm(&self) -> f64 {
         1e-3 * UNSEEN * self.elastic.tolerance_um
     }
 
@@ -126,8 +124,7 @@ impl Pad {
             let workspace = workspace.rubbed.get_or_insert_default();
             self.rubbed(depth.touching).turns(workspace, depth, beyond, friction)
         })?;
-        let largest = drag.down.largest(f32::abs);
-        (f64::from(largest) >= self.unseen_mm()).then_some(drag)
+        (drag.largest_mm() >= self.unseen_mm()).then_some(drag)
     }
 
     /// This pad on the finest grid that is coarse enough for a contact in `touching`, px of the camera.
@@ -214,13 +211,8 @@ struct Held {
 impl Held {
     fn new(pad: &Pad, placed: Placed, part: Rect) -> Self {
         let grip = Grip::new(pad.layer, [placed.origin_mm, placed.mm_per_px], part, TRACTION_PX, ROOM);
-        let torus = grip.plane.size();
         // Half of the room on the torus: beyond it the tractions' copies are nearer.
-        let reach = |k: usize| {
-            let px = (REACH * pad.layer.thickness_mm / grip.mm_per_px[k]).min(torus[k] as f64) as usize;
-            px.clamp(2, (torus[k] - grip.size[k]) / 2 - 1)
-        };
-        let reach = [reach(0), reach(1)];
+        let reach = grip.reach(REACH);
         let down = Grid::new(grip.size[0] + 2 * reach[0], grip.size[1] + 2 * reach[1]);
         let origin_mm = [0, 1].map(|k| grip.origin_mm[k] - reach[k] as f64 * grip.mm_per_px[k]);
         let placed = Placed { origin_mm, mm_per_px: grip.mm_per_px };
@@ -248,7 +240,12 @@ impl Held {
             let [x, y] = point.pixel;
             self.tractions.row_mut(y)[x] = t.map(|part| part / unit(point));
         }
-        let down = self.displaced(&tractions);
+        let mut acting = Grid::new(self.grip.size[0], self.grip.size[1]);
+        for (point, t) in self.grip.points.iter().zip(&tractions) {
+            let [x, y] = point.pixel;
+            acting.row_mut(y)[x] = *t;
+        }
+        let down = self.grip.sunk(&acting, self.grip.reach(REACH)).data;
         let change: Vec<f32> = down.iter().zip(&self.drag.down.data).map(|(next, last)| next - last).collect();
         // Aitken's extrapolation, of vectors.
         let (mut along, mut square) = (0.0, 0.0);
@@ -269,30 +266,6 @@ impl Held {
         self.change = change;
         residual_mm <= 2e-3 * pad.elastic.tolerance_um.max(1.0)
     }
-
-    /// What tractions displace, on the drag's grid.
-    fn displaced(&mut self, tractions: &[Vector]) -> Vec<f32> {
-        self.grip.sink(tractions);
-        let torus = self.grip.plane.size();
-        let Grid { width, height, .. } = self.drag.down;
-        let reach = [(width - self.grip.size[0]) / 2, (height - self.grip.size[1]) / 2];
-        // Of a place along an axis, where it stands on the torus and how much of it is kept.
-        let along = |k: usize, count: usize| -> Vec<(usize, f32)> {
-            let kept = |at: usize| {
-                let beyond = reach[k].saturating_sub(at).max((at + 1 + reach[k]).saturating_sub(count));
-                let left = ((reach[k] as f64 - beyond as f64) / (FADE * reach[k] as f64)).clamp(0.0, 1.0);
-                (left * left * (3.0 - 2.0 * left)) as f32
-            };
-            (0..count).map(|at| ((at + torus[k] - reach[k]) % torus[k], kept(at))).collect()
-        };
-        let (columns, rows) = (along(0, width), along(1, height));
-        let [values, _] = self.grip.values.vectors();
-        let mut down = Vec::with_capacity(width * height);
-        for (y, down_kept) in &rows {
-            down.extend(columns.iter().map(|(x, kept)| values[self.grip.plane.place(*x, *y)] * kept * down_kept));
-        }
-        down
-    }
 }
 
 /// The first of the four values that a place lies among, and their shares.
@@ -302,6 +275,60 @@ struct Taps {
 }
 
 impl Drag {
+    /// From what tractions displace in a frame whose origin lies at `frame_mm` and whose axes are turned by `angle_rad`, on
+    /// pixels of `pitch_mm` with the first one at `origin_mm`.
+    pub fn of_frame(
+        down: Grid<f32>,
+        origin_mm: [f64; 2],
+        pitch_mm: [f64; 2],
+        frame_mm: [f64; 2],
+        angle_rad: f64,
+    ) -> Self {
+        let held = |down, origin_mm| {
+            let placed = Placed { origin_mm, mm_per_px: pitch_mm };
+            // Of a sequence the force is known: it is that of a frictionless press (docs/sequences.md).
+            Self { down, placed, slipping: 1.0, converged: true }
+        };
+        if angle_rad == 0.0 {
+            return held(down, [0, 1].map(|k| origin_mm[k] + frame_mm[k]));
+        }
+        let (sin, cos) = libm::sincos(angle_rad);
+        let size = [down.width, down.height];
+        let out = |[x, y]: [f64; 2]| [frame_mm[0] + cos * x - sin * y, frame_mm[1] + sin * x + cos * y];
+        let far = [0, 1].map(|k| origin_mm[k] + (size[k] - 1) as f64 * pitch_mm[k]);
+        let corners = [[0, 0], [0, 1], [1, 0], [1, 1]]
+            .map(|ends: [usize; 2]| out([0, 1].map(|k| if ends[k] == 0 { origin_mm[k] } else { far[k] })));
+        let low = [0, 1].map(|k| corners.iter().map(|corner| corner[k]).fold(f64::INFINITY, f64::min));
+        let high = [0, 1].map(|k| corners.iter().map(|corner| corner[k]).fold(f64::NEG_INFINITY, f64::max));
+        let count = |k: usize| libm::ceil((high[k] - low[k]) / pitch_mm[k]) as usize + 4;
+        let first = [0, 1].map(|k| low[k] - 1.5 * pitch_mm[k]);
+        let mut turned = Grid::new(count(0), count(1));
+        for y in 0..turned.height {
+            for (x, value) in turned.row_mut(y).iter_mut().enumerate() {
+                let [dx, dy] = [x, y].map(|at| at as f64);
+                let [dx, dy] = [first[0] + dx * pitch_mm[0] - frame_mm[0], first[1] + dy * pitch_mm[1] - frame_mm[1]];
+                let there = [cos * dx + sin * dy, cos * dy - sin * dx];
+                let place: [f64; 2] = std::array::from_fn(|k| (there[k] - origin_mm[k]) / pitch_mm[k]);
+                if (0..2).all(|k| (1.0..(size[k] - 2) as f64).contains(&place[k])) {
+                    let left = place.map(|at| at as usize);
+                    let [along, across] = [0, 1].map(|k| catmull_rom((place[k] - left[k] as f64) as f32));
+                    *value = (0..4)
+                        .map(|row| {
+                            let four = &down.row(left[1] + row - 1)[left[0] - 1..left[0] + 3];
+                            across[row] * four.iter().zip(along).map(|(value, share)| value * share).sum::<f32>()
+                        })
+                        .sum();
+                }
+            }
+        }
+        held(turned, first)
+    }
+
+    /// The largest displacement, mm.
+    pub fn largest_mm(&self) -> f64 {
+        f64::from(self.down.largest(f32::abs))
+    }
+
     /// Adds it, times `factor`, to a grid whose first pixel is pixel `corner` of `placed`; by cubics (Catmull and Rom 1974).
     pub(super) fn add_to(&self, target: &mut Grid<f32>, placed: Placed, corner: [usize; 2], factor: f32) {
         let (x, columns) = self.taps(0, placed, corner[0], target.width);
@@ -363,10 +390,7 @@ impl Drag {
         let taps = (first..count).take_while(within).map(|at| {
             let place = place(at);
             let left = (place as usize).clamp(1, values - 3);
-            let t = (place - left as f64) as f32;
-            let s = 1.0 - t;
-            let shares =
-                [-0.5 * t * s * s, 1.0 + t * t * (1.5 * t - 2.5), 1.0 + s * s * (1.5 * s - 2.5), -0.5 * s * t * t];
+            let shares = catmull_rom((place - left as f64) as f32);
             Taps { first: left - 1, shares }
         });
         (first, taps.collect())

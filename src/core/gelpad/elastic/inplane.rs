@@ -9,8 +9,10 @@
 use super::fft::fast_length;
 use super::layer::ElasticLayer;
 use super::plane::{Plane, Response, Symbol, Values, Wave};
+use crate::core::base::cubic::catmull_rom;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
+use crate::core::base::view::View;
 
 /// Pressure on a regular grid.
 #[derive(Clone, Debug, PartialEq)]
@@ -131,6 +133,45 @@ impl InPlane {
         self.crop(&values)
     }
 
+    /// Displacement under a pressure, and under forces over Young's modulus, mm^2, each at a place in the sensor's frame. Forces
+    /// beyond the torus are left out.
+    pub fn under(&self, load: &Load, forces: impl Iterator<Item = ([f64; 2], [f64; 2])>) -> Field {
+        let mut pressed = self.plane.zeros();
+        self.spread(&load.pressure, load.origin_mm, load.mm_per_px, pressed.vectors_mut()[0]);
+        self.plane.forward(&mut pressed);
+        pressed.times(&self.under_pressure);
+        let mut values = self.plane.zeros();
+        let [width, height] = self.plane.size();
+        let [x, y] = values.vectors_mut();
+        let area = self.pitch_mm * self.pitch_mm;
+        for (place_mm, force) in forces {
+            let place: [f64; 2] = std::array::from_fn(|k| (place_mm[k] - self.origin_mm[k]) / self.pitch_mm);
+            if !(0.0..(width - 1) as f64).contains(&place[0]) || !(0.0..(height - 1) as f64).contains(&place[1]) {
+                continue;
+            }
+            let first = place.map(|at| at as usize);
+            let [t, s] = [0, 1].map(|k| place[k] - first[k] as f64);
+            for (row, down) in [(0, 1.0 - s), (1, s)] {
+                for (column, along) in [(0, 1.0 - t), (1, t)] {
+                    let at = self.plane.place(first[0] + column, first[1] + row);
+                    let share = down * along / area;
+                    x[at] += (share * force[0]) as f32;
+                    y[at] += (share * force[1]) as f32;
+                }
+            }
+        }
+        self.plane.forward(&mut values);
+        values.respond(&self.under_traction);
+        values.add(&pressed);
+        self.plane.back(&mut values);
+        self.crop(&values)
+    }
+
+    /// Distance between the values, mm.
+    pub fn pitch_mm(&self) -> f64 {
+        self.pitch_mm
+    }
+
     /// Shares a load out to the hat functions of the torus: force and first moment stay.
     fn spread(&self, load: &Grid<f32>, origin_mm: [f64; 2], mm_per_px: [f64; 2], to: &mut [f32]) {
         let part = bounding_box(load, |value| value != 0.0);
@@ -207,14 +248,43 @@ impl Field {
         })
     }
 
+    /// Displacement at the pixels' centres of a view, mm: along x, then along y.
+    pub fn in_view(&self, view: &View) -> [Grid<f32>; 2] {
+        let [width, height] = view.resolution_px;
+        let columns: Vec<_> =
+            (0..width).map(|x| self.position(0, view.point_mm([x as f64 + 0.5, 0.0])[0], self.x.width)).collect();
+        let rows: Vec<_> =
+            (0..height).map(|y| self.position(1, view.point_mm([0.0, y as f64 + 0.5])[1], self.y.height)).collect();
+        [&self.x, &self.y].map(|part| {
+            // First along x, in what rows there are, then along y.
+            let mut wide = Grid::<f32>::new(width, part.height);
+            for y in 0..part.height {
+                let from = part.row(y);
+                for (value, (first, shares)) in wide.row_mut(y).iter_mut().zip(&columns) {
+                    *value = from[*first..first + 4].iter().zip(shares).map(|(value, share)| value * share).sum();
+                }
+            }
+            let mut out = Grid::<f32>::new(width, height);
+            simd_dispatch(
+                #[inline(always)]
+                || {
+                    for (y, (first, [p, q, r, s])) in rows.iter().enumerate() {
+                        let [a, b, c, d] = [0, 1, 2, 3].map(|line| wide.row(first + line));
+                        for ((((to, a), b), c), d) in out.row_mut(y).iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                            *to = a * p + b * q + c * r + d * s;
+                        }
+                    }
+                },
+            );
+            out
+        })
+    }
+
     /// The first of the four values around a coordinate, and their shares.
     fn position(&self, k: usize, mm: f64, count: usize) -> (usize, [f32; 4]) {
         let place = ((mm - self.origin_mm[k]) / self.pitch_mm).clamp(1.0, (count - 2) as f64);
         let first = (place as usize).clamp(1, count - 3);
-        let t = (place - first as f64) as f32;
-        let s = 1.0 - t;
-        let shares = [-0.5 * t * s * s, 1.0 + t * t * (1.5 * t - 2.5), 1.0 + s * s * (1.5 * s - 2.5), -0.5 * s * t * t];
-        (first - 1, shares)
+        (first - 1, catmull_rom((place - first as f64) as f32))
     }
 
     /// Adds another field of the same [`InPlane`].

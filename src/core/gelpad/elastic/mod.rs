@@ -21,10 +21,12 @@ use crate::core::depth::{Depth, Window};
 use crate::core::gelpad::material::Material;
 
 mod beyond_view;
+mod cone;
 pub mod convolve;
 mod edge;
 pub mod fft;
 pub mod friction;
+pub mod history;
 pub mod inplane;
 pub mod kernel;
 mod lattice;

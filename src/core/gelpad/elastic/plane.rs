@@ -120,6 +120,33 @@ impl Plane {
         symbol
     }
 
+    /// The response of which the fields under a unit vector along x and along y at the first place are known, divided by the number
+    /// of values.
+    pub fn response_to(&self, mut under_x: Values, mut under_y: Values) -> Response {
+        self.forward(&mut under_x);
+        self.forward(&mut under_y);
+        let [width, height] = self.size();
+        let count = width * height;
+        let norm = 1.0 / count as f32;
+        let (mut mean, mut opposite) = (vec![0.0; count], vec![0; count]);
+        let mut turn = Symbol { re: Vec::with_capacity(count), im: Vec::with_capacity(count) };
+        for y in 0..height {
+            for x in 0..width {
+                let (at, other) = (self.frequency(x, y), [(width - x) % width, (height - y) % height]);
+                opposite[at] = self.frequency(other[0], other[1]) as u32;
+            }
+        }
+        // The field under (1, 0) is mean + turn, that under (0, 1) is i mean - i turn.
+        let (x, y) = (&under_x.rows, &under_y.rows);
+        let of_x = x.re.iter().zip(&x.im);
+        for ((mean, (x_re, x_im)), (y_re, y_im)) in mean.iter_mut().zip(of_x).zip(y.re.iter().zip(&y.im)) {
+            *mean = 0.5 * norm * (x_re + y_im);
+            turn.re.push(0.5 * norm * (x_re - y_im));
+            turn.im.push(0.5 * norm * (x_im + y_re));
+        }
+        Response { mean, turn, opposite }
+    }
+
     /// The factor that takes a pressure to a displacement along the wave, `value` times i: a quarter period ahead. It is
     /// the same for a wave and its mirror images.
     pub fn gradient(&self, pitch_mm: [f64; 2], value: impl Fn(Wave) -> f64) -> Symbol {
@@ -222,6 +249,13 @@ impl Values {
                 }
             },
         );
+    }
+
+    /// Adds another spectrum.
+    pub fn add(&mut self, other: &Self) {
+        for (sum, more) in [(&mut self.rows.re, &other.rows.re), (&mut self.rows.im, &other.rows.im)] {
+            sum.iter_mut().zip(more).for_each(|(sum, value)| *sum += value);
+        }
     }
 
     /// From the spectrum of tractions to that of the displacement into the pad that they cause: `symbol` is what takes a

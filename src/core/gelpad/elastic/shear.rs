@@ -72,6 +72,9 @@ const TORUS_PX: usize = 384;
 /// Room around the contact, so that the torus's copies are not felt, thicknesses.
 const ROOM: f64 = 4.0;
 
+/// Share of the reach of what tractions displace over which it fades to 0.
+const FADE: f64 = 0.3;
+
 /// A traction this close to its limit slips.
 const SLIPS_FROM: f32 = 0.999;
 
@@ -133,6 +136,8 @@ pub(super) struct Grip {
     layer: ElasticLayer,
     response: Response,
     inverse: Response,
+    /// Of a pixel to its own traction, once it was needed.
+    own: Option<f32>,
     /// From pressure to displacement, once it was needed.
     push: Option<Symbol>,
     /// Pixels of the contact's box.
@@ -179,6 +184,7 @@ impl Grip {
             values: plane.zeros(),
             inverse: response.inverse(norm),
             response,
+            own: None,
             push: None,
             layer,
             plane,
@@ -187,6 +193,52 @@ impl Grip {
             mm_per_px,
             factor,
             points: Vec::new(),
+        }
+    }
+
+    /// The same on a torus of twice the box, on which no copy is felt within the box: the response is cut out of this one's.
+    pub fn in_free_space(&mut self) -> Self {
+        let plane = Plane::new(self.size.map(|size| fast_length(2 * size)));
+        let torus = plane.size();
+        let under = [[1.0, 0.0], [0.0, 1.0]].map(|unit: Vector| {
+            let [x, y] = self.values.vectors_mut();
+            x.fill(0.0);
+            y.fill(0.0);
+            let first = self.plane.place(0, 0);
+            [x[first], y[first]] = unit;
+            self.plane.forward(&mut self.values);
+            self.values.respond(&self.response);
+            self.plane.back(&mut self.values);
+            let mut kernel = plane.zeros();
+            let lags = |k: usize| {
+                let (size, own, small) = (self.size[k], self.plane.size()[k], torus[k]);
+                (0..size).map(|lag| (lag, lag)).chain((1..size).map(move |lag| (own - lag, small - lag)))
+            };
+            let from = self.values.vectors();
+            for (to, from) in kernel.vectors_mut().into_iter().zip(from) {
+                for (from_y, to_y) in lags(1) {
+                    for (from_x, to_x) in lags(0) {
+                        to[plane.place(to_x, to_y)] = from[self.plane.place(from_x, from_y)];
+                    }
+                }
+            }
+            kernel
+        });
+        let [under_x, under_y] = under;
+        let norm = 1.0 / (torus[0] * torus[1]) as f64;
+        let torus_mm = [0, 1].map(|k| torus[k] as f64 * self.mm_per_px[k]);
+        let (layer, mm_per_px) = (self.layer, self.mm_per_px);
+        let periodic = plane.response(mm_per_px, |wave| layer_response(layer, wave, torus_mm).map(|part| part * norm));
+        Self {
+            values: plane.zeros(),
+            // Cut out, the response might have no inverse; roughly is enough.
+            inverse: periodic.inverse(norm),
+            response: plane.response_to(under_x, under_y),
+            own: None,
+            push: None,
+            plane,
+            points: Vec::new(),
+            ..*self
         }
     }
 
@@ -212,20 +264,24 @@ impl Grip {
 
     /// Wants every point to stay where it is under the pressure.
     pub fn want_rest(&mut self) {
-        let pressures: Vec<[f32; 2]> = self.points.iter().map(|point| [point.pressure, 0.0]).collect();
-        self.scatter(&pressures);
-        self.plane.forward(&mut self.values);
-        self.values.times(push(&mut self.push, self.layer, &self.plane, self.mm_per_px));
-        self.plane.back(&mut self.values);
+        self.push_points();
         let moved = self.gathered();
         for (point, moved) in self.points.iter_mut().zip(moved) {
             point.wanted = moved.map(|mm| -mm);
         }
     }
 
-    /// Displacement into the pad under tractions, as the x of the values.
-    pub fn sink(&mut self, tractions: &[[f32; 2]]) {
-        self.scatter(tractions);
+    /// The values under the pressure of the points.
+    fn push_points(&mut self) {
+        let pressures: Vec<[f32; 2]> = self.points.iter().map(|point| [point.pressure, 0.0]).collect();
+        self.scatter(&pressures);
+        self.plane.forward(&mut self.values);
+        self.values.times(push(&mut self.push, self.layer, &self.plane, self.mm_per_px));
+        self.plane.back(&mut self.values);
+    }
+
+    /// From tractions to the displacement into the pad that they cause, the x of the values.
+    fn sink_values(&mut self) {
         self.plane.forward(&mut self.values);
         self.values.sink(push(&mut self.push, self.layer, &self.plane, self.mm_per_px), &self.response);
         self.plane.back(&mut self.values);
@@ -254,6 +310,109 @@ impl Grip {
         (residual_mm, slipping as f64 / limits.len() as f64)
     }
 
+    /// Notes every pixel of the box where a pressure touches, on the box's own pixels.
+    pub fn touch_all(&mut self, pressure: &Grid<f32>) {
+        self.touch(pressure, Rect::whole(pressure.width, pressure.height));
+    }
+
+    /// Displacement of a pixel under its own unit traction, mm.
+    pub fn own_response(&mut self) -> f32 {
+        if self.own.is_none() {
+            let [x, y] = self.values.vectors_mut();
+            x.fill(0.0);
+            y.fill(0.0);
+            let first = self.plane.place(0, 0);
+            x[first] = 1.0;
+            self.plane.forward(&mut self.values);
+            self.values.respond(&self.response);
+            self.plane.back(&mut self.values);
+            self.own = Some(self.values.vectors()[0][first]);
+        }
+        self.own.unwrap_or_default()
+    }
+
+    /// Displacement, mm, of points that are all pulled alike, over the traction: about the softest that the contact can be.
+    pub fn softest_response(&mut self) -> f64 {
+        let even = vec![[1.0, 0.0]; self.points.len()];
+        let moved = self.respond(&even, false);
+        dot(&even, &moved) / even.len().max(1) as f64
+    }
+
+    /// Motion of the whole box under the pressure of the points.
+    pub fn pushed(&mut self) -> Grid<Vector> {
+        self.push_points();
+        self.whole_box()
+    }
+
+    /// Motion of the whole box under tractions on its pixels.
+    pub fn moved(&mut self, tractions: &Grid<Vector>) -> Grid<Vector> {
+        self.scatter_box(tractions);
+        self.plane.forward(&mut self.values);
+        self.values.respond(&self.response);
+        self.plane.back(&mut self.values);
+        self.whole_box()
+    }
+
+    /// Pixels of `thicknesses`, or as far as the torus knows.
+    pub fn reach(&self, thicknesses: f64) -> [usize; 2] {
+        let torus = self.plane.size();
+        [0, 1].map(|k| {
+            let px = (thicknesses * self.layer.thickness_mm / self.mm_per_px[k]).min(torus[k] as f64) as usize;
+            px.clamp(2, (torus[k] - self.size[k]) / 2 - 1)
+        })
+    }
+
+    /// Displacement into the pad, mm, under tractions on the box's pixels, in the box and `reach` pixels around it, over the
+    /// outer `FADE` of which it fades to 0.
+    pub fn sunk(&mut self, tractions: &Grid<Vector>, reach: [usize; 2]) -> Grid<f32> {
+        self.scatter_box(tractions);
+        self.sink_values();
+        let torus = self.plane.size();
+        // Of a place along an axis, where it stands on the torus and how much of it is kept.
+        let along = |k: usize| -> Vec<(usize, f32)> {
+            let count = self.size[k] + 2 * reach[k];
+            let kept = |at: usize| {
+                let beyond = reach[k].saturating_sub(at).max((at + 1 + reach[k]).saturating_sub(count));
+                let left = ((reach[k] as f64 - beyond as f64) / (FADE * reach[k] as f64)).clamp(0.0, 1.0);
+                (left * left * (3.0 - 2.0 * left)) as f32
+            };
+            (0..count).map(|at| ((at + torus[k] - reach[k]) % torus[k], kept(at))).collect()
+        };
+        let (columns, rows) = (along(0), along(1));
+        let mut down = Grid::new(columns.len(), rows.len());
+        let [values, _] = self.values.vectors();
+        for (y, (from, down_kept)) in rows.iter().enumerate() {
+            for (value, (x, kept)) in down.row_mut(y).iter_mut().zip(&columns) {
+                *value = values[self.plane.place(*x, *from)] * kept * down_kept;
+            }
+        }
+        down
+    }
+
+    fn scatter_box(&mut self, vectors: &Grid<Vector>) {
+        let [x, y] = self.values.vectors_mut();
+        x.fill(0.0);
+        y.fill(0.0);
+        for row in 0..vectors.height {
+            for (column, vector) in vectors.row(row).iter().enumerate() {
+                let at = self.plane.place(column, row);
+                [x[at], y[at]] = *vector;
+            }
+        }
+    }
+
+    fn whole_box(&self) -> Grid<Vector> {
+        let [x, y] = self.values.vectors();
+        let mut out = Grid::new(self.size[0], self.size[1]);
+        for row in 0..out.height {
+            for (column, vector) in out.row_mut(row).iter_mut().enumerate() {
+                let at = self.plane.place(column, row);
+                *vector = [x[at], y[at]];
+            }
+        }
+        out
+    }
+
     fn scatter(&mut self, vectors: &[[f32; 2]]) {
         let [x, y] = self.values.vectors_mut();
         x.fill(0.0);
@@ -271,7 +430,7 @@ impl Grip {
     }
 
     /// Displacements in the contact under tractions in it; or roughly the way back, with the inverse.
-    fn respond(&mut self, vectors: &[[f32; 2]], back: bool) -> Vec<[f32; 2]> {
+    pub fn respond(&mut self, vectors: &[[f32; 2]], back: bool) -> Vec<[f32; 2]> {
         self.scatter(vectors);
         self.plane.forward(&mut self.values);
         self.values.respond(if back { &self.inverse } else { &self.response });
@@ -416,17 +575,17 @@ fn push<'a>(known: &'a mut Option<Symbol>, layer: ElasticLayer, plane: &Plane, p
     })
 }
 
-fn length([x, y]: [f32; 2]) -> f32 {
+pub(super) fn length([x, y]: [f32; 2]) -> f32 {
     (x * x + y * y).sqrt()
 }
 
 /// The nearest vector that is no longer than `limit`.
-fn held(vector: [f32; 2], limit: f32) -> [f32; 2] {
+pub(super) fn held(vector: [f32; 2], limit: f32) -> [f32; 2] {
     let long = length(vector);
     if long > limit { vector.map(|part| part * (limit / long)) } else { vector }
 }
 
-fn largest(vectors: &[[f32; 2]]) -> f64 {
+pub(super) fn largest(vectors: &[[f32; 2]]) -> f64 {
     // A NaN must not pass for a small number.
     vectors
         .iter()
@@ -435,11 +594,11 @@ fn largest(vectors: &[[f32; 2]]) -> f64 {
         .into()
 }
 
-fn dot(a: &[[f32; 2]], b: &[[f32; 2]]) -> f64 {
+pub(super) fn dot(a: &[[f32; 2]], b: &[[f32; 2]]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a[0]) * f64::from(b[0]) + f64::from(a[1]) * f64::from(b[1])).sum()
 }
 
-fn difference(a: &[[f32; 2]], b: &[[f32; 2]]) -> Vec<[f32; 2]> {
+pub(super) fn difference(a: &[[f32; 2]], b: &[[f32; 2]]) -> Vec<[f32; 2]> {
     sum(a, b, -1.0)
 }
 

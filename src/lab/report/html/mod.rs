@@ -1,6 +1,7 @@
 //! The report as an HTML page, section by section.
 
 mod figures;
+mod sequences;
 mod tables;
 
 use std::collections::BTreeSet;
@@ -39,6 +40,7 @@ pub(super) fn page(dataset: &Dataset) -> String {
         about(dataset),
         counts(gathered),
         sheet(gathered),
+        sequences::sequences(gathered),
         figures::distributions(gathered),
         tables::effects(gathered),
         tables::health(gathered),
@@ -200,6 +202,12 @@ fn sheet(gathered: &Gathered) -> String {
         "<h2>Samples</h2>\n<p class=\"note\">Tactile image, then depth and contact where the dataset has them. Depth is \
          brightest at the deepest point of each sample.</p>\n",
     );
+    let html = match gathered.sequences.frames {
+        0 => html,
+        _ => {
+            String::from("<h2>Samples</h2>\n<p class=\"note\">Some frames of each sequence, from first to last.</p>\n")
+        }
+    };
     let mut figures = String::new();
     for tile in &gathered.tiles {
         let (width, height) = tile.strip.dimensions();

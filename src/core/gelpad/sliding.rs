@@ -1,0 +1,477 @@
+//! An object that slides, turns and rolls on the pad, step by step, and what friction remembers of it.
+//!
+//! Pressure and tractions are found in a frame that goes with the object's surface, on pixels of their own
+//! ([`super::elastic::history`]). While neither depth nor tilt changes the pressure stays as it is.
+
+use glam::{DMat3, DVec3};
+
+use super::elastic::friction::Drag;
+use super::elastic::history::{Contacting, History, Moved, Normal, Step};
+use super::elastic::inplane::{Field, InPlane, Load};
+use super::elastic::layer::ElasticLayer;
+use super::elastic::shear::Friction;
+use super::elastic::{self, Elastic};
+use super::material::Material;
+use crate::core::base::grid::{Grid, Resolution, bounding_box};
+use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::depth::indenter::Indenter;
+use crate::core::depth::texture::{Laid, Texture};
+use crate::core::depth::{self, Depth};
+use crate::core::effects::{EffectLog, EffectPolicy};
+use crate::core::pose::Pose;
+
+/// Where a frame that goes with an object lies in the sensor's.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanarFrame {
+    /// Of its origin, mm.
+    pub origin_mm: [f64; 2],
+    /// From x towards y, rad; counts on over whole turns.
+    pub angle_rad: f64,
+}
+
+/// A motion of the object's surface in the pad's plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlanarMotion {
+    /// mm.
+    pub shift_mm: [f64; 2],
+    /// From x towards y, rad.
+    pub turn_rad: f64,
+    /// What it turns about, mm.
+    pub about_mm: [f64; 2],
+}
+
+/// A step of an object: where it comes to be, and how its surface at the contact moves in the pad's plane on the way. The two
+/// differ where it rolls: then the object moves, but its surface stays where it touches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectStep {
+    /// Where the object is at the end.
+    pub pose: Pose,
+    /// How deep its lowest point then reaches below the undeformed pad, mm; 0 or less without contact.
+    pub depth_mm: f64,
+    /// The motion.
+    pub motion: PlanarMotion,
+}
+
+/// Force and moment of the object on the pad, in the sensor's frame, about the middle of the image on the undeformed pad.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// N.
+    pub force_n: [f64; 3],
+    /// N mm.
+    pub torque_nmm: [f64; 3],
+}
+
+/// What friction did in a frame of a sequence.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slip {
+    /// Whether any pixel touches.
+    pub touches: bool,
+    /// Share of the contact that sticks, 0 to 1; 0 without contact.
+    pub stick_fraction: f64,
+    /// True if nothing sticks of what touched before, too.
+    pub gross: bool,
+    /// How far the pad has slid along the object, the mean over the contact summed up since it began, mm.
+    pub displacement_mm: [f64; 2],
+    /// Energy that this turned into heat in this frame, N mm.
+    pub heat_nmm: f64,
+    /// Iterations for tractions.
+    pub iterations: u32,
+    /// How far friction's law is not met, mm.
+    pub residual_mm: f64,
+    /// Whether that is within the tolerance, in each step of the frame.
+    pub converged: bool,
+}
+
+/// Pixels along the longer side of the view on which tractions are solved for, by how fine the model of the pad is.
+fn fineness(resolution: Resolution) -> f64 {
+    match resolution {
+        Resolution::Quarter => 96.0,
+        Resolution::Half => 160.0,
+        Resolution::Full => 240.0,
+    }
+}
+
+/// The pad as the frame of an object sees it, made ready once for a sensor.
+#[derive(Clone)]
+pub struct FramePad {
+    view: View,
+    pad: elastic::Pad,
+    material: Material,
+    tolerance_mm: f64,
+}
+
+impl FramePad {
+    /// Of a pad that the camera sees in `view`.
+    pub fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
+        let extent = [0, 1].map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
+        let longest = extent[0].max(extent[1]);
+        let camera = view.mm_per_px[0].max(view.mm_per_px[1]);
+        let pitch = camera.max(longest / fineness(elastic.resolution));
+        // An even number, so that the middle lies between pixels in every place that the view takes.
+        let size = extent.map(|mm| ((0.5 * mm / pitch) as usize + 1) * 2);
+        let view = View { resolution_px: size, mm_per_px: [pitch; 2] };
+        let elastic = Elastic { resolution: Resolution::Full, friction: None, ..*elastic };
+        let pad = elastic::Pad::new(&elastic, material, &view);
+        Self { view, pad, material: *material, tolerance_mm: TOLERANCE * 1e-3 * elastic.tolerance_um.min(1.0) }
+    }
+}
+
+/// Of the contact's tolerance (at most 1 um), the share to which tractions are solved: it is how far a pixel alone would go, of which
+/// many together make more.
+const TOLERANCE: f64 = 0.1;
+
+/// Poses in the frame that differ by less are the same: mm, or parts of a rotation.
+const SAME: f64 = 1e-9;
+
+/// An object on the pad, from one frame of a sequence to the next.
+pub struct Sliding {
+    youngs_modulus_kpa: f64,
+    thickness_mm: f64,
+    /// What is seen of the object's frame.
+    view: View,
+    /// The pad in that view.
+    pad: elastic::Pad,
+    history: History,
+    frame: PlanarFrame,
+    /// The object in its frame, and its depth, when the pressure was found.
+    pressed: Option<(Pose, f64)>,
+    /// The middle of the view in the object's frame, in pixels.
+    middle_px: [i64; 2],
+    slip: Slip,
+}
+
+impl Sliding {
+    /// Without contact.
+    pub fn new(pad: &FramePad, friction: Friction) -> Self {
+        let FramePad { view, pad, material, tolerance_mm } = pad.clone();
+        let coefficient = match friction {
+            Friction::Stick => f64::INFINITY,
+            Friction::Coulomb { coefficient } => coefficient,
+        };
+        Self {
+            youngs_modulus_kpa: material.youngs_modulus_kpa,
+            thickness_mm: material.thickness_mm,
+            history: History::new(ElasticLayer::new(&material), coefficient, view.mm_per_px, tolerance_mm),
+            view,
+            pad,
+            frame: PlanarFrame::default(),
+            pressed: None,
+            middle_px: [0; 2],
+            slip: Slip::none(),
+        }
+    }
+
+    /// Where the frame that goes with the object is: what lies on the object lies in it.
+    pub fn frame(&self) -> PlanarFrame {
+        self.frame
+    }
+
+    /// What friction did in the last frame.
+    pub fn slip(&self) -> Slip {
+        self.slip
+    }
+
+    /// A texture where it now lies in the sensor's frame, if it lay at `laid` at the start.
+    pub fn carried(&self, laid: Laid) -> Laid {
+        let yaw_deg = laid.yaw_deg + self.frame.angle_rad.to_degrees();
+        Laid { origin_mm: self.frame.to_sensor(laid.origin_mm), yaw_deg }
+    }
+
+    /// Goes through the steps of a frame, under an indenter of which only the shape counts. `texture` is as it lay at the
+    /// start. `drop_mm` is how far a curved pad lies below its highest point, on the grid of the
+    /// surface in `of_camera`.
+    pub fn advance(
+        &mut self,
+        steps: &[ObjectStep],
+        indenter: &Indenter,
+        texture: Option<&Texture>,
+        curved: Option<(&Grid<f32>, &View)>,
+    ) {
+        let displacement_mm = self.slip.displacement_mm;
+        self.slip = Slip { displacement_mm, converged: true, ..Slip::none() };
+        for step in steps {
+            let moved = self.frame.moved(step.motion);
+            let in_frame = self.frame.inverse(step.pose);
+            let stays = self.pressed.is_some_and(|(pose, depth_mm)| {
+                depth_mm == step.depth_mm && same(&pose, &in_frame) && (curved.is_none() || moved == Moved::default())
+            });
+            if !stays {
+                self.middle_px = self.middle();
+            }
+            let load = match stays {
+                true => None,
+                false => Some(self.press(indenter, step.depth_mm, in_frame, texture, curved)),
+            };
+            let normal = match &load {
+                None => Normal::Same,
+                Some(Some(load)) => Normal::Pressed(load),
+                Some(None) => Normal::Nothing,
+            };
+            if !stays {
+                self.pressed = matches!(normal, Normal::Pressed(_)).then_some((in_frame, step.depth_mm));
+            }
+            let done = self.history.step(&normal, moved);
+            self.count(&done);
+        }
+    }
+
+    /// The pressure of the object where it is, in its frame.
+    fn press(
+        &self,
+        indenter: &Indenter,
+        depth_mm: f64,
+        in_frame: Pose,
+        texture: Option<&Texture>,
+        curved: Option<(&Grid<f32>, &View)>,
+    ) -> Option<Load> {
+        if depth_mm <= 0.0 {
+            return None;
+        }
+        let middle_mm = [0, 1].map(|k| self.middle_px[k] as f64 * self.view.mm_per_px[k]);
+        let mut pose = in_frame;
+        pose.translation_mm -= DVec3::new(middle_mm[0], middle_mm[1], 0.0);
+        let there = Indenter { shape: indenter.shape.clone(), pose, depth_mm };
+        let texture = texture.map(|texture| {
+            let Laid { origin_mm, yaw_deg } = texture.laid.unwrap_or_else(|| Laid::with(&indenter.pose));
+            texture.laid_out(Laid { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
+        });
+        let mut window = self.pad.window(depth_mm);
+        loop {
+            let mut effects = EffectLog::new(EffectPolicy::default());
+            let mut depth = self.captured(&there, texture.as_ref(), window, &mut effects);
+            if let Some((drop, camera)) = curved {
+                self.lower(&mut depth, drop, camera, middle_mm, window.above_mm);
+            }
+            let contact = self.pad.press(&depth);
+            match self.pad.higher(window, &contact) {
+                Some(higher) => window = higher,
+                None => {
+                    return contact
+                        .load
+                        .map(|load| Load { origin_mm: [0, 1].map(|k| load.origin_mm[k] + middle_mm[k]), ..load });
+                }
+            }
+        }
+    }
+
+    /// Where the middle of the view is to be: what the camera sees is what counts; the view stays while that is nearly in its
+    /// middle.
+    fn middle(&self) -> [i64; 2] {
+        let pitch = self.view.mm_per_px;
+        let seen = self.frame.to_frame([0.0; 2]);
+        let off = |k: usize| (seen[k] / pitch[k] - self.middle_px[k] as f64).abs();
+        match (0..2).any(|k| off(k) > 0.1 * self.view.resolution_px[k] as f64) {
+            true => [0, 1].map(|k| libm::round(seen[k] / pitch[k]) as i64),
+            false => self.middle_px,
+        }
+    }
+
+    /// Normal force on the pad if the object were pressed so deep at a pose, N.
+    pub fn normal_force_n(
+        &self,
+        indenter: &Indenter,
+        pose: Pose,
+        depth_mm: f64,
+        texture: Option<&Texture>,
+        curved: Option<(&Grid<f32>, &View)>,
+    ) -> f64 {
+        let load = self.press(indenter, depth_mm, self.frame.inverse(pose), texture, curved);
+        load.map_or(0.0, |load| {
+            let sum: f64 = load.pressure.data.iter().map(|p| f64::from(p.max(0.0))).sum();
+            1e-3 * self.youngs_modulus_kpa * sum * load.mm_per_px[0] * load.mm_per_px[1]
+        })
+    }
+
+    fn captured(
+        &self,
+        there: &Indenter,
+        texture: Option<&Texture>,
+        window: depth::Window,
+        effects: &mut EffectLog,
+    ) -> Depth {
+        depth::overlap(there, texture, None, self.thickness_mm, &self.view, window, effects)
+    }
+
+    /// Takes an overlap against a curved pad.
+    fn lower(&self, depth: &mut Depth, drop: &Grid<f32>, camera: &View, middle_mm: [f64; 2], above_mm: f64) {
+        let floor = 0.0 - above_mm as f32;
+        let margin = depth.margin_px as f64;
+        for y in 0..depth.overlap.height {
+            for x in 0..depth.overlap.width {
+                let px = [x as f64 + 0.5 - margin, y as f64 + 0.5 - margin];
+                let mm = self.view.point_mm(px);
+                let there = camera.point_px(self.frame.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
+                let below = between(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64));
+                let value = &mut depth.overlap.row_mut(y)[x];
+                *value = if *value > floor { (*value - below).max(floor) } else { *value };
+            }
+        }
+        depth.measure();
+    }
+
+    fn count(&mut self, done: &Step) {
+        let slip = &mut self.slip;
+        slip.touches = done.touching > 0;
+        if !slip.touches {
+            slip.displacement_mm = [0.0; 2];
+        }
+        slip.stick_fraction = done.sticking as f64 / done.touching.max(1) as f64;
+        slip.gross = done.gross;
+        let [dx, dy] = self.frame.turned(done.slip_mm);
+        slip.displacement_mm = [slip.displacement_mm[0] + dx, slip.displacement_mm[1] + dy];
+        // kPa mm^3 are 1e-3 N mm.
+        slip.heat_nmm += 1e-3 * self.youngs_modulus_kpa * done.heat;
+        slip.iterations += done.solved.iterations;
+        slip.residual_mm = slip.residual_mm.max(done.solved.residual_mm);
+        slip.converged &= done.solved.converged || !slip.touches;
+    }
+
+    /// What the object does to the pad.
+    pub fn wrench(&self) -> Wrench {
+        let sums = self.history.sums();
+        let newtons = 1e-3 * self.youngs_modulus_kpa;
+        let [fx, fy] = self.frame.turned(sums.force).map(|force| newtons * force);
+        let fz = -newtons * sums.normal;
+        let [x, y] = self.frame.origin_mm;
+        let [lever_x, lever_y] = self.frame.turned(sums.lever).map(|lever| newtons * lever);
+        // r x f of what presses at z = 0, and of what pulls.
+        let torque_x = -(lever_y - y * fz);
+        let torque_y = lever_x - x * fz;
+        let torque_z = newtons * sums.moment + x * fy - y * fx;
+        Wrench { force_n: [fx, fy, fz].map(|n| n + 0.0), torque_nmm: [torque_x, torque_y, torque_z].map(|n| n + 0.0) }
+    }
+
+    /// What tractions displace into the pad; `None` where that is nothing, or less than `unseen_mm`.
+    pub fn drag(&mut self, unseen_mm: f64) -> Option<Drag> {
+        let (down, origin_mm) = self.history.displaced()?;
+        let PlanarFrame { origin_mm: frame_mm, angle_rad } = self.frame;
+        let drag = Drag::of_frame(down, origin_mm, self.view.mm_per_px, frame_mm, angle_rad);
+        (drag.largest_mm() >= unseen_mm).then_some(drag)
+    }
+
+    /// Motion of the pad in its plane under a pressure and the tractions.
+    pub fn motion(&self, in_plane: &InPlane, load: &Load) -> Field {
+        if self.history.is_at_rest() {
+            return in_plane.under_pressure(load);
+        }
+        // A pixel as some points of which each is no larger than the values that it falls on.
+        let parts = (libm::ceil(2.0 * self.view.mm_per_px[0] / in_plane.pitch_mm()) as usize).clamp(1, 8);
+        let share = 1.0 / (parts * parts) as f64;
+        let pitch = self.view.mm_per_px;
+        let within = move |part: usize, k: usize| ((part as f64 + 0.5) / parts as f64 - 0.5) * pitch[k];
+        let points = self.history.forces().flat_map(|(place, force)| {
+            let force = self.frame.turned(force).map(|part| share * part);
+            (0..parts * parts).map(move |part| {
+                let at = [place[0] + within(part % parts, 0), place[1] + within(part / parts, 1)];
+                (self.frame.to_sensor(at), force)
+            })
+        });
+        in_plane.under(load, points)
+    }
+
+    /// Of the pixels of a view that touch, what the pad does there.
+    pub fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<Contacting> {
+        let part = bounding_box(mask, |value| value > 0);
+        let mut states = Grid::new(mask.width, mask.height);
+        let place = |px: [f64; 2]| self.frame.to_frame(view.point_mm(px));
+        let (start, right, down) = (place([0.5, 0.5]), place([1.5, 0.5]), place([0.5, 1.5]));
+        for y in part.y0..part.y1 {
+            for x in part.x0..part.x1 {
+                if mask.at(x, y) > 0 {
+                    let (column, row) = (x as f64, y as f64);
+                    let place_mm =
+                        [0, 1].map(|k| start[k] + column * (right[k] - start[k]) + row * (down[k] - start[k]));
+                    states.row_mut(y)[x] = match self.history.state_at(place_mm) {
+                        // The camera's pixels are finer than the tractions': at the rim of the contact.
+                        Contacting::Apart => Contacting::Slips,
+                        state => state,
+                    };
+                }
+            }
+        }
+        states
+    }
+}
+
+impl Slip {
+    /// Without contact.
+    pub fn none() -> Self {
+        Self {
+            touches: false,
+            stick_fraction: 0.0,
+            gross: false,
+            displacement_mm: [0.0; 2],
+            heat_nmm: 0.0,
+            iterations: 0,
+            residual_mm: 0.0,
+            converged: true,
+        }
+    }
+}
+
+impl PlanarFrame {
+    /// Moves it; the motion as the frame itself sees it.
+    fn moved(&mut self, motion: PlanarMotion) -> Moved {
+        let PlanarMotion { shift_mm, turn_rad, about_mm } = motion;
+        let from: [f64; 2] = std::array::from_fn(|k| self.origin_mm[k] - about_mm[k]);
+        let sin = libm::sin(turn_rad);
+        let versine = 2.0 * libm::pow(libm::sin(0.5 * turn_rad), 2.0);
+        let by = [shift_mm[0] - versine * from[0] - sin * from[1], shift_mm[1] - versine * from[1] + sin * from[0]];
+        let shift = self.back(by);
+        self.origin_mm = [0, 1].map(|k| self.origin_mm[k] + by[k]);
+        self.angle_rad += turn_rad;
+        Moved { shift_mm: shift, turn_rad }
+    }
+
+    /// A direction in it, in the sensor's frame.
+    fn turned(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = libm::sincos(self.angle_rad);
+        [cos * x - sin * y, sin * x + cos * y]
+    }
+
+    /// A direction in the sensor's frame, in it.
+    fn back(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = libm::sincos(self.angle_rad);
+        [cos * x + sin * y, cos * y - sin * x]
+    }
+
+    /// Where a place in it is in the sensor's frame.
+    pub fn to_sensor(&self, place_mm: [f64; 2]) -> [f64; 2] {
+        let at = self.turned(place_mm);
+        [0, 1].map(|k| self.origin_mm[k] + at[k])
+    }
+
+    /// Where a place in the sensor's frame is in it.
+    pub fn to_frame(&self, place_mm: [f64; 2]) -> [f64; 2] {
+        self.back([0, 1].map(|k| place_mm[k] - self.origin_mm[k]))
+    }
+
+    /// An object's pose as the frame sees it.
+    fn inverse(&self, pose: Pose) -> Pose {
+        let (sin, cos) = libm::sincos(-self.angle_rad);
+        let about_z = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z);
+        let [x, y] = self.to_frame([pose.translation_mm.x, pose.translation_mm.y]);
+        Pose {
+            rotation: about_z * pose.rotation,
+            translation_mm: DVec3::new(x, y, pose.translation_mm.z),
+            angles: pose.angles,
+        }
+    }
+}
+
+fn same(a: &Pose, b: &Pose) -> bool {
+    a.rotation.abs_diff_eq(b.rotation, SAME) && a.translation_mm.abs_diff_eq(b.translation_mm, SAME)
+}
+
+/// Bilinear; beyond the border, what is at the border.
+fn between(grid: &Grid<f32>, at: [f64; 2]) -> f32 {
+    let axis = |k: usize, count: usize| {
+        let at = at[k].clamp(0.0, (count - 1) as f64);
+        let first = (at as usize).min(count.saturating_sub(2));
+        (first, (at - first as f64) as f32)
+    };
+    let ((x, t), (y, s)) = (axis(0, grid.width), axis(1, grid.height));
+    let line = |y: usize| grid.at(x, y) + t * (grid.at((x + 1).min(grid.width - 1), y) - grid.at(x, y));
+    let (upper, lower) = (line(y), line((y + 1).min(grid.height - 1)));
+    upper + s * (lower - upper)
+}

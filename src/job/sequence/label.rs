@@ -1,0 +1,317 @@
+//! The label of a sequence: what holds for all of its frames, and a list of what each frame shows.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::camera::CameraParams;
+use crate::core::effects::{Effect, Note, PerEffect};
+use crate::core::impression::Slid;
+use crate::job::health::Health;
+use crate::job::label::{
+    ContactLabel, Label, MarkersLabel, NumericsLabel, ObjectLabel, PoseLabel, SensorLabel, ShearLabel, TextureLabel,
+};
+use crate::job::layout::Split;
+use crate::job::steps::Steps;
+
+/// What is known about a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SequenceLabel {
+    /// What holds for all of its frames.
+    #[serde(flatten)]
+    pub common: CommonLabel,
+    /// The frames, in their order.
+    pub frames: Vec<FrameLabel>,
+}
+
+/// A frame with what holds for all frames of its sequence: a row of metadata.jsonl.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameRow {
+    /// What holds for all frames.
+    #[serde(flatten)]
+    pub common: CommonLabel,
+    /// The frame.
+    pub frame: FrameLabel,
+}
+
+/// What holds for all frames of a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct CommonLabel {
+    /// Version of this schema.
+    pub schema_version: u32,
+    /// Program and version that made the sample.
+    pub generator: String,
+    /// Nine digits that begin the names of the sample's members.
+    pub key: String,
+    /// Number of the sample in the dataset.
+    pub index: u64,
+    /// Seed of the job.
+    pub seed: u64,
+    /// How many draws of the sample were rejected before this one.
+    pub attempt: u32,
+    /// Split that the sample belongs to.
+    pub split: Split,
+    /// What was pressed.
+    pub object: ObjectLabel,
+    /// Micro relief of the object.
+    pub texture: TextureLabel,
+    /// The sensor.
+    pub sensor: SensorLabel,
+    /// The camera.
+    pub camera: CameraParams,
+    /// Fidelity level.
+    pub fidelity: String,
+    /// Model of the gelpad.
+    pub gelpad_model: String,
+    /// Model of the light.
+    pub optics_model: String,
+    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    pub png16: Steps,
+    /// What happens.
+    pub sequence: SequenceInfo,
+}
+
+/// What happens in a sequence.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SequenceInfo {
+    /// Frames a second.
+    pub frame_rate_hz: f64,
+    /// How many there are.
+    pub frames: u32,
+    /// Coefficient of friction between pad and object; null if nothing slips.
+    pub friction_coefficient: Option<f64>,
+    /// Time of the first frame in which more than a twentieth of the contact slips, s; null if there is none.
+    pub first_slip_s: Option<f64>,
+    /// Time of the first frame in which all of the contact slips, s; null if there is none.
+    pub gross_slip_s: Option<f64>,
+    /// The phases, in their order.
+    pub phases: Vec<PhaseLabel>,
+}
+
+/// A phase of a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PhaseLabel {
+    /// Its name.
+    pub name: String,
+    /// s.
+    pub duration_s: f64,
+    /// Number of its first frame; that of the next phase if it is shorter than a frame.
+    pub first_frame: u32,
+    /// How many it has.
+    pub frames: u32,
+    /// Indentation depth at its end, mm; below 0 the object is above the pad.
+    pub depth_mm: f64,
+    /// Normal force that was wanted at its end, N; 0 if a depth was, or none.
+    pub force_n: f64,
+    /// Motion of the object in the pad's plane, mm.
+    pub shift_mm: [f64; 2],
+    /// Turn from x towards y, degrees.
+    pub twist_deg: f64,
+    /// Tilt about the lowest point, degrees.
+    pub tilt_deg: f64,
+    /// Direction of the tilt's axis, degrees.
+    pub tilt_azimuth_deg: f64,
+}
+
+/// What is known about a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameLabel {
+    /// Its number, from 0 on; four digits of it stand in the names of its files.
+    pub index: u32,
+    /// Time since the start of the sequence, s.
+    pub t_s: f64,
+    /// Name of the phase that it is in.
+    pub phase: String,
+    /// Where the object is: p = R q + t takes a point q of the mesh (mm) to the sensor's frame (mm).
+    pub pose: PoseLabel,
+    /// How deep the object's lowest point reaches below the undeformed pad, mm; 0 if it does not.
+    pub indentation_depth_mm: f64,
+    /// The contact, as far as it is in view.
+    pub contact: ContactLabel,
+    /// What the object does to the pad, in view and beyond.
+    pub wrench: WrenchLabel,
+    /// What friction does.
+    pub slip: SlipLabel,
+    /// The pad's markers.
+    pub markers: MarkersLabel,
+    /// How well the gelpad model solved its problem, and how far the light is from what was measured.
+    pub numerics: NumericsLabel,
+    /// What a check of the frame found.
+    pub health: Health,
+    /// For each effect whether it ran and why or why not.
+    pub effects: PerEffect<Note>,
+}
+
+/// Force and torque of the object on the pad, in the sensor's frame, about the middle of the image on the undeformed pad.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct WrenchLabel {
+    /// Along x, y and z, N; pressing is negative.
+    pub force_n: [f64; 3],
+    /// About x, y and z, N mm.
+    pub torque_nmm: [f64; 3],
+}
+
+/// What friction does in a frame.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SlipLabel {
+    /// How much slips.
+    pub state: SlipState,
+    /// Share of the contact that sticks, 0 to 1; 0 without contact.
+    pub stick_fraction: f64,
+    /// How far the pad has slid along the object since they touched, mean over the contact, mm.
+    pub displacement_mm: [f64; 2],
+    /// Energy that slip turned into heat since the frame before, N mm.
+    pub dissipated_nmm: f64,
+    /// Iterations for the tractions.
+    pub iterations: u32,
+    /// How far the law of friction is not met, um.
+    pub residual_um: f64,
+}
+
+/// How much of a contact slips.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SlipState {
+    /// At most a twentieth of it, or nothing touches.
+    #[default]
+    None,
+    /// More than that.
+    Incipient,
+    /// All of it.
+    Gross,
+}
+
+/// Share of a contact that may slip and still counts as sticking: its rim always does.
+const RIM: f64 = 0.05;
+
+impl SlipLabel {
+    fn new(slid: &Slid) -> Self {
+        let slip = slid.slip;
+        let state = match (slip.touches, slip.gross) {
+            (false, _) => SlipState::None,
+            (true, true) => SlipState::Gross,
+            (true, false) if slip.stick_fraction >= 1.0 - RIM => SlipState::None,
+            (true, false) => SlipState::Incipient,
+        };
+        Self {
+            state,
+            stick_fraction: slip.stick_fraction,
+            displacement_mm: slip.displacement_mm,
+            dissipated_nmm: slip.heat_nmm,
+            iterations: slip.iterations,
+            residual_um: 1e3 * slip.residual_mm,
+        }
+    }
+}
+
+impl FrameLabel {
+    /// Of what a press of it would be labelled, and what friction did.
+    pub fn new(index: u32, t_s: f64, phase: &str, press: Label, slid: Option<&Slid>) -> Self {
+        let Label { pose, indentation_depth_mm, contact, markers, mut numerics, mut health, effects, .. } = press;
+        if let Some(slid) = slid.filter(|slid| !slid.slip.converged) {
+            numerics.converged = false;
+            if health.healthy {
+                health.healthy = false;
+                let residual_um = 1e3 * slid.slip.residual_mm;
+                health.reason = format!("friction is not solved: {residual_um:.3} um are left");
+            }
+        }
+        let wrench = slid.map_or_else(WrenchLabel::default, |slid| WrenchLabel {
+            force_n: slid.wrench.force_n,
+            torque_nmm: slid.wrench.torque_nmm,
+        });
+        Self {
+            index,
+            t_s,
+            phase: phase.to_owned(),
+            pose,
+            indentation_depth_mm,
+            contact,
+            wrench,
+            slip: slid.map_or_else(SlipLabel::default, SlipLabel::new),
+            markers,
+            numerics,
+            health,
+            effects,
+        }
+    }
+}
+
+impl SequenceLabel {
+    /// From the label that a press of the first frame would have.
+    pub fn new(first: &Label, mut sequence: SequenceInfo, frames: Vec<FrameLabel>) -> Self {
+        let when = |wanted: &dyn Fn(&SlipLabel) -> bool| {
+            frames.iter().find(|frame| wanted(&frame.slip)).map(|frame| frame.t_s)
+        };
+        sequence.first_slip_s = when(&|slip| slip.state != SlipState::None);
+        sequence.gross_slip_s = when(&|slip| slip.state == SlipState::Gross);
+        let common = CommonLabel {
+            schema_version: first.schema_version,
+            generator: first.generator.clone(),
+            key: first.key.clone(),
+            index: first.index,
+            seed: first.seed,
+            attempt: first.attempt,
+            split: first.split,
+            object: first.object.clone(),
+            texture: first.texture.clone(),
+            sensor: first.sensor.clone(),
+            camera: first.camera,
+            fidelity: first.fidelity.clone(),
+            gelpad_model: first.gelpad_model.clone(),
+            optics_model: first.optics_model.clone(),
+            png16: first.png16,
+            sequence,
+        };
+        Self { common, frames }
+    }
+
+    /// A row for each frame.
+    pub fn rows(&self) -> impl Iterator<Item = FrameRow> {
+        self.frames.iter().map(|frame| FrameRow { common: self.common.clone(), frame: frame.clone() })
+    }
+
+    /// One label for what counts whole samples: that of the frame with the largest contact; healthy and solved if all frames are,
+    /// with the effects that ran in any.
+    pub fn summary(&self) -> Option<Label> {
+        let by_area = |a: &&FrameLabel, b: &&FrameLabel| a.contact.area_mm2.total_cmp(&b.contact.area_mm2);
+        let most = self.frames.iter().max_by(by_area)?.clone();
+        let mut effects = most.effects.clone();
+        for effect in Effect::ALL {
+            if let Some(frame) = self.frames.iter().find(|frame| frame.effects[effect].ran) {
+                effects[effect] = frame.effects[effect].clone();
+            }
+        }
+        let mut health = most.health.clone();
+        if let Some(frame) = self.frames.iter().find(|frame| !frame.health.healthy) {
+            health = frame.health.clone();
+            health.reason = format!("frame {}: {}", frame.index, health.reason);
+        }
+        let converged = self.frames.iter().all(|frame| frame.numerics.converged);
+        let common = &self.common;
+        Some(Label {
+            schema_version: common.schema_version,
+            generator: common.generator.clone(),
+            key: common.key.clone(),
+            index: common.index,
+            seed: common.seed,
+            attempt: common.attempt,
+            split: common.split,
+            object: common.object.clone(),
+            pose: most.pose,
+            indentation_depth_mm: most.indentation_depth_mm,
+            texture: common.texture.clone(),
+            shear: ShearLabel::still(),
+            sensor: common.sensor.clone(),
+            contact: most.contact,
+            markers: most.markers,
+            camera: common.camera,
+            fidelity: common.fidelity.clone(),
+            gelpad_model: common.gelpad_model.clone(),
+            optics_model: common.optics_model.clone(),
+            effects,
+            numerics: NumericsLabel { converged, ..most.numerics },
+            health,
+            png16: common.png16,
+        })
+    }
+}

@@ -1,0 +1,336 @@
+//! A sequence of a plan: drawn at random, moved, pressed frame by frame, described.
+
+use std::sync::Arc;
+
+use crate::core::base::clock::{Clock, Seconds};
+use crate::core::base::rng;
+use crate::core::depth::texture::Laid;
+use crate::core::effects::{Effect, PerEffect};
+use crate::core::gelpad::elastic::shear::Friction;
+use crate::core::gelpad::sliding::{ObjectStep, PlanarMotion, Sliding};
+use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::{Pose, Side};
+use crate::core::simulator::Simulator;
+use crate::files::sensor::quantity::Quantity;
+use crate::job::config::output::OnUnhealthy;
+use crate::job::config::sequence::{Sequence, SequenceFriction};
+use crate::job::label::Label;
+use crate::job::plan::Plan;
+use crate::job::sample::{MOST_ATTEMPTS, Sample, Unfit};
+use crate::job::scene::{Pressed, Scene};
+
+pub mod label;
+pub mod motion;
+
+use label::{FrameLabel, PhaseLabel, SequenceInfo, SequenceLabel};
+use motion::{DrawnPhase, Goal, Mover, frames};
+
+/// A force is found to this share.
+const FORCE_TOLERANCE: f64 = 2e-3;
+
+/// Presses that are tried for a force.
+const MOST_PRESSES: u32 = 40;
+
+/// Indentation depth over the pad's thickness up to which a force is looked for.
+const DEEPEST: f64 = 0.9;
+
+/// Share of the depth that an object comes to in its first frame in which it is said to touch.
+const FIRST_TOUCH: f64 = 1.0 / 16.0;
+
+/// Pixels along the longer side of the view of which the contact rolls at most one in a step.
+const ROLLING_PX: f64 = 160.0;
+
+/// A sequence that may go into the dataset.
+pub struct Accepted {
+    /// Its label.
+    pub label: SequenceLabel,
+    /// The same in one.
+    pub summary: Label,
+    /// What was drawn before it and rejected.
+    pub rejected: Vec<Label>,
+    /// CPU seconds of all frames.
+    pub seconds: Seconds,
+    /// The same for each effect.
+    pub effects: PerEffect<f64>,
+}
+
+/// Draws and renders sequence `index`, again if it is not sound and the plan wants that, and shows each frame to `each`, which is told
+/// when a sequence begins anew.
+pub fn accept(plan: &Plan, index: u64, mut each: impl FnMut(Shown)) -> Result<Accepted, Unfit> {
+    let mut rejected: Vec<Label> = Vec::new();
+    loop {
+        let attempt = rejected.len() as u32;
+        each(Shown::Begin);
+        let mut done = render(plan, index, attempt, |sample, number| each(Shown::Frame(Box::new(sample), number)));
+        let sound = done.summary.health.healthy || plan.output().on_unhealthy == OnUnhealthy::Keep;
+        if sound {
+            done.rejected = rejected;
+            return Ok(done);
+        }
+        if plan.output().on_unhealthy == OnUnhealthy::Fail || attempt + 1 == MOST_ATTEMPTS {
+            return Err(Unfit(Box::new(done.summary)));
+        }
+        rejected.push(done.summary);
+    }
+}
+
+/// What is shown of a sequence while it is rendered.
+pub enum Shown {
+    /// A draw begins; what was shown before is rejected.
+    Begin,
+    /// A frame and its number. Its label is that of a press.
+    Frame(Box<Sample>, u32),
+}
+
+/// A sequence as it was drawn.
+struct Drawn {
+    /// At its start, the object just touching the pad.
+    scene: Scene,
+    object: Arc<Clusters>,
+    side: Side,
+    phases: Vec<DrawnPhase>,
+    friction: Friction,
+    frame_rate_hz: f64,
+}
+
+impl Drawn {
+    fn new(plan: &Plan, sequence: &Sequence, index: u64, attempt: u32) -> Self {
+        let redrawn = rng::redrawn(index, attempt);
+        let draw = |phase: usize, name: &str, quantity: &Quantity| {
+            quantity.sample(&mut rng::stream(plan.seed(), &format!("phase {phase} {name}"), redrawn))
+        };
+        let phases = sequence.phase.iter().enumerate().map(|(k, phase)| DrawnPhase {
+            name: phase.name.clone().unwrap_or_default(),
+            duration_s: draw(k, "duration", &phase.duration_s),
+            goal: match (&phase.depth_mm, &phase.force_n) {
+                (Some(depth), _) => Goal::Depth(draw(k, "depth", depth)),
+                (None, Some(force)) => Goal::Force(draw(k, "force", force)),
+                (None, None) => Goal::Stay,
+            },
+            shift_mm: [draw(k, "x", &phase.x_mm), draw(k, "y", &phase.y_mm)],
+            twist_deg: draw(k, "twist", &phase.twist_deg),
+            tilt_deg: draw(k, "tilt", &phase.tilt_deg),
+            tilt_azimuth_deg: draw(k, "tilt azimuth", &phase.tilt_azimuth_deg),
+            profile: phase.profile,
+        });
+        let friction = match &sequence.friction {
+            SequenceFriction::Stick => Friction::Stick,
+            SequenceFriction::Coefficient(quantity) => Friction::Coulomb {
+                coefficient: quantity.sample(&mut rng::stream(plan.seed(), "sequence friction", redrawn)),
+            },
+        };
+        let scene = Scene::draw(plan, index, attempt);
+        let Pressed::Object(number) = scene.pressed else { unreachable!("an object is drawn") };
+        Self {
+            phases: phases.collect(),
+            friction,
+            frame_rate_hz: sequence.frame_rate_hz,
+            object: Arc::clone(&plan.sampling.objects[number].clusters),
+            // As the scene draws it.
+            side: plan.job().pose.face.sample(&mut rng::stream(plan.seed(), "face", redrawn)),
+            scene,
+        }
+    }
+}
+
+/// Renders sequence `index` as it is drawn after `attempt` draws were rejected.
+pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample, u32)) -> Accepted {
+    let plan = plan.of_sample(index, attempt);
+    let mut clock = Clock::start();
+    let sequence = plan.job().sequence.as_ref().expect("a job of sequences");
+    let mut drawn = Drawn::new(plan, sequence, index, attempt);
+    let mut total = Seconds { scene: clock.lap(), ..Seconds::default() };
+    let simulator = drawn.scene.simulator(plan);
+    let mut sliding = simulator.sliding(drawn.friction).expect("a model that knows tractions");
+    let laid = Laid::with(&drawn.scene.pose);
+    let noise_key = drawn.scene.camera.noise_key;
+    let view = simulator.view();
+    let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
+    let about_mm = drawn.scene.motion.about_mm;
+    let object = Arc::clone(&drawn.object);
+    let mut mover = Mover::new(&object, drawn.side, drawn.scene.pose, about_mm, 0.0, longest_mm / ROLLING_PX);
+
+    let rate = drawn.frame_rate_hz;
+    let duration_s: f64 = drawn.phases.iter().map(|phase| phase.duration_s).sum();
+    let count = frames(duration_s, rate);
+    let mut labels: Vec<FrameLabel> = Vec::new();
+    let mut first: Option<Label> = None;
+    let mut effects = PerEffect::<f64>::default();
+    let mut phases: Vec<PhaseLabel> = Vec::new();
+    // The phase under way: its number, start, depths, and the share of its way that is done.
+    let mut current: Option<Current> = None;
+    let mut next_phase = 0;
+    let mut start_s = 0.0;
+    let mut unreached: Option<String> = None;
+    for number in 0..count {
+        let mut clock = Clock::start();
+        let until_s = (number + 1) as f64 / rate;
+        let last = number + 1 == count;
+        let mut steps = Vec::new();
+        loop {
+            if current.is_none() {
+                let Some(phase) = drawn.phases.get(next_phase) else { break };
+                let (to_mm, force_n, missed) = goal(plan, &simulator, &sliding, &drawn, phase, &mover);
+                unreached = unreached.or(missed);
+                phases.push(PhaseLabel {
+                    name: phase.name.clone(),
+                    duration_s: phase.duration_s,
+                    first_frame: number as u32,
+                    frames: 0,
+                    depth_mm: to_mm,
+                    force_n,
+                    shift_mm: phase.shift_mm,
+                    twist_deg: phase.twist_deg,
+                    tilt_deg: phase.tilt_deg,
+                    tilt_azimuth_deg: phase.tilt_azimuth_deg,
+                });
+                current = Some(Current { phase: next_phase, start_s, from_mm: mover.depth_mm, to_mm, way: 0.0 });
+                next_phase += 1;
+            }
+            let Some(under) = &mut current else { break };
+            let phase = &drawn.phases[under.phase];
+            let end_s = under.start_s + phase.duration_s;
+            // Rounding must not leave a rest of a phase to the next frame.
+            let ends = last || end_s <= until_s + 1e-9 / rate;
+            let way = if ends { 1.0 } else { phase.profile.way((until_s - under.start_s) / phase.duration_s) };
+            let depth_mm = if ends { under.to_mm } else { under.from_mm + (under.to_mm - under.from_mm) * way };
+            let share = way - under.way;
+            // What touches first does so at the end of a step: of a longer sequence it begins early in its frame.
+            let first_mm = FIRST_TOUCH * depth_mm;
+            let touches_at = (first_mm - mover.depth_mm) / (depth_mm - mover.depth_mm);
+            if count > 1 && mover.depth_mm <= 0.0 && depth_mm > 0.0 {
+                mover.go(phase, share * touches_at, first_mm, &mut steps);
+                mover.go(phase, share * (1.0 - touches_at), depth_mm, &mut steps);
+            } else {
+                mover.go(phase, share, depth_mm, &mut steps);
+            }
+            under.way = way;
+            if !ends {
+                break;
+            }
+            (current, start_s) = (None, end_s);
+            // The last frame takes all that is left.
+            if !last && end_s >= until_s - 1e-9 / rate {
+                break;
+            }
+        }
+        if steps.is_empty() {
+            // Rest after the last phase, or a phase that moves nothing.
+            let still = PlanarMotion::default();
+            steps.push(ObjectStep { pose: mover.pose, depth_mm: mover.depth_mm, motion: still });
+        }
+        if let Some(phase) = phases.last_mut() {
+            phase.frames += 1;
+        }
+        total.scene += clock.lap();
+
+        drawn.scene.pose = mover.pose;
+        drawn.scene.indentation_depth_mm = mover.depth_mm.max(0.0);
+        // The first frame's noise is a press's.
+        drawn.scene.camera.noise_key = match number {
+            0 => noise_key,
+            _ => rng::stream(noise_key, "sequence frame noise", number).bits(),
+        };
+        let mut press = drawn.scene.press(plan);
+        press.texture = press.texture.map(|texture| texture.laid_out(laid));
+        let impression = simulator.press_next(&press, &steps, &mut sliding);
+        let mut clock = Clock::start();
+        let mut label = Label::describe(plan, &drawn.scene, &simulator, &impression);
+        if let Some(reason) = unreached.as_ref().filter(|_| label.health.healthy) {
+            label.health.healthy = false;
+            label.health.reason.clone_from(reason);
+        }
+        let seconds = Seconds { label: clock.lap(), ..impression.seconds };
+        let phase = phases.last().map_or("", |phase| phase.name.as_str());
+        total.add(&seconds);
+        for effect in Effect::ALL {
+            effects[effect] += impression.effects.seconds[effect];
+        }
+        first.get_or_insert_with(|| label.clone());
+        let slid = impression.sliding.as_ref();
+        labels.push(FrameLabel::new(number as u32, until_s, phase, label.clone(), slid));
+        each(Sample { simulator: Arc::clone(&simulator), impression, label, seconds }, number as u32);
+    }
+    let info = SequenceInfo {
+        frame_rate_hz: rate,
+        frames: labels.len() as u32,
+        friction_coefficient: match drawn.friction {
+            Friction::Stick => None,
+            Friction::Coulomb { coefficient } => Some(coefficient),
+        },
+        phases,
+        ..SequenceInfo::default()
+    };
+    let first = first.expect("a sequence has a frame");
+    let label = SequenceLabel::new(&first, info, labels);
+    let summary = label.summary().expect("a sequence has a frame");
+    Accepted { label, summary, rejected: Vec::new(), seconds: total, effects }
+}
+
+/// A phase under way.
+struct Current {
+    phase: usize,
+    start_s: f64,
+    from_mm: f64,
+    to_mm: f64,
+    /// Share of its motion that is done.
+    way: f64,
+}
+
+/// The depth at the end of a phase, the force that was wanted there, and why that cannot be had.
+fn goal(
+    plan: &Plan,
+    simulator: &Simulator,
+    sliding: &Sliding,
+    drawn: &Drawn,
+    phase: &DrawnPhase,
+    mover: &Mover<'_>,
+) -> (f64, f64, Option<String>) {
+    let wanted_n = match phase.goal {
+        Goal::Stay => return (mover.depth_mm, 0.0, None),
+        Goal::Depth(mm) => return (mm, 0.0, None),
+        Goal::Force(newtons) => newtons,
+    };
+    // Where the object is then, whatever its depth.
+    let mut there = mover.clone();
+    there.go(phase, 1.0, mover.depth_mm, &mut Vec::new());
+    let press = drawn.scene.press(plan);
+    let force_n = |depth_mm: f64| {
+        let pose: Pose = there.at_depth(depth_mm);
+        simulator.force_n(sliding, &press, pose, depth_mm)
+    };
+    let deepest = DEEPEST * simulator.sensor().gelpad.thickness_mm;
+    let most_n = force_n(deepest);
+    if most_n < wanted_n {
+        let reason = format!(
+            "phase `{}` wants {wanted_n:.3} N, but at {deepest:.3} mm, {DEEPEST} of the pad's thickness, there are only {most_n:.3} N",
+            phase.name
+        );
+        return (deepest, wanted_n, Some(reason));
+    }
+    // Forces grow with a power of the depth: the secant of their logarithms, kept within what is known.
+    let (mut low, mut high) = ((0.0, 0.0), (deepest, most_n));
+    let mut depth = deepest * libm::pow(wanted_n / most_n, 0.6);
+    for _ in 0..MOST_PRESSES {
+        let found = force_n(depth);
+        if (found - wanted_n).abs() <= FORCE_TOLERANCE * wanted_n || high.0 - low.0 < 1e-6 {
+            break;
+        }
+        if found < wanted_n {
+            low = (depth, found)
+        } else {
+            high = (depth, found)
+        }
+        let log = libm::log;
+        let guess = match low.1 > 0.0 {
+            true => {
+                let share = (log(wanted_n) - log(low.1)) / (log(high.1) - log(low.1));
+                libm::exp(log(low.0) + share * (log(high.0) - log(low.0)))
+            }
+            false => 0.5 * (low.0 + high.0),
+        };
+        let margin = 0.02 * (high.0 - low.0);
+        depth = if guess.is_finite() { guess.clamp(low.0 + margin, high.0 - margin) } else { 0.5 * (low.0 + high.0) };
+    }
+    (depth, wanted_n, None)
+}

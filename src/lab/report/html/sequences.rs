@@ -1,0 +1,81 @@
+//! The report's section about sequences.
+
+use super::figures::drawn;
+use crate::files::figures::figure;
+use crate::job::sequence::label::SlipState;
+use crate::lab::numbers::HumanCount;
+use crate::lab::page::ink::Colour;
+use crate::lab::page::plot::Plot;
+use crate::lab::page::{self, escaped};
+use crate::lab::report::gather::Gathered;
+use crate::lab::report::sequences::{Curve, Point, QUANTITIES};
+
+const SIZE: [f64; 2] = [330.0, 220.0];
+const NORMAL: Colour = [0, 114, 178];
+const TANGENTIAL: Colour = [213, 94, 0];
+const LIMIT: Colour = [140, 140, 140];
+const INCIPIENT: Colour = [240, 228, 66];
+const GROSS: Colour = [204, 121, 167];
+
+/// Slip and forces; nothing where samples are presses.
+pub(super) fn sequences(gathered: &Gathered) -> String {
+    let sequences = &gathered.sequences;
+    if sequences.frames == 0 {
+        return String::new();
+    }
+    let all = QUANTITIES.iter().zip(&sequences.histograms).filter(|(_, histogram)| histogram.all().count > 0);
+    let histograms: String = all
+        .map(|(quantity, histogram)| drawn(quantity.title, [quantity.axis, "sequences"], quantity.among, histogram))
+        .collect();
+    let key = |colour: Colour, words: &str| {
+        let [r, g, b] = colour;
+        format!("<span class=\"keyed\"><i style=\"background: rgb({r}, {g}, {b})\"></i>{words}</span>")
+    };
+    let keys = [
+        key(NORMAL, "normal force"),
+        key(TANGENTIAL, "tangential force"),
+        key(LIMIT, "the most that friction holds"),
+        key(INCIPIENT, "a part slips"),
+        key(GROSS, "all slips"),
+    ];
+    let mut curves: Vec<&Curve> = sequences.curves.iter().collect();
+    curves.sort_by_key(|curve| curve.index);
+    let curves: String = curves.into_iter().map(curve).collect();
+    format!(
+        "<h2>Sequences</h2>\n<p class=\"note\">{} frames in all.</p>\n{}<h3>Force over time</h3>\n<p class=\"note\">{}</p>\n{}",
+        HumanCount(sequences.frames),
+        page::figures(&histograms),
+        keys.join(" "),
+        page::figures(&curves),
+    )
+}
+
+fn curve(curve: &Curve) -> String {
+    let Some(last) = curve.points.last() else { return String::new() };
+    let highest = |point: &Point| point.normal_n.max(point.tangential_n).max(point.limit_n.unwrap_or(0.0));
+    let most = curve.points.iter().map(highest).fold(0.0, f64::max);
+    let mut plot = Plot::new(SIZE, &curve.title, ["s", "N"], [[0.0, last.t_s], [0.0, 1.05 * most]]);
+    let mut from_s = 0.0;
+    for point in &curve.points {
+        let colour = match point.slip {
+            SlipState::None => None,
+            SlipState::Incipient => Some(INCIPIENT),
+            SlipState::Gross => Some(GROSS),
+        };
+        if let Some(colour) = colour {
+            let (low, high) = (plot.place([from_s, 0.0]), plot.place([point.t_s, 1.05 * most]));
+            plot.page.rectangle([low[0], high[1]], [high[0], low[1]], colour, 0.3);
+        }
+        from_s = point.t_s;
+    }
+    let mut line = |of: &dyn Fn(&Point) -> Option<f64>, colour, dash| {
+        let points: Vec<[f64; 2]> =
+            curve.points.iter().filter_map(|point| of(point).map(|value| plot.place([point.t_s, value]))).collect();
+        plot.page.line(&points, colour, 1.5, dash);
+    };
+    line(&|point| point.limit_n, LIMIT, Some(4));
+    line(&|point| Some(point.normal_n), NORMAL, None);
+    line(&|point| Some(point.tangential_n), TANGENTIAL, None);
+    let caption = format!("{}: at most {} N", escaped(&curve.title), figure(most));
+    page::figure(&plot.svg(), &caption)
+}

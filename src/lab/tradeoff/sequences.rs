@@ -1,0 +1,252 @@
+//! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference` at four times
+//! the frame rate, and time.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use crate::core::fidelity::Fidelity;
+use crate::job::plan::Plan;
+use crate::job::sequence::label::SequenceLabel;
+use crate::job::sequence::render;
+use crate::lab::page::ink::{Align, Colour, Shape};
+use crate::lab::page::plot::{BLACK, Plot, TEXT};
+
+/// How much finer in time the reference is.
+const FINER: u64 = 4;
+
+/// Frames of a sequence in which motion is compared, at most.
+const MOST_FRAMES: usize = 24;
+
+/// A level against the reference, over all sequences.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Its name.
+    pub level: &'static str,
+    /// Force, root mean square over frames, percent of the largest force of its sequence.
+    pub force_percent: f64,
+    /// The largest of a frame.
+    pub force_max_percent: f64,
+    /// Onset of slip, mean distance, ms; none if no sequence slips.
+    pub slip_ms: Option<f64>,
+    /// Onset of gross slip, mean distance, ms; none if no sequence slips as a whole.
+    pub gross_slip_ms: Option<f64>,
+    /// Sequences in which one slips and the other does not.
+    pub slips_differently: u64,
+    /// Motion of the pad in its plane, root mean square over pixels and frames, um.
+    pub flow_um: f64,
+    /// The largest, um.
+    pub flow_max_um: f64,
+    /// CPU time of a frame without files, one thread, ms.
+    pub frame_ms: f64,
+}
+
+/// All levels on some sequences of a job.
+#[derive(Clone, Debug, Serialize)]
+pub struct SequenceTradeoff {
+    /// The job's name.
+    pub name: String,
+    /// Frames a second of the job.
+    pub frame_rate_hz: f64,
+    /// Sequences that were rendered.
+    pub sequences: u64,
+    /// Their frames.
+    pub frames: u64,
+    /// The levels, the cheapest first.
+    pub rows: Vec<Row>,
+}
+
+/// What is compared of one sequence.
+struct Seen {
+    label: SequenceLabel,
+    /// Of some frames: their numbers, and the motion of every pixel, mm.
+    flows: Vec<(usize, Vec<[f32; 2]>)>,
+    seconds: f64,
+}
+
+fn see(plan: &Plan, index: u64, wanted: impl Fn(usize) -> bool) -> Seen {
+    let mut flows = Vec::new();
+    let done = render(plan, index, 0, |sample, number| {
+        if wanted(number as usize) {
+            flows.push((number as usize, sample.impression.flow_mm()));
+        }
+    });
+    Seen { label: done.label, flows, seconds: done.seconds.simulation() }
+}
+
+/// Renders `count` sequences of a plan at every level that knows tractions; `heard` is told what is under way.
+pub fn tradeoff(plan: &Plan, count: u64, mut heard: impl FnMut(&str)) -> SequenceTradeoff {
+    let count = count.min(plan.layout.samples());
+    let of_level = |level: Fidelity| plan.with_fidelity(level).with_flow();
+    let levels = [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference];
+    let plans: Vec<(Fidelity, Plan)> = levels.into_iter().map(|level| (level, of_level(level))).collect();
+    let truth = of_level(Fidelity::Reference).with_frame_rate(FINER as f64);
+    let mut sums: Vec<Sums> = levels.iter().map(|_| Sums::default()).collect();
+    let mut frames = 0;
+    for number in 0..count {
+        // From all over the job.
+        let index = number * plan.layout.samples() / count;
+        heard(&format!("sequence {} of {count}, reference at {FINER} times the frame rate", number + 1));
+        // First how many frames there are, then those to compare.
+        let total = see(&plans[0].1, index, |_| false).label.frames.len();
+        let stride = total.div_ceil(MOST_FRAMES).max(1);
+        let chosen = |frame: usize| frame % stride == stride - 1 || frame + 1 == total;
+        let fine = |frame: usize| (frame + 1).is_multiple_of(FINER as usize) && chosen(frame / FINER as usize);
+        let reference = see(&truth, index, fine);
+        frames += total as u64;
+        for ((level, plan), sums) in plans.iter().zip(&mut sums) {
+            heard(&format!("sequence {} of {count}, {}", number + 1, level.name()));
+            sums.add(&see(plan, index, chosen), &reference);
+        }
+    }
+    let rows = plans.iter().zip(sums).map(|((level, _), sums)| sums.row(level.name())).collect();
+    let frame_rate_hz = plan.job().sequence.as_ref().map_or(0.0, |sequence| sequence.frame_rate_hz);
+    SequenceTradeoff { name: plan.name().to_owned(), frame_rate_hz, sequences: count, frames, rows }
+}
+
+#[derive(Default)]
+struct Sums {
+    force: f64,
+    force_max: f64,
+    frames: u64,
+    slip: (f64, u64),
+    gross: (f64, u64),
+    differently: u64,
+    flow: f64,
+    pixels: u64,
+    flow_max: f64,
+    seconds: f64,
+}
+
+impl Sums {
+    fn add(&mut self, seen: &Seen, reference: &Seen) {
+        let force =
+            |label: &SequenceLabel, frame: usize| label.frames[frame.min(label.frames.len() - 1)].wrench.force_n;
+        let size = |force: [f64; 3]| force.iter().map(|part| part * part).sum::<f64>();
+        let finer = |frame: usize| FINER as usize * (frame + 1) - 1;
+        let largest = (0..reference.label.frames.len()).map(|k| size(force(&reference.label, k))).fold(1e-12, f64::max);
+        for frame in 0..seen.label.frames.len() {
+            let (a, b) = (force(&seen.label, frame), force(&reference.label, finer(frame)));
+            let off = size([0, 1, 2].map(|k| a[k] - b[k])) / largest;
+            self.force += off;
+            self.force_max = self.force_max.max(off);
+            self.frames += 1;
+        }
+        let (own, truth) = (&seen.label.common.sequence, &reference.label.common.sequence);
+        let mut onset = |a: Option<f64>, b: Option<f64>, sum: fn(&mut Self) -> &mut (f64, u64)| match (a, b) {
+            (Some(a), Some(b)) => {
+                let sum = sum(self);
+                *sum = (sum.0 + 1e3 * (a - b).abs(), sum.1 + 1);
+            }
+            (None, None) => {}
+            _ => self.differently += 1,
+        };
+        onset(own.first_slip_s, truth.first_slip_s, |sums| &mut sums.slip);
+        onset(own.gross_slip_s, truth.gross_slip_s, |sums| &mut sums.gross);
+        for (frame, flow) in &seen.flows {
+            // The last frame takes all that is left, in the reference, too.
+            let at = finer(*frame);
+            let found = reference.flows.iter().find(|(number, _)| *number == at).or(reference.flows.last());
+            for (a, b) in flow.iter().zip(found.into_iter().flat_map(|(_, flow)| flow)) {
+                let off = f64::from(a[0] - b[0]).powi(2) + f64::from(a[1] - b[1]).powi(2);
+                self.flow += off;
+                self.flow_max = self.flow_max.max(off);
+                self.pixels += 1;
+            }
+        }
+        self.seconds += seen.seconds;
+    }
+
+    fn row(&self, level: &'static str) -> Row {
+        let mean = |(sum, count): (f64, u64)| (count > 0).then(|| sum / count as f64);
+        let root = |sum: f64, count: u64| libm::sqrt(sum / count.max(1) as f64);
+        Row {
+            level,
+            force_percent: 100.0 * root(self.force, self.frames),
+            force_max_percent: 100.0 * libm::sqrt(self.force_max),
+            slip_ms: mean(self.slip),
+            gross_slip_ms: mean(self.gross),
+            slips_differently: self.differently,
+            flow_um: 1e3 * root(self.flow, self.pixels),
+            flow_max_um: 1e3 * libm::sqrt(self.flow_max),
+            frame_ms: 1e3 * self.seconds / self.frames.max(1) as f64,
+        }
+    }
+}
+
+const HEAD: [&str; 9] = [
+    "level",
+    "force_percent",
+    "force_max_percent",
+    "slip_ms",
+    "gross_slip_ms",
+    "slips_differently",
+    "flow_um",
+    "flow_max_um",
+    "frame_ms",
+];
+
+fn cells(row: &Row) -> [String; 9] {
+    let some = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.1}"));
+    [
+        row.level.to_owned(),
+        format!("{:.3}", row.force_percent),
+        format!("{:.2}", row.force_max_percent),
+        some(row.slip_ms),
+        some(row.gross_slip_ms),
+        row.slips_differently.to_string(),
+        format!("{:.2}", row.flow_um),
+        format!("{:.1}", row.flow_max_um),
+        format!("{:.1}", row.frame_ms),
+    ]
+}
+
+impl SequenceTradeoff {
+    /// For people.
+    pub fn table(&self) -> String {
+        let (sequences, frames, rate) = (self.sequences, self.frames, self.frame_rate_hz);
+        let mut text = format!(
+            "{}: {sequences} sequences of {frames} frames at {rate} Hz; errors against reference at {FINER} times the frame rate, \
+             CPU time on one thread, files not counted\n\n",
+            self.name
+        );
+        let lines: [[&str; 9]; 2] = [
+            ["level", "force", "largest", "slip", "gross", "other", "flow", "flow", "CPU ms"],
+            ["", "RMS %", "%", "off ms", "off ms", "slip", "RMS um", "max um", "a frame"],
+        ];
+        let mut line = |cells: &[&str]| {
+            let padded: Vec<String> = cells
+                .iter()
+                .enumerate()
+                .map(|(k, cell)| if k == 0 { format!("{cell:<10}") } else { format!("{cell:>8}") })
+                .collect();
+            let _ = writeln!(text, "{}", padded.join(" ").trim_end());
+        };
+        lines.iter().for_each(|cells| line(cells));
+        for row in &self.rows {
+            line(&cells(row).each_ref().map(String::as_str));
+        }
+        text
+    }
+
+    /// For programs.
+    pub fn csv(&self) -> String {
+        let rows = self.rows.iter().map(|row| cells(row).join(",").replace('-', ""));
+        [HEAD.join(",")].into_iter().chain(rows).collect::<Vec<_>>().join("\n") + "\n"
+    }
+
+    /// Error of the motion over time.
+    pub fn svg(&self) -> String {
+        const COLOUR: Colour = [0, 114, 178];
+        let most = |of: fn(&Row) -> f64| 1.15 * self.rows.iter().map(of).fold(0.0, f64::max);
+        let ranges = [[0.0, most(|row| row.frame_ms)], [0.0, most(|row| row.flow_um)]];
+        let title = format!("{}: motion of the pad, um RMS", self.name);
+        let mut plot = Plot::new([520.0, 340.0], &title, ["CPU ms a frame", ""], ranges);
+        for row in &self.rows {
+            let at = plot.place([row.frame_ms, row.flow_um]);
+            plot.page.mark(Shape::Circle, at, 5.0, COLOUR, BLACK);
+            plot.page.text([at[0] + 8.0, at[1] - 6.0], row.level, TEXT, Align::Left);
+        }
+        plot.svg()
+    }
+}

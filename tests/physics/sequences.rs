@@ -1,0 +1,184 @@
+//! Sequences as a whole, from the job to images and labels: Mindlin's push of a ball, gross slip, rolling, hysteresis, and what the
+//! frame rate changes.
+
+use gelsim::core::gelpad::elastic::layer::ElasticLayer;
+use gelsim::core::gelpad::material::Material;
+use gelsim::job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
+use gelsim::job::sequence::render;
+
+use super::history::{solve, stiffer};
+use crate::plan::plan;
+
+/// Radius of `objects/sphere.obj`, mm.
+const RADIUS_MM: f64 = 4.0;
+
+struct Setup {
+    fidelity: &'static str,
+    field_of_view_mm: [f64; 2],
+    thickness_mm: f64,
+    frame_rate_hz: f64,
+    friction: f64,
+    object: &'static str,
+}
+
+const SETUP: Setup = Setup {
+    fidelity: "standard",
+    field_of_view_mm: [16.0, 12.0],
+    thickness_mm: 3.0,
+    frame_rate_hz: 25.0,
+    friction: 0.4,
+    object: "sphere",
+};
+
+/// The label of a sequence, and the pad's motion in its plane in its last frame, mm.
+fn run(setup: &Setup, phases: &[&str]) -> (SequenceLabel, Vec<[f32; 2]>) {
+    let Setup { fidelity, field_of_view_mm: [width, height], thickness_mm, frame_rate_hz, friction, object } = setup;
+    let phases: String =
+        phases.iter().enumerate().map(|(k, phase)| format!("[[sequence.phase]]\nname = \"{k}\"\n{phase}\n")).collect();
+    let plan = plan(&format!(
+        "fidelity = {fidelity:?}\ndataset = {{ name = \"a\", samples = 1 }}\nobject = [{{ path = \"objects/{object}.obj\" }}]\n\
+         [sensor]\nresolution_px = [160, 120]\nfield_of_view_mm = [{width:?}, {height:?}]\n\
+         gelpad_thickness_mm = {thickness_mm:?}\n[output]\nlayers = [\"flow\"]\n[sequence]\n\
+         frame_rate_hz = {frame_rate_hz:?}\nfriction = {{ coefficient = {friction:?} }}\n{phases}"
+    ));
+    let mut flow = Vec::new();
+    let done = render(&plan, 0, 0, |sample, _| flow = sample.impression.flow_mm());
+    assert!(done.summary.health.healthy, "{}", done.summary.health.reason);
+    (done.label, flow)
+}
+
+/// Force along x, y and into the pad, N.
+fn force(frame: &FrameLabel) -> [f64; 3] {
+    let [x, y, z] = frame.wrench.force_n;
+    [x, y, -z]
+}
+
+fn last(label: &SequenceLabel) -> &FrameLabel {
+    label.frames.last().expect("frames")
+}
+
+#[test]
+fn a_ball_pushed_over_a_thick_pad_follows_mindlin() {
+    // 12 mm of pad under a contact of 0.75 mm radius.
+    let (h, nu, mu, youngs_kpa) = (12.0, 0.48, 0.4, 145.0);
+    let setup = Setup { fidelity: "high", field_of_view_mm: [5.0, 3.75], thickness_mm: h, friction: mu, ..SETUP };
+    let (label, _) = run(&setup, &["duration_s = 0.2\ndepth_mm = 0.14", "duration_s = 0.4\nx_mm = 0.08"]);
+    let layer = ElasticLayer::new(&Material { thickness_mm: h, poisson_ratio: nu, youngs_modulus_kpa: youngs_kpa });
+    let pressed = &label.frames[4];
+    let normal = force(pressed)[2];
+    // Of a half-space; the layer's stiffness adds some percent.
+    let hertz = 4.0 / 3.0 / (1.0 - nu * nu) * (RADIUS_MM * 0.14_f64.powi(3)).sqrt() * youngs_kpa * 1e-3;
+    assert!((1.0..1.1).contains(&(normal / hertz)), "{normal} of {hertz} N");
+    let a = (3.0 * (1.0 - nu * nu) * normal / (youngs_kpa * 1e-3) * RADIUS_MM / 4.0).cbrt();
+    let most = mu * normal;
+    // 3 mu N (2 - nu) / (16 G a) (1 - (1 - x)^(2/3)), less what the shell below holds back.
+    let soft = 3.0 * most * (2.0 - nu) * (1.0 + nu) / 8.0 / a / (youngs_kpa * 1e-3);
+    let stiff = stiffer(layer, nu) * most / (youngs_kpa * 1e-3);
+    let path = |x: f64| soft * (1.0 - (1.0 - x).max(0.0).powf(2.0 / 3.0)) - stiff * x;
+    let (mut off_force, mut off_stick) = (0.0_f64, 0.0_f64);
+    for (k, frame) in label.frames[5..].iter().enumerate() {
+        let [x, y, _] = force(frame);
+        let share = solve(path, 0.08 * (k + 1) as f64 / 10.0, 0.0, 1.0);
+        off_force = off_force.max((x / most - share).abs());
+        assert!(y.abs() < 1e-3 * most, "{y}");
+        // The radius that sticks, over the contact's.
+        off_stick = off_stick.max((frame.slip.stick_fraction.sqrt() - (1.0 - share).cbrt()).abs());
+    }
+    println!(
+        "sequences: Mindlin: force off by {off_force:.4} of mu N, stick radius by {off_stick:.3} of the contact's"
+    );
+    assert!(off_force < 0.03 && off_stick < 0.05, "{off_force} {off_stick}");
+}
+
+#[test]
+fn what_slips_as_a_whole_is_pulled_by_friction_times_force() {
+    for (object, fidelity) in [("sphere", "draft"), ("sphere", "standard"), ("sphere", "high"), ("cube", "standard")] {
+        let setup = Setup { object, fidelity, friction: 0.2, ..SETUP };
+        let (label, _) =
+            run(&setup, &["duration_s = 0.2\ndepth_mm = 0.5", "duration_s = 0.4\nx_mm = 1.2\ny_mm = -0.9"]);
+        let frame = last(&label);
+        let [x, y, normal] = force(frame);
+        assert_eq!(frame.slip.state, SlipState::Gross, "{object} {fidelity}");
+        let pulled = x.hypot(y) / (0.2 * normal);
+        println!("sequences: {object}, {fidelity}: {pulled:.4} of mu N in gross slip");
+        assert!((pulled - 1.0).abs() < 0.02, "{pulled}");
+        // Against the contact as the image has it, which feels what sticks.
+        let in_view = frame.contact.force_n.expect("an elastic pad");
+        assert!((in_view / normal - 1.0).abs() < 0.06, "{object} {fidelity}: {in_view} {normal}");
+    }
+}
+
+#[test]
+fn a_ball_that_rolls_goes_on_without_being_pulled() {
+    let setup = Setup { friction: 0.5, ..SETUP };
+    let (label, _) = run(
+        &setup,
+        &["duration_s = 0.2\ndepth_mm = 0.5", "duration_s = 0.8\ntilt_deg = 20.0\ntilt_azimuth_deg = 90.0"],
+    );
+    let (before, after) = (&label.frames[4], last(&label));
+    let [x, y, normal] = force(after);
+    let [from, to] = [before, after].map(|frame| frame.contact.centroid_mm);
+    let rolled = to[0] - from[0];
+    println!(
+        "sequences: rolled {rolled:.3} mm of {:.3}; pulled by {:.3} mu N",
+        RADIUS_MM * 20.0_f64.to_radians(),
+        x.hypot(y) / (0.5 * normal)
+    );
+    // A turn about +y takes the top of the ball to +x.
+    assert!((rolled / (RADIUS_MM * 20.0_f64.to_radians()) - 1.0).abs() < 0.03, "{rolled}");
+    assert!((to[1] - from[1]).abs() < 0.05);
+    assert!(x.hypot(y) < 0.1 * 0.5 * normal, "{x} {y}");
+    assert!((normal / force(before)[2] - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn a_push_out_and_back_leaves_force_and_motion_behind() {
+    let phases = ["duration_s = 0.2\ndepth_mm = 0.5", "duration_s = 0.4\nx_mm = 1.2", "duration_s = 0.4\nx_mm = -1.2"];
+    let setup = Setup { friction: 0.3, ..SETUP };
+    let (label, flow) = run(&setup, &phases);
+    let [x, _, normal] = force(last(&label));
+    assert!(x < -0.1 * 0.3 * normal, "{x} of {normal}: pulled the other way");
+    let most = flow.iter().map(|[x, _]| x.abs()).fold(0.0, f32::max);
+    assert!(most > 0.02, "{most}");
+    let heat: f64 = label.frames.iter().map(|frame| frame.slip.dissipated_nmm).sum();
+    assert!(heat > 0.0);
+    // Held by much friction it comes back to where it was.
+    let (label, _) = run(&Setup { friction: 10.0, ..SETUP }, &phases);
+    let [x, _, normal] = force(last(&label));
+    assert!(x.abs() < 5e-3 * 10.0 * normal, "{x} of {normal}");
+    // Lifted and pressed again nothing is left of it.
+    let again = [
+        "duration_s = 0.2\ndepth_mm = 0.5",
+        "duration_s = 0.2\nx_mm = 0.5",
+        "duration_s = 0.1\ndepth_mm = -0.1",
+        "duration_s = 0.2\ndepth_mm = 0.5",
+    ];
+    let (label, _) = run(&setup, &again);
+    let [x, y, normal] = force(last(&label));
+    assert!(x.hypot(y) < 5e-3 * normal, "{x} {y}");
+}
+
+#[test]
+fn twenty_five_frames_a_second_do_as_well_as_four_hundred() {
+    let phases = [
+        "duration_s = 0.4\ndepth_mm = 0.6",
+        "duration_s = 0.8\nx_mm = 0.6\ny_mm = 0.2\ntwist_deg = 3.0",
+        "duration_s = 0.4\ndepth_mm = 0.3",
+    ];
+    for object in ["sphere", "cube"] {
+        for count in [2, 3] {
+            let at =
+                |frame_rate_hz: f64| run(&Setup { frame_rate_hz, object, friction: 0.5, ..SETUP }, &phases[..count]);
+            let ((few, few_flow), (many, many_flow)) = (at(25.0), at(400.0));
+            let off =
+                few_flow.iter().zip(&many_flow).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1])).fold(0.0, f32::max);
+            let (a, b) = (force(last(&few)), force(last(&many)));
+            let pulled = (a[0] - b[0]).hypot(a[1] - b[1]) / (0.5 * b[2]);
+            println!(
+                "sequences: {object}, {count} phases: 25 against 400 frames a second: {:.2} um, {pulled:.1e} of mu N",
+                1e3 * off
+            );
+            assert!(off < 4e-3 && pulled < 5e-3, "{object} {count}: {off} {pulled}");
+        }
+    }
+}
