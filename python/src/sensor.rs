@@ -100,6 +100,7 @@ impl Sensor {
             resolution_px: choice.resolution_px,
             layers: &[],
             classes: &[],
+            sequence: false,
             moved: false,
             overrides: &overrides,
         };

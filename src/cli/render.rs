@@ -7,11 +7,13 @@ use clap::{Args, ValueEnum};
 
 use super::{Failure, Log, MOST_THREADS, no_threads, say};
 use crate::core::fidelity::Fidelity;
+use crate::core::gelpad;
+use crate::core::gelpad::elastic::shear::Friction;
 use crate::dataset::frames::camera::{DepthCamera, Projection, Unit};
 use crate::dataset::frames::check::Reach;
 use crate::dataset::frames::poses::{self, FrameMetadata};
 use crate::dataset::frames::read;
-use crate::dataset::frames::run::{RenderError, Request, check, run};
+use crate::dataset::frames::run::{InSequence, RenderError, Request, check, run};
 use crate::dataset::frames::source::{Source, find};
 use crate::dataset::frames::stream::{StreamError, stream};
 use crate::files::diagnostic::user_error;
@@ -79,6 +81,13 @@ pub struct Render {
     #[arg(long, help = format!("Layers beside the tactile image: {}", layer_names()), value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = layer)]
     #[arg(conflicts_with = "stream")]
     layers: Vec<OutputLayer>,
+    /// The frames show one object on its way, in the order of their names, and friction remembers: its coefficient, or `stick`. Files
+    /// need --poses; in a stream each frame comes after an npy array of seven numbers, quaternion x, y, z, w and x, y, z in mm
+    #[arg(long, value_name = "MU|stick", value_parser = friction)]
+    sequence: Option<Friction>,
+    /// Frames a second of a sequence, for times in labels
+    #[arg(long, value_name = "F", default_value = "25", requires = "sequence")]
+    frame_rate_hz: f64,
     /// Fidelity level
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level())]
     fidelity: Option<Fidelity>,
@@ -120,6 +129,14 @@ fn layer(name: &str) -> Result<OutputLayer, String> {
     OutputLayer::named(name).ok_or_else(|| format!("layers are {}", layer_names()))
 }
 
+fn friction(text: &str) -> Result<Friction, String> {
+    match text.parse::<f64>() {
+        _ if text == "stick" => Ok(Friction::Stick),
+        Ok(coefficient) if (0.0..=10.0).contains(&coefficient) => Ok(Friction::Coulomb { coefficient }),
+        _ => Err(String::from("a coefficient of 0 to 10, or stick")),
+    }
+}
+
 fn layer_names() -> String {
     OutputLayer::ALL.map(OutputLayer::name).join(", ")
 }
@@ -128,6 +145,13 @@ impl Render {
     pub(super) fn run(self) -> Result<(), Failure> {
         let mut problems = Diagnostics::default();
         let camera = self.camera(&mut problems);
+        if self.sequence.is_some() && self.poses.is_none() && !self.stream {
+            let help = "give a table of where the object is in each frame: --poses FILE.csv";
+            problems.push(Diagnostic::new("--sequence needs the object's poses").help(help));
+        }
+        if !(1e-3..=1e4).contains(&self.frame_rate_hz) {
+            problems.push(Diagnostic::new("--frame-rate-hz is out of range").help("allowed: 0.001 to 10000"));
+        }
         match self.out.clone() {
             // One of the two is always there.
             Some(out) => self.files(&out, camera, problems),
@@ -206,9 +230,27 @@ impl Render {
             layers: &self.layers,
             classes: &classes,
             moved: known.iter().any(FrameMetadata::is_moved),
+            sequence: self.sequence.is_some(),
             overrides: &overrides,
         };
+        if self.sequence.is_some() && frames.moved {
+            let help = "leave shear_x_mm, shear_y_mm and twist_deg out: in a sequence the poses move the object";
+            return Err(user_error("--sequence and motion after the press exclude each other", help));
+        }
         let plan = frames.plan()?;
+        if self.sequence.is_some() {
+            if !matches!(plan.simulator.models().gelpad, gelpad::Model::Elastic(_)) {
+                let help = "choose --fidelity draft or better";
+                return Err(user_error(
+                    "this model of the gelpad knows no tractions, which a sequence carries on",
+                    help,
+                ));
+            }
+            if plan.simulator.models().gelpad.friction().is_some() {
+                let help = "leave gelpad.elastic.friction out";
+                return Err(user_error("a sequence has a friction of its own", help));
+            }
+        }
         match plan.open_choice() {
             None => Ok(plan),
             Some(_) => {
@@ -255,7 +297,14 @@ impl Render {
                 return Err(reports.fold(report, Report::and).into());
             }
         };
-        let request = Request { sources: &sources, camera, known, out, no_contact_ok: self.no_contact_ok };
+        let request = Request {
+            sources: &sources,
+            camera,
+            known,
+            out,
+            sequence: self.in_sequence(),
+            no_contact_ok: self.no_contact_ok,
+        };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build();
         let pool = pool.map_err(|error| no_threads(&error))?;
         let reaches = match (pool.install(|| check(&plan, &request)), report.is_empty()) {
@@ -297,8 +346,9 @@ impl Render {
             true => Ok(plan),
             false => self.plan_for(Some(size), &[]),
         };
+        let sequence = self.in_sequence();
         let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));
-        match stream(input, output, &camera, for_size) {
+        match stream(input, output, &camera, sequence, for_size) {
             Ok(count) => {
                 if !self.quiet {
                     say(&frames(count as usize));
@@ -313,6 +363,10 @@ impl Render {
                 Err(Failure::running(format!("frame {number}: {}{help}", problem.message)))
             }
         }
+    }
+
+    fn in_sequence(&self) -> Option<InSequence> {
+        self.sequence.map(|friction| InSequence { friction, frame_rate_hz: self.frame_rate_hz })
     }
 
     fn is_perspective(&self) -> bool {

@@ -20,7 +20,7 @@ use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::curvature_error_mm;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::gelpad::material::Material;
-use crate::core::gelpad::sliding::{FramePad, ObjectStep, Sliding};
+use crate::core::gelpad::sliding::{FramePad, Ground, ObjectStep, Sliding};
 use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::whole::Whole;
@@ -291,8 +291,7 @@ impl Simulator {
     /// If the indenter is a height map of another size than the sensor's image.
     pub fn press_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
         let mut clock = Clock::start();
-        let (texture, curved) = self.object_on_pad(press);
-        sliding.advance(steps, &press.indenter, texture, curved);
+        sliding.advance(steps, &press.indenter, self.ground(press));
         let carried = |texture: &Texture| {
             texture.laid_out(sliding.carried(texture.laid.unwrap_or_else(|| Laid::with(&press.indenter.pose))))
         };
@@ -306,16 +305,17 @@ impl Simulator {
 
     /// Normal force of the whole object on the pad if it were pressed so deep at a pose, N.
     pub fn force_n(&self, sliding: &Sliding, press: &Press, pose: Pose, depth_mm: f64) -> f64 {
-        let (texture, curved) = self.object_on_pad(press);
-        sliding.normal_force_n(&press.indenter, pose, depth_mm, texture, curved)
+        sliding.normal_force_n(&press.indenter, pose, depth_mm, self.ground(press))
     }
 
     /// What beside the object's shape decides where it meets the pad, unless it is left out.
-    fn object_on_pad<'a>(&'a self, press: &'a Press) -> (Option<&'a Texture>, Option<(&'a Grid<f32>, &'a View)>) {
+    fn ground<'a>(&'a self, press: &'a Press) -> Ground<'a> {
         let unless = |effect| self.policy != EffectPolicy::Without(effect);
-        let texture = press.texture.as_ref().filter(|_| unless(Effect::Texture));
-        let curved = self.drop_mm.as_deref().zip(Some(&self.view)).filter(|_| unless(Effect::RestShape));
-        (texture, curved)
+        Ground {
+            camera: &self.view,
+            texture: press.texture.as_ref().filter(|_| unless(Effect::Texture)),
+            drop_mm: self.drop_mm.as_deref().filter(|_| unless(Effect::RestShape)),
+        }
     }
 
     fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {

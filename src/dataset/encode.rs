@@ -99,7 +99,7 @@ pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
 }
 
 /// Encodes the tactile image and the layers.
-fn layers(plan: &Plan, sample: &Sample) -> Vec<Member> {
+pub fn layers(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let image = &sample.impression.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];

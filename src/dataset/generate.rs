@@ -299,7 +299,9 @@ fn write_shard(
     }
     let mut writer = Writer::create(paths, lock, shard, &plan.fingerprint).map_err(io)?;
     let indices: Vec<u64> = plan.layout.indices(*shard).collect();
-    for block in indices.chunks(BLOCK) {
+    // Sequences are large; no more of them wait than there are threads to make them.
+    let block = if plan.job().sequence.is_some() { rayon::current_num_threads().min(BLOCK) } else { BLOCK };
+    for block in indices.chunks(block) {
         let encoded: Vec<Option<Result<Made, GenerateError>>> = block
             .par_iter()
             .map(|&index| {

@@ -219,6 +219,7 @@ fn frames(c: &mut Criterion) {
         layers: &[],
         classes: &[],
         moved: false,
+        sequence: false,
         overrides: &overrides,
     };
     let plan = wanted.plan().unwrap_or_else(|report| panic!("{report}"));

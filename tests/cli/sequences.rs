@@ -369,7 +369,111 @@ fn mistakes_are_said_at_their_places() {
         let said = folder.fail("plan job.toml", 2);
         assert!(said.contains(words) && said.contains("job.toml:"), "{to}: {said}");
     }
+    for (from, to, words) in [
+        (
+            "x_mm = [-1.5, 1.5]",
+            "x_mm = [-1.5, 9.5]",
+            "in phase `slide` the point that [pose] places may come to x = -3.5 to 11.5 mm",
+        ),
+        ("depth_mm = [0.3, 0.8]", "depth_mm = [0.3, 1.8]", "depth_mm of a phase may be 1.8, over half of the pad's"),
+    ] {
+        let folder = folder(&edited(&job(), &[(from, to)]));
+        let said = folder.succeed("plan job.toml");
+        assert!(said.contains(words), "{to}: {said}");
+    }
     let folder = folder(&format!("fidelity = {{ max_ms = 5.0 }}\n{}", job()));
     let said = folder.fail("plan job.toml", 2);
     assert!(said.contains("the level of a sequence is not chosen"), "{said}");
+}
+
+/// A float32 npy array.
+fn npy(shape: &str, kind: &str, bytes: &[u8]) -> Vec<u8> {
+    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
+    header += &" ".repeat(63 - (10 + header.len()) % 64);
+    header += "\n";
+    let mut out = b"\x93NUMPY\x01\x00".to_vec();
+    out.extend((header.len() as u16).to_le_bytes());
+    out.extend(header.as_bytes());
+    out.extend(bytes);
+    out
+}
+
+#[test]
+fn depth_frames_with_poses_become_frames_with_friction() {
+    let job = edited(
+        &job(),
+        &[
+            ("friction = { coefficient = [0.3, 0.8] }", "friction = { coefficient = 0.3 }"),
+            ("path = \"sphere.obj\"", "path = \"cube.obj\"\nclass = \"a\""),
+            ("tilt_deg = [0.0, 4.0]", ""),
+            ("tilt_deg = [-6.0, 6.0]", ""),
+            ("x_mm = [-1.5, 1.5]\ny_mm = [-1.0, 1.0]", "x_mm = 1.5\ny_mm = -1.0"),
+        ],
+    );
+    let folder = folder(&job);
+    folder.succeed("generate job.toml --quiet --samples 1 --set output.depth_format=\"npy\"");
+    let label = folder.labels("out/moves").remove("000000000").expect("a label");
+    let files = folder.samples("out/moves").remove("000000000").expect("a sample");
+    std::fs::create_dir(folder.path("seen")).expect("a folder");
+    let mut poses = String::from("file,quaternion_x,quaternion_y,quaternion_z,quaternion_w,x_mm,y_mm,z_mm\n");
+    let mut piped = Vec::new();
+    for (k, frame) in frames(&label).iter().enumerate() {
+        let depth = &files[&format!("f{k:04}.depth.npy")];
+        let values = depth[depth.len() - 4 * 64 * 48..].chunks_exact(4);
+        // Heights over the pad; nothing where it does not reach below it.
+        let heights = values.map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
+        let bytes: Vec<u8> = heights.flat_map(|mm| if mm > 0.0 { -mm } else { 5.0 }.to_le_bytes()).collect();
+        let seen = npy("(48, 64)", "<f4", &bytes);
+        folder.write(&format!("seen/{k:03}.npy"), &seen);
+        let (q, t) = (numbers(&frame["pose"]["quaternion_xyzw"]), numbers(&frame["pose"]["translation_mm"]));
+        let all: Vec<f64> = q.into_iter().chain(t).collect();
+        poses += &format!("{k:03},{}\n", all.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(","));
+        piped.extend(npy("(7,)", "<f8", &all.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>()));
+        piped.extend(seen);
+    }
+    folder.write("poses.csv", poses);
+    let camera = "--depth-unit mm --plane-mm 0 --sensor gelsight-2014 --set markers.pitch_mm=2.0";
+    folder.succeed(&format!(
+        "render --depth seen {camera} --poses poses.csv --sequence 0.3 --layers slip,flow --out touched --quiet"
+    ));
+    let mut gross = 0;
+    for (k, frame) in frames(&label).iter().enumerate() {
+        let row: Value = serde_json::from_str(&folder.read(&format!("touched/{k:03}.json"))).expect("JSON");
+        let [found, wanted] = [&row["frame"], frame].map(|frame| numbers(&frame["wrench"]["force_n"]));
+        let largest = 1.0;
+        for (found, wanted) in found.iter().zip(&wanted) {
+            assert!((found - wanted).abs() < 0.05 * largest, "{k}: {found:?} {wanted:?}");
+        }
+        if frame["slip"]["state"] == "gross" {
+            gross += u32::from(row["frame"]["slip"]["state"] == "gross");
+        }
+        assert!(folder.path(&format!("touched/{k:03}.flow.exr")).exists());
+        assert_eq!(row["sequence"]["frames"], frames(&label).len());
+    }
+    assert!(gross > 2, "{gross}");
+    // The same through a pipe.
+    let mut streamed = folder.gelsim(&format!("render --stream {camera} --sequence 0.3 --quiet"));
+    let output = streamed.write_stdin(piped.clone()).output().expect("it runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let image = 128 + 3 * 64 * 48;
+    assert_eq!(output.stdout.len(), image * frames(&label).len());
+    let last = image::load_from_memory(&folder.read_bytes(&format!("touched/{:03}.tactile.png", 5))).expect("a PNG");
+    assert!(output.stdout[5 * image + 128..6 * image] == *last.to_rgb8().as_raw());
+    for (change, words) in [(6, "its pose"), (piped.len() - 4, "frame")] {
+        let mut broken = piped.clone();
+        broken.truncate(change + (if change == 6 { 0 } else { 2 }));
+        let output =
+            folder.gelsim(&format!("render --stream {camera} --sequence 0.3 --quiet")).write_stdin(broken).output();
+        let output = output.expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && (said.contains(words) || said.contains("frame")), "{said}");
+    }
+    for (more, words) in [
+        ("--sequence 0.3", "--sequence needs the object's poses"),
+        ("--sequence 0.3 --poses poses.csv --fidelity paper", "knows no tractions"),
+        ("--sequence 50 --poses poses.csv", "a coefficient of 0 to 10, or stick"),
+    ] {
+        let said = folder.fail(&format!("render --depth seen {camera} {more} --out no"), 2);
+        assert!(said.contains(words), "{more}: {said}");
+    }
 }

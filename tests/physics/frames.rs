@@ -65,6 +65,7 @@ fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
                 resolution_px: [80, 60],
                 layers: &[OutputLayer::Depth],
                 classes: &[String::from("ball"), String::from("axle")],
+                sequence: false,
                 moved: false,
                 overrides: &overrides,
             };
@@ -95,6 +96,7 @@ fn what_the_border_of_a_frame_cuts_goes_on_beyond_it() {
         layers: &[OutputLayer::Depth],
         classes: &[],
         moved: false,
+        sequence: false,
         overrides: &overrides,
     };
     let plan = resolved(&frames);

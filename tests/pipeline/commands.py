@@ -68,6 +68,8 @@ ELSEWHERE = {
         "MuJoCo's frames",
         "tests/pipeline/simulators.py",
     ),
+    "gelsim render --depth slide --depth-unit m --plane-mm 10 --sensor gelsight-2014 --poses slide.csv --sequence 0.3"
+    " --layers slip,flow --set markers.pitch_mm=1.5 --out slid": ("MuJoCo's frames", "tests/pipeline/simulators.py"),
     "gelsim render --depth rays --depth-unit mm --plane-mm 10 --max-depth-mm 19 --sensor gelsight-2014 --out from-rays": (
         "PyBullet's frames",
         "tests/pipeline/simulators.py",

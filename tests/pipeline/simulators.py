@@ -126,7 +126,7 @@ def main():
     if not ctypes.util.find_library("OSMesa"):
         return print("skipped: no libOSMesa, with which MuJoCo draws without a graphics card")
     os.environ.update(environment(pathlib.Path(sys.argv[1]).resolve()))
-    mujoco, pybullet, perspective, stream = snippets(PAGE)
+    mujoco, pybullet, perspective, slide, stream = snippets(PAGE)
     commands = {
         re.search(r"--out (\S+)", command)[1]: command
         for command in re.findall(r"(?m)^    (gelsim render .*)$", PAGE.read_text())
@@ -134,7 +134,7 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         folder = pathlib.Path(temporary)
         mesh(folder / "scene.obj")
-        for script in (mujoco, pybullet, perspective):
+        for script in (mujoco, pybullet, perspective, slide):
             subprocess.run([sys.executable, "-c", script], cwd=folder, check=True)
         for command in commands.values():
             subprocess.run(command.split(), cwd=folder, check=True)
@@ -150,6 +150,13 @@ def main():
         # The rod's rim hides a ring around itself, where the pad begins.
         print(f"mujoco in perspective: {label['health']['unseen_px']} px unseen")
         assert 0 < label["health"]["unseen_px"] < 400
+
+        rows = [json.loads((folder / f"slid/{k:02}.json").read_text())["frame"] for k in range(24)]
+        forces = numpy.array([row["wrench"]["force_n"] for row in rows])
+        # Pressed, then pushed along x until all of it slips.
+        assert numpy.abs(forces[:8, :2]).max() < 1e-3 * -forces[7, 2] and (numpy.diff(-forces[:8, 2]) > 0).all()
+        assert rows[-1]["slip"]["state"] == "gross" and abs(forces[-1, 0] / (-0.3 * forces[-1, 2]) - 1) < 0.02, rows[-1]["slip"]
+        print(f"mujoco, a slide: {forces[-1, 0]:.4f} N of {-0.3 * forces[-1, 2]:.4f} in gross slip")
 
         script = stream + "\nnumpy.save('images.npy', images)\nassert touch.wait() == 0\n"
         subprocess.run([sys.executable, "-c", script], cwd=folder, check=True)

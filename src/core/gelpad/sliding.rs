@@ -3,6 +3,8 @@
 //! Pressure and tractions are found in a frame that goes with the object's surface, on pixels of their own
 //! ([`super::elastic::history`]). While neither depth nor tilt changes the pressure stays as it is.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
 
 use super::elastic::friction::Drag;
@@ -14,7 +16,8 @@ use super::elastic::{self, Elastic};
 use super::material::Material;
 use crate::core::base::grid::{Grid, Resolution, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::depth::indenter::Indenter;
+use crate::core::depth::height_map::HeightMap;
+use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::{Laid, Texture};
 use crate::core::depth::{self, Depth};
 use crate::core::effects::{EffectLog, EffectPolicy};
@@ -59,6 +62,17 @@ pub struct Wrench {
     pub force_n: [f64; 3],
     /// N mm.
     pub torque_nmm: [f64; 3],
+}
+
+/// What beside its shape decides where an object meets the pad.
+#[derive(Clone, Copy, Debug)]
+pub struct Ground<'a> {
+    /// What the camera sees of the pad; height maps are of it.
+    pub camera: &'a View,
+    /// Micro-texture of the object.
+    pub texture: Option<&'a Texture>,
+    /// How far a curved pad lies below its highest point, mm, on the grid of the surface in view.
+    pub drop_mm: Option<&'a Grid<f32>>,
 }
 
 /// What friction did in a frame of a sequence.
@@ -177,30 +191,25 @@ impl Sliding {
         Laid { origin_mm: self.frame.to_sensor(laid.origin_mm), yaw_deg }
     }
 
-    /// Goes through the steps of a frame, under an indenter of which only the shape counts. `texture` is as it lay at the
-    /// start. `drop_mm` is how far a curved pad lies below its highest point, on the grid of the
-    /// surface in `of_camera`.
-    pub fn advance(
-        &mut self,
-        steps: &[ObjectStep],
-        indenter: &Indenter,
-        texture: Option<&Texture>,
-        curved: Option<(&Grid<f32>, &View)>,
-    ) {
+    /// Goes through the steps of a frame, under an indenter of which only the shape counts. The texture is as it lay at the
+    /// start.
+    pub fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: Ground<'_>) {
         let displacement_mm = self.slip.displacement_mm;
         self.slip = Slip { displacement_mm, converged: true, ..Slip::none() };
         for step in steps {
             let moved = self.frame.moved(step.motion);
             let in_frame = self.frame.inverse(step.pose);
             let stays = self.pressed.is_some_and(|(pose, depth_mm)| {
-                depth_mm == step.depth_mm && same(&pose, &in_frame) && (curved.is_none() || moved == Moved::default())
+                // Of heights the deepest pixel is another in every place.
+                let as_deep = depth_mm == step.depth_mm || matches!(indenter.shape, Shape::HeightMap(_));
+                as_deep && same(&pose, &in_frame) && (ground.drop_mm.is_none() || moved == Moved::default())
             });
             if !stays {
                 self.middle_px = self.middle();
             }
             let load = match stays {
                 true => None,
-                false => Some(self.press(indenter, step.depth_mm, in_frame, texture, curved)),
+                false => Some(self.press(indenter, step.depth_mm, in_frame, ground)),
             };
             let normal = match &load {
                 None => Normal::Same,
@@ -216,22 +225,19 @@ impl Sliding {
     }
 
     /// The pressure of the object where it is, in its frame.
-    fn press(
-        &self,
-        indenter: &Indenter,
-        depth_mm: f64,
-        in_frame: Pose,
-        texture: Option<&Texture>,
-        curved: Option<(&Grid<f32>, &View)>,
-    ) -> Option<Load> {
+    fn press(&self, indenter: &Indenter, depth_mm: f64, in_frame: Pose, ground: Ground<'_>) -> Option<Load> {
         if depth_mm <= 0.0 {
             return None;
         }
         let middle_mm = [0, 1].map(|k| self.middle_px[k] as f64 * self.view.mm_per_px[k]);
         let mut pose = in_frame;
         pose.translation_mm -= DVec3::new(middle_mm[0], middle_mm[1], 0.0);
-        let there = Indenter { shape: indenter.shape.clone(), pose, depth_mm };
-        let texture = texture.map(|texture| {
+        let shape = match &indenter.shape {
+            Shape::HeightMap(map) => Shape::HeightMap(Arc::new(self.seen(map, ground.camera, middle_mm))),
+            mesh => mesh.clone(),
+        };
+        let there = Indenter { shape, pose, depth_mm };
+        let texture = ground.texture.map(|texture| {
             let Laid { origin_mm, yaw_deg } = texture.laid.unwrap_or_else(|| Laid::with(&indenter.pose));
             texture.laid_out(Laid { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
         });
@@ -239,8 +245,8 @@ impl Sliding {
         loop {
             let mut effects = EffectLog::new(EffectPolicy::default());
             let mut depth = self.captured(&there, texture.as_ref(), window, &mut effects);
-            if let Some((drop, camera)) = curved {
-                self.lower(&mut depth, drop, camera, middle_mm, window.above_mm);
+            if let Some(drop) = ground.drop_mm {
+                self.lower(&mut depth, drop, ground.camera, middle_mm, window.above_mm);
             }
             let contact = self.pad.press(&depth);
             match self.pad.higher(window, &contact) {
@@ -267,15 +273,8 @@ impl Sliding {
     }
 
     /// Normal force on the pad if the object were pressed so deep at a pose, N.
-    pub fn normal_force_n(
-        &self,
-        indenter: &Indenter,
-        pose: Pose,
-        depth_mm: f64,
-        texture: Option<&Texture>,
-        curved: Option<(&Grid<f32>, &View)>,
-    ) -> f64 {
-        let load = self.press(indenter, depth_mm, self.frame.inverse(pose), texture, curved);
+    pub fn normal_force_n(&self, indenter: &Indenter, pose: Pose, depth_mm: f64, ground: Ground<'_>) -> f64 {
+        let load = self.press(indenter, depth_mm, self.frame.inverse(pose), ground);
         load.map_or(0.0, |load| {
             let sum: f64 = load.pressure.data.iter().map(|p| f64::from(p.max(0.0))).sum();
             1e-3 * self.youngs_modulus_kpa * sum * load.mm_per_px[0] * load.mm_per_px[1]
@@ -292,6 +291,22 @@ impl Sliding {
         depth::overlap(there, texture, None, self.thickness_mm, &self.view, window, effects)
     }
 
+    /// A height map of the camera's view, in the object's frame; beyond the view its border goes on.
+    fn seen(&self, map: &HeightMap, camera: &View, middle_mm: [f64; 2]) -> HeightMap {
+        let [width, height] = self.view.resolution_px;
+        // Walls stay walls.
+        let jump = 2.0 * camera.mm_per_px[0].max(camera.mm_per_px[1]) as f32;
+        let mut above_mm = Grid::new(width, height);
+        for y in 0..height {
+            for (x, value) in above_mm.row_mut(y).iter_mut().enumerate() {
+                let mm = self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+                let there = camera.point_px(self.frame.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
+                *value = between(&map.above_mm, there.map(|px| px - 0.5), jump);
+            }
+        }
+        HeightMap { above_mm, unseen_px: map.unseen_px }
+    }
+
     /// Takes an overlap against a curved pad.
     fn lower(&self, depth: &mut Depth, drop: &Grid<f32>, camera: &View, middle_mm: [f64; 2], above_mm: f64) {
         let floor = 0.0 - above_mm as f32;
@@ -301,7 +316,7 @@ impl Sliding {
                 let px = [x as f64 + 0.5 - margin, y as f64 + 0.5 - margin];
                 let mm = self.view.point_mm(px);
                 let there = camera.point_px(self.frame.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
-                let below = between(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64));
+                let below = between(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64), f32::INFINITY);
                 let value = &mut depth.overlap.row_mut(y)[x];
                 *value = if *value > floor { (*value - below).max(floor) } else { *value };
             }
@@ -463,14 +478,21 @@ fn same(a: &Pose, b: &Pose) -> bool {
     a.rotation.abs_diff_eq(b.rotation, SAME) && a.translation_mm.abs_diff_eq(b.translation_mm, SAME)
 }
 
-/// Bilinear; beyond the border, what is at the border.
-fn between(grid: &Grid<f32>, at: [f64; 2]) -> f32 {
+/// Bilinear; beyond the border, what is at the border. Where values are further apart than `jump`, the nearest.
+fn between(grid: &Grid<f32>, at: [f64; 2], jump: f32) -> f32 {
     let axis = |k: usize, count: usize| {
         let at = at[k].clamp(0.0, (count - 1) as f64);
         let first = (at as usize).min(count.saturating_sub(2));
         (first, (at - first as f64) as f32)
     };
     let ((x, t), (y, s)) = (axis(0, grid.width), axis(1, grid.height));
+    let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+    let value = |(x, y): (usize, usize)| grid.at(x.min(grid.width - 1), y.min(grid.height - 1));
+    let values = corners.map(value);
+    let [lowest, highest] = [f32::min, f32::max].map(|of| values.into_iter().fold(values[0], of));
+    if highest.is_infinite() || highest - lowest > jump {
+        return value((x + usize::from(t > 0.5), y + usize::from(s > 0.5)));
+    }
     let line = |y: usize| grid.at(x, y) + t * (grid.at((x + 1).min(grid.width - 1), y) - grid.at(x, y));
     let (upper, lower) = (line(y), line((y + 1).min(grid.height - 1)));
     upper + s * (lower - upper)

@@ -12,5 +12,6 @@ pub mod perspective;
 pub mod poses;
 pub mod read;
 pub mod run;
+pub mod sequence;
 pub mod source;
 pub mod stream;

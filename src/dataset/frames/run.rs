@@ -16,10 +16,12 @@ use super::check::Reach;
 use super::heights::Heights;
 use super::poses::FrameMetadata;
 use super::read;
+use super::sequence::{Followed, Follower};
 use super::source::Source;
 use crate::core::depth::height_map::HeightMap;
+use crate::core::gelpad::elastic::shear::Friction;
 use crate::dataset::archive::Member;
-use crate::dataset::encode::members;
+use crate::dataset::encode::{json, layers, members};
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use crate::files::input;
 use crate::files::write::{absent_is_fine, sweep, sync_all_in, write_one_of_many};
@@ -31,6 +33,7 @@ use crate::job::plan::Plan;
 use crate::job::sample::Sample;
 use crate::job::sample::press;
 use crate::job::scene::{Frame, KnownPress, Pressed, Scene};
+use crate::job::sequence::label::{FrameRow, SequenceInfo, SequenceLabel};
 
 /// What to render and where.
 pub struct Request<'a> {
@@ -42,8 +45,19 @@ pub struct Request<'a> {
     pub known: Option<Vec<FrameMetadata>>,
     /// Folder of the results.
     pub out: &'a Path,
+    /// The frames follow each other, in their order.
+    pub sequence: Option<InSequence>,
     /// No frame need reach the pad.
     pub no_contact_ok: bool,
+}
+
+/// How frames follow each other.
+#[derive(Clone, Copy, Debug)]
+pub struct InSequence {
+    /// What holds the pad to the object.
+    pub friction: Friction,
+    /// Frames a second.
+    pub frame_rate_hz: f64,
 }
 
 /// Why rendering ended early. What was written before stays.
@@ -111,6 +125,10 @@ pub fn run(plan: &Plan, request: &Request) -> Result<(), RenderError> {
         suffixes.iter().filter_map(stem).any(|stem| stems.contains(stem))
     };
     sweep(out, is_ours).map_err(failed)?;
+    if let Some(sequence) = request.sequence {
+        follow(plan, request, sequence)?;
+        return File::open(out).and_then(|folder| sync_all_in(&folder)).map_err(failed);
+    }
     let one = |(index, source): (usize, &Source)| {
         let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
         let heights = heights(plan, &request.camera, &source.path).map_err(changed)?;
@@ -124,6 +142,43 @@ pub fn run(plan: &Plan, request: &Request) -> Result<(), RenderError> {
     };
     request.sources.par_iter().enumerate().try_for_each(one)?;
     File::open(out).and_then(|folder| sync_all_in(&folder)).map_err(failed)
+}
+
+/// Renders frames that follow each other; their labels are written last, because they say what the whole sequence does.
+fn follow(plan: &Plan, request: &Request, sequence: InSequence) -> Result<(), RenderError> {
+    let InSequence { friction, frame_rate_hz } = sequence;
+    let mut follower = Follower::new(plan, friction, frame_rate_hz).expect("the plan was made for a sequence");
+    let mut first: Option<Label> = None;
+    let mut frames = Vec::new();
+    for (index, source) in request.sources.iter().enumerate() {
+        let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
+        let heights = heights(plan, &request.camera, &source.path).map_err(changed)?;
+        let nothing = || FrameMetadata::nothing(&source.stem);
+        let known = request.known.as_ref().map_or_else(nothing, |known| known[index].clone());
+        let unsound = |reason: String| RenderError::Unhealthy(source.path.clone(), reason);
+        let next = follower.next(plan, index as u64, heights, known);
+        let Followed { sample, label } = next.map_err(|problem| {
+            unsound(problem.help.map_or_else(|| problem.message.clone(), |help| format!("{}; {help}", problem.message)))
+        })?;
+        if !label.health.healthy && plan.output().on_unhealthy != OnUnhealthy::Keep {
+            return Err(unsound(label.health.reason.clone()));
+        }
+        write(request.out, source, &layers(plan, &sample))?;
+        first.get_or_insert(sample.label);
+        frames.push(label);
+    }
+    let Some(first) = first else { return Ok(()) };
+    let friction_coefficient = match friction {
+        Friction::Stick => None,
+        Friction::Coulomb { coefficient } => Some(coefficient),
+    };
+    let info =
+        SequenceInfo { frame_rate_hz, frames: frames.len() as u32, friction_coefficient, ..SequenceInfo::default() };
+    for (row, source) in SequenceLabel::new(&first, info, frames).rows().zip(request.sources) {
+        let path = request.out.join(format!("{}.json", source.stem));
+        write_one_of_many(&path, &json(&row)).map_err(|error| RenderError::Io(path, error))?;
+    }
+    Ok(())
 }
 
 /// Reads a frame and takes it to heights in the plan's view.
@@ -162,7 +217,9 @@ fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), RenderEr
     let stale = DepthFormat::ALL.into_iter().flat_map(|format| OutputLayer::ALL.map(|layer| layer.suffix(format)));
     let label = input::read_if_there(&path("json"), input::MOST_METADATA_BYTES);
     let label = label.map_err(|error| RenderError::Io(path("json"), error))?;
-    let is_ours = label.is_some_and(|label| serde_json::from_slice::<Label>(&label).is_ok());
+    let is_ours = label.is_some_and(|label| {
+        serde_json::from_slice::<Label>(&label).is_ok() || serde_json::from_slice::<FrameRow>(&label).is_ok()
+    });
     for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
         let path = path(&suffix);
         if is_same_file(&path, &source.path) {

@@ -7,7 +7,11 @@ use std::io::{self, ErrorKind, Read, Write};
 
 use super::camera::DepthCamera;
 use super::check::Reach;
+use super::poses::FrameMetadata;
+use super::run::InSequence;
+use super::sequence::Follower;
 use super::{read, run};
+use crate::core::pose::Pose;
 use crate::files::diagnostic::{Diagnostic, Report};
 use crate::files::npy;
 use crate::job::plan::Plan;
@@ -34,16 +38,30 @@ pub fn stream(
     mut input: impl Read,
     mut output: impl Write,
     camera: &DepthCamera,
+    sequence: Option<InSequence>,
     plan: impl FnOnce([usize; 2]) -> Result<Plan, Report>,
 ) -> Result<u64, StreamError> {
+    let mut follower: Option<Follower> = None;
     let mut bytes = Vec::new();
     let mut make = Some(plan);
     let mut made: Option<([usize; 2], Plan)> = None;
     for number in 0.. {
         let wrong = |message: String| StreamError::Frame(number, Diagnostic::new(message));
-        if !next(&mut input, &mut bytes).map_err(wrong)? {
+        let first = if sequence.is_some() { What::Pose } else { What::Frame };
+        if !next(&mut input, &mut bytes, first).map_err(wrong)? {
             return Ok(number);
         }
+        // In a sequence each frame comes after its object's pose.
+        let known = match sequence {
+            None => None,
+            Some(_) => {
+                let known = pose(&bytes).map_err(wrong)?;
+                if !next(&mut input, &mut bytes, What::Frame).map_err(wrong)? {
+                    return Err(wrong(String::from("the input ends after its pose")));
+                }
+                Some(known)
+            }
+        };
         let frame = read::decode(&bytes).map_err(wrong)?;
         let size = [frame.width, frame.height];
         if let Some(make) = make.take() {
@@ -59,7 +77,15 @@ pub fn stream(
         if let Some(problem) = Reach::from_surface(&heights, plan.thickness_mm()).mistake(camera) {
             return Err(StreamError::Frame(number, problem));
         }
-        let image = run::sample(plan, number, "frame", heights, None).impression.image;
+        let sample = match (known, sequence) {
+            (Some(known), Some(InSequence { friction, frame_rate_hz })) => {
+                let begun = || Follower::new(plan, friction, frame_rate_hz).expect("the plan was made for a sequence");
+                let followed = follower.get_or_insert_with(begun).next(plan, number, heights, known);
+                followed.map_err(|problem| StreamError::Frame(number, problem))?.sample
+            }
+            _ => run::sample(plan, number, "frame", heights, None),
+        };
+        let image = sample.impression.image;
         let written = output.write_all(&npy::encode_rgb(image.width, image.height, &image.rgb));
         written.and_then(|()| output.flush()).map_err(|error| match error.kind() {
             ErrorKind::BrokenPipe => StreamError::Unread,
@@ -69,8 +95,32 @@ pub fn stream(
     Ok(0)
 }
 
+/// What comes next.
+#[derive(Clone, Copy)]
+enum What {
+    Frame,
+    Pose,
+}
+
+/// What a pose is.
+const POSE: &str = "it is quaternion x, y, z, w, then x, y, z in mm";
+
+/// The pose in an npy array of seven numbers: a unit quaternion x, y, z, w, then x, y, z in mm.
+fn pose(bytes: &[u8]) -> Result<FrameMetadata, String> {
+    let array = npy::decode_numbers(bytes)?;
+    let [x, y, z, w, right, down, out] = array.values[..] else {
+        return Err(format!("its pose has {} numbers: {POSE}", array.values.len()));
+    };
+    let quaternion = [x, y, z, w];
+    let length = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
+    if !array.values.iter().all(|number| number.is_finite()) || (length - 1.0).abs() > 1e-3 {
+        return Err(format!("its pose's quaternion has length {length}, not 1, or a number of it is not finite"));
+    }
+    Ok(FrameMetadata { pose: Pose::placed(quaternion, [right, down, out]), ..FrameMetadata::nothing("frame") })
+}
+
 /// Reads the next npy file into `bytes`; false if there is none. On failure, what is wrong with it.
-fn next(input: &mut impl Read, bytes: &mut Vec<u8>) -> Result<bool, String> {
+fn next(input: &mut impl Read, bytes: &mut Vec<u8>, what: What) -> Result<bool, String> {
     /// Up to the length of the header.
     const START: usize = 8;
     bytes.clear();
@@ -89,7 +139,11 @@ fn next(input: &mut impl Read, bytes: &mut Vec<u8>) -> Result<bool, String> {
     }
     whole(input, bytes, header)?;
     let (shape, data) = npy::announced(bytes)?;
-    read::size(&shape)?;
+    match what {
+        What::Frame => read::size(&shape).map(drop)?,
+        What::Pose if shape == [7] => {}
+        What::Pose => return Err(format!("its pose has the shape {shape:?}, not (7,): {POSE}")),
+    }
     whole(input, bytes, data)?;
     Ok(true)
 }

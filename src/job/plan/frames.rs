@@ -7,6 +7,7 @@ use super::{Plan, Sampling, Scope, ranges};
 use crate::files::diagnostic::{Diagnostics, Report};
 use crate::files::source::Place;
 use crate::job::config::document::{Document, Value};
+use crate::job::config::sequence::Sequence;
 use crate::job::config::{self, Overrides};
 use crate::job::layers::OutputLayer;
 
@@ -23,6 +24,8 @@ pub struct Frames<'a> {
     pub classes: &'a [String],
     /// True if any frame is moved in the pad's plane.
     pub moved: bool,
+    /// The frames follow each other.
+    pub sequence: bool,
     /// What the command line changes.
     pub overrides: &'a Overrides,
 }
@@ -38,7 +41,8 @@ impl Frames<'_> {
             ("sensor.resolution_px", Value::list(place, resolution_px)),
             ("output.layers", Value::list(place, layers)),
         ];
-        let written = config::read_sensor(self.sensor, given, self.overrides, &mut problems);
+        let mut written = config::read_sensor(self.sensor, given, self.overrides, &mut problems);
+        written.job.sequence = self.sequence.then(Sequence::default);
         let plan = Plan::resolve_in(Scope::Sensor, written, problems)?;
         let sampling = Sampling {
             objects: Vec::new(),

@@ -13,18 +13,50 @@ const SHALLOWEST_MM: f64 = 1e-3;
 
 /// All of them.
 pub fn of(job: &Job) -> Vec<String> {
-    [strain(job), shallow(job), modulus(job)].into_iter().flatten().collect()
+    [strain(job), shallow(job), modulus(job), out_of_view(job)].into_iter().flatten().collect()
+}
+
+/// Where the object of a sequence may be moved out of the view: the first phase in which it may.
+fn out_of_view(job: &Job) -> Option<String> {
+    let sequence = job.sequence.as_ref()?;
+    let half_mm = job.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
+    let mut reach = [&job.pose.x_mm, &job.pose.y_mm].map(|quantity| quantity.support());
+    // Who begins there means it.
+    let outside = |reach: &[(f64, f64); 2]| (0..2).find(|k| reach[*k].0.abs().max(reach[*k].1.abs()) > half_mm[*k]);
+    if outside(&reach).is_some() {
+        return None;
+    }
+    sequence.phase.iter().find_map(|phase| {
+        for (reach, by) in reach.iter_mut().zip([&phase.x_mm, &phase.y_mm]) {
+            *reach = (reach.0 + by.support().0, reach.1 + by.support().1);
+        }
+        outside(&reach).map(|k| {
+            let (name, axis, (least, most)) = (phase.name.as_deref().unwrap_or_default(), ["x", "y"][k], reach[k]);
+            format!(
+                "in phase `{name}` the point that [pose] places may come to {axis} = {least} to {most} mm, out of the view, which \
+                 ends at {} mm",
+                half_mm[k]
+            )
+        })
+    })
 }
 
 /// Where the elastic pad is pressed beyond what its theory holds for.
 fn strain(job: &Job) -> Option<String> {
-    let deepest = job.indentation.depth_mm.as_ref()?.support().1;
+    let deepest = match &job.sequence {
+        None => job.indentation.depth_mm.as_ref()?.support().1,
+        Some(sequence) => {
+            let depths = sequence.phase.iter().filter_map(|phase| phase.depth_mm.as_ref());
+            depths.map(|depth| depth.support().1).fold(0.0, f64::max)
+        }
+    };
     let [thickness, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
     let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
     (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
         format!(
-            "indentation.depth_mm may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
-             there; such samples have numerics.beyond_theory in their labels"
+            "{} may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
+             there; such samples have numerics.beyond_theory in their labels",
+            if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" }
         )
     })
 }

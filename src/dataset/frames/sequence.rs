@@ -1,0 +1,119 @@
+//! Depth frames that follow each other, of an object whose pose is known in each: friction remembers from one to the next.
+
+use std::sync::Arc;
+
+use glam::{DQuat, DVec3};
+
+use super::heights::Heights;
+use super::poses::FrameMetadata;
+use crate::core::base::view::View;
+use crate::core::depth::height_map::HeightMap;
+use crate::core::depth::texture::Laid;
+use crate::core::gelpad::elastic::shear::Friction;
+use crate::core::gelpad::sliding::{ObjectStep, PlanarMotion, Sliding};
+use crate::core::pose::Pose;
+use crate::files::diagnostic::Diagnostic;
+use crate::job::label::Label;
+use crate::job::layout::Split;
+use crate::job::plan::Plan;
+use crate::job::sample::Sample;
+use crate::job::scene::{Frame, KnownPress, Pressed, Scene};
+use crate::job::sequence::label::FrameLabel;
+
+/// Largest turn about the pad's normal between two frames, degrees: the law of friction takes its chord for the way.
+const MOST_TURN_DEG: f64 = 10.0;
+
+/// Share of the depth, and mm, within which pixels count to the lowest point.
+const LOWEST: (f32, f32) = (0.05, 1e-3);
+
+/// An object that is followed from frame to frame.
+pub struct Follower {
+    sliding: Sliding,
+    frame_rate_hz: f64,
+    last: Option<Pose>,
+    /// Where its texture lay in the first frame.
+    laid: Option<Laid>,
+}
+
+/// A frame of a sequence.
+pub struct Followed {
+    /// As a press.
+    pub sample: Sample,
+    /// As a frame.
+    pub label: FrameLabel,
+}
+
+impl Follower {
+    /// Before the first frame; `None` if the plan's model of the gelpad knows no tractions.
+    pub fn new(plan: &Plan, friction: Friction, frame_rate_hz: f64) -> Option<Self> {
+        let sliding = plan.simulator.sliding(friction)?;
+        Some(Self { sliding, frame_rate_hz, last: None, laid: None })
+    }
+
+    /// The next frame, number `index`.
+    pub fn next(
+        &mut self,
+        plan: &Plan,
+        index: u64,
+        heights: Heights,
+        known: FrameMetadata,
+    ) -> Result<Followed, Diagnostic> {
+        let FrameMetadata { id, class, pose, .. } = known;
+        let map = HeightMap { above_mm: heights.above_mm, unseen_px: heights.unseen_px };
+        let depth_mm = map.indentation_depth_mm();
+        let motion = match self.last {
+            Some(last) => motion(last, pose, lowest_mm(&map, plan.simulator.view()))?,
+            None => PlanarMotion::default(),
+        };
+        self.last = Some(pose);
+        let pressed = Pressed::Frame(Frame { id, class, map: Arc::new(map) });
+        let given = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm: depth_mm };
+        let scene = Scene::given(plan, index, 0, given);
+        let laid = *self.laid.get_or_insert_with(|| Laid::with(&pose));
+        let mut press = scene.press(plan);
+        press.texture = press.texture.map(|texture| texture.laid_out(laid));
+        let step = ObjectStep { pose, depth_mm, motion };
+        let simulator = scene.simulator(plan);
+        let impression = simulator.press_next(&press, &[step], &mut self.sliding);
+        let label = Label::describe(plan, &scene, &simulator, &impression);
+        let t_s = (index + 1) as f64 / self.frame_rate_hz;
+        let of_frame = FrameLabel::new(index as u32, t_s, "", label.clone(), impression.sliding.as_ref());
+        let seconds = impression.seconds;
+        Ok(Followed { sample: Sample { simulator, impression, label, seconds }, label: of_frame })
+    }
+}
+
+/// The middle of what reaches lowest, mm.
+fn lowest_mm(map: &HeightMap, view: &View) -> DVec3 {
+    let lowest = map.above_mm.data.iter().fold(f32::INFINITY, |lowest, mm| lowest.min(*mm));
+    if !lowest.is_finite() {
+        return DVec3::ZERO;
+    }
+    let until = lowest + LOWEST.0 * lowest.abs() + LOWEST.1;
+    let (mut sum, mut count) = ([0.0; 2], 0.0);
+    for y in 0..map.above_mm.height {
+        for (x, _) in map.above_mm.row(y).iter().enumerate().filter(|(_, mm)| **mm <= until) {
+            let at = view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+            sum = [sum[0] + at[0], sum[1] + at[1]];
+            count += 1.0;
+        }
+    }
+    DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest))
+}
+
+/// How the surface at the point `now` of an object came there as the object went from one pose to the next.
+fn motion(from: Pose, to: Pose, now: DVec3) -> Result<PlanarMotion, Diagnostic> {
+    let turn = to.rotation * from.rotation.transpose();
+    let before = turn.transpose() * (now - to.translation_mm) + from.translation_mm;
+    let q = DQuat::from_mat3(&turn);
+    // The part of the rotation that is about the pad's normal.
+    let half = libm::atan2(q.z, q.w);
+    let turn_rad =
+        2.0 * if half.abs() > std::f64::consts::FRAC_PI_2 { half - half.signum() * std::f64::consts::PI } else { half };
+    if turn_rad.to_degrees().abs() > MOST_TURN_DEG {
+        let message = format!("the object turns by {:.1} degrees since the frame before", turn_rad.to_degrees());
+        return Err(Diagnostic::new(message).help(format!("give frames more often: at most {MOST_TURN_DEG} degrees")));
+    }
+    let by = now - before;
+    Ok(PlanarMotion { shift_mm: [by.x, by.y], turn_rad, about_mm: [before.x, before.y] })
+}
