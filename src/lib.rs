@@ -22,7 +22,7 @@
 //!
 //! [`Press`] says more of a press: texture, motion in the pad's plane, markers and camera of its own. Lengths are
 //! millimetres, pressures kPa, forces N; x is to the right in the image, y down, z out of the pad towards the object; image
-//! arithmetic is f32. A press is a pure function of simulator and [`Press`]: the same bytes on any thread and CPU.
+//! arithmetic is f32. [`Simulator::press_next`] presses frame by frame, with friction that remembers. A press is a pure function of simulator and [`Press`]: the same bytes on any thread and CPU.
 //!
 //! # Features
 //!
@@ -63,14 +63,16 @@ pub use crate::core::camera::{CameraParams, Image};
 pub use crate::core::depth::height_map::HeightMap;
 pub use crate::core::depth::indenter::{HeightMapError, Indenter, Shape};
 pub use crate::core::depth::relief::Relief;
-pub use crate::core::depth::texture::{Texture, TextureSample};
+pub use crate::core::depth::texture::{Laid, Texture, TextureSample};
 pub use crate::core::effects::{Effect, EffectLog, EffectPolicy};
 pub use crate::core::fidelity::{Fidelity, Models};
+pub use crate::core::gelpad::elastic::history::Contacting;
 pub use crate::core::gelpad::elastic::shear::{Friction, Motion};
 pub use crate::core::gelpad::material::Material;
+pub use crate::core::gelpad::sliding::{ObjectStep, PlanarFrame, PlanarMotion, Sliding, Slip, Wrench};
 pub use crate::core::gelpad::tangential::Shear;
 pub use crate::core::gelpad::{Contact, Numerics};
-pub use crate::core::impression::Impression;
+pub use crate::core::impression::{Impression, Slid};
 pub use crate::core::mesh::{Cleaned, Mesh, MeshError};
 pub use crate::core::pose::{Anchor, Angles, Pose, Side};
 pub use crate::core::sensor::{Background, Markers, Sensor, SensorError};
