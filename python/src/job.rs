@@ -175,7 +175,9 @@ impl Job {
         let numbers = each("indices", indices, "a list of whole numbers", |index| self.index(index))?;
         let pool = pool(py, self.threads)?;
         let list = PyList::empty(py);
-        for block in numbers.chunks(BLOCK * pool.current_num_threads()) {
+        // A sequence holds the arrays of all its frames.
+        let each = if self.plan.job().sequence.is_some() { 1 } else { BLOCK };
+        for block in numbers.chunks(each * pool.current_num_threads()) {
             let render = || block.par_iter().map(|index| self.render(*index)).collect::<PyResult<Vec<_>>>();
             for rendered in py.detach(|| pool.install(render))? {
                 list.append(rendered.into_dict(py)?)?;

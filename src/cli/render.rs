@@ -233,11 +233,12 @@ impl Render {
             sequence: self.sequence.is_some(),
             overrides: &overrides,
         };
-        if self.sequence.is_some() && frames.moved {
-            let help = "leave shear_x_mm, shear_y_mm and twist_deg out: in a sequence the poses move the object";
+        let plan = frames.plan()?;
+        if self.sequence.is_some() && (frames.moved || plan.job().shear.any()) {
+            let help =
+                "leave shear_x_mm, shear_y_mm, twist_deg and [shear] out: in a sequence the poses move the object";
             return Err(user_error("--sequence and motion after the press exclude each other", help));
         }
-        let plan = frames.plan()?;
         if self.sequence.is_some() {
             if !matches!(plan.simulator.models().gelpad, gelpad::Model::Elastic(_)) {
                 let help = "choose --fidelity draft or better";

@@ -125,8 +125,13 @@ pub fn animation(files: &Files) -> Result<Vec<u8>, String> {
     let mut encoder = ::png::Encoder::new(&mut bytes, first.width(), first.height());
     encoder.set_color(::png::ColorType::Rgb);
     encoder.set_animated(sequence.frames.len() as u32, 0).map_err(said)?;
-    let delay_ms = (1e3 / sequence.common.sequence.frame_rate_hz).round().clamp(1.0, 65_535.0);
-    encoder.set_frame_delay(delay_ms as u16, 1000).map_err(said)?;
+    // A fraction of two whole numbers, as the format has it; slow and very fast ones in whole milliseconds.
+    let rate_hz = sequence.common.sequence.frame_rate_hz;
+    let (time, per_second) = match rate_hz {
+        1.0..=600.0 => (100, (100.0 * rate_hz).round() as u16),
+        _ => ((1e3 / rate_hz).round().clamp(1.0, 65_535.0) as u16, 1000),
+    };
+    encoder.set_frame_delay(time, per_second).map_err(said)?;
     let mut writer = encoder.write_header().map_err(said)?;
     for number in 0..sequence.frames.len() {
         writer.write_image_data(&tactile(files, number)?).map_err(said)?;

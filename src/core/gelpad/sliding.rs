@@ -14,7 +14,7 @@ use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic};
 use super::material::Material;
-use crate::core::base::grid::{Grid, Resolution, bounding_box};
+use crate::core::base::grid::{Grid, Rect, Resolution, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::indenter::{Indenter, Shape};
@@ -137,6 +137,9 @@ const TOLERANCE: f64 = 0.1;
 /// Poses in the frame that differ by less are the same: mm, or parts of a rotation.
 const SAME: f64 = 1e-9;
 
+/// Heights whose deepest point is another by less than this share of the depth are the same.
+const SAME_DEPTH: f64 = 5e-3;
+
 /// An object on the pad, from one frame of a sequence to the next.
 pub struct Sliding {
     youngs_modulus_kpa: f64,
@@ -149,6 +152,8 @@ pub struct Sliding {
     frame: PlanarFrame,
     /// The object in its frame, and its depth, when the pressure was found.
     pressed: Option<(Pose, f64)>,
+    /// It touched the window's border then: it may go on beyond.
+    cut: bool,
     /// The middle of the view in the object's frame, in pixels.
     middle_px: [i64; 2],
     slip: Slip,
@@ -170,6 +175,7 @@ impl Sliding {
             pad,
             frame: PlanarFrame::default(),
             pressed: None,
+            cut: false,
             middle_px: [0; 2],
             slip: Slip::none(),
         }
@@ -201,15 +207,23 @@ impl Sliding {
             let in_frame = self.frame.inverse(step.pose);
             let stays = self.pressed.is_some_and(|(pose, depth_mm)| {
                 // Of heights the deepest pixel is another in every place.
-                let as_deep = depth_mm == step.depth_mm || matches!(indenter.shape, Shape::HeightMap(_));
-                as_deep && same(&pose, &in_frame) && (ground.drop_mm.is_none() || moved == Moved::default())
+                let slack = if matches!(indenter.shape, Shape::HeightMap(_)) { SAME_DEPTH * depth_mm } else { 0.0 };
+                (depth_mm - step.depth_mm).abs() <= slack
+                    && same(&pose, &in_frame)
+                    && (ground.drop_mm.is_none() || moved == Moved::default())
+                    // What the window cut goes on, and comes into view.
+                    && (!self.cut || self.middle() == self.middle_px)
             });
             if !stays {
                 self.middle_px = self.middle();
             }
             let load = match stays {
                 true => None,
-                false => Some(self.press(indenter, step.depth_mm, in_frame, ground)),
+                false => {
+                    let (load, cut) = self.press(indenter, step.depth_mm, in_frame, self.middle_px, ground);
+                    self.cut = cut;
+                    Some(load)
+                }
             };
             let normal = match &load {
                 None => Normal::Same,
@@ -224,12 +238,19 @@ impl Sliding {
         }
     }
 
-    /// The pressure of the object where it is, in its frame.
-    fn press(&self, indenter: &Indenter, depth_mm: f64, in_frame: Pose, ground: Ground<'_>) -> Option<Load> {
+    /// The pressure of the object where it is, in its frame; and whether it touches the window's border.
+    fn press(
+        &self,
+        indenter: &Indenter,
+        depth_mm: f64,
+        in_frame: Pose,
+        middle_px: [i64; 2],
+        ground: Ground<'_>,
+    ) -> (Option<Load>, bool) {
         if depth_mm <= 0.0 {
-            return None;
+            return (None, false);
         }
-        let middle_mm = [0, 1].map(|k| self.middle_px[k] as f64 * self.view.mm_per_px[k]);
+        let middle_mm = [0, 1].map(|k| middle_px[k] as f64 * self.view.mm_per_px[k]);
         let mut pose = in_frame;
         pose.translation_mm -= DVec3::new(middle_mm[0], middle_mm[1], 0.0);
         let shape = match &indenter.shape {
@@ -252,9 +273,10 @@ impl Sliding {
             match self.pad.higher(window, &contact) {
                 Some(higher) => window = higher,
                 None => {
-                    return contact
-                        .load
-                        .map(|load| Load { origin_mm: [0, 1].map(|k| load.origin_mm[k] + middle_mm[k]), ..load });
+                    let Rect { x0, y0, x1, y1 } = depth.touching;
+                    let cut = x0 == 0 || y0 == 0 || x1 == depth.overlap.width || y1 == depth.overlap.height;
+                    let origin_mm = |load: &Load| [0, 1].map(|k| load.origin_mm[k] + middle_mm[k]);
+                    return (contact.load.map(|load| Load { origin_mm: origin_mm(&load), ..load }), cut);
                 }
             }
         }
@@ -274,7 +296,7 @@ impl Sliding {
 
     /// Normal force on the pad if the object were pressed so deep at a pose, N.
     pub fn normal_force_n(&self, indenter: &Indenter, pose: Pose, depth_mm: f64, ground: Ground<'_>) -> f64 {
-        let load = self.press(indenter, depth_mm, self.frame.inverse(pose), ground);
+        let (load, _) = self.press(indenter, depth_mm, self.frame.inverse(pose), self.middle(), ground);
         load.map_or(0.0, |load| {
             let sum: f64 = load.pressure.data.iter().map(|p| f64::from(p.max(0.0))).sum();
             1e-3 * self.youngs_modulus_kpa * sum * load.mm_per_px[0] * load.mm_per_px[1]

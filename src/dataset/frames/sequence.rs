@@ -7,6 +7,7 @@ use glam::{DQuat, DVec3};
 use super::heights::Heights;
 use super::poses::FrameMetadata;
 use crate::core::base::view::View;
+use crate::core::camera::CameraParams;
 use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::texture::Laid;
 use crate::core::gelpad::elastic::shear::Friction;
@@ -28,7 +29,9 @@ const LOWEST: (f32, f32) = (0.05, 1e-3);
 
 /// An object that is followed from frame to frame.
 pub struct Follower {
-    sliding: Sliding,
+    friction: Friction,
+    /// The first frame: what is drawn of texture, print, camera and sensor holds for all.
+    begun: Option<(Scene, Sliding)>,
     frame_rate_hz: f64,
     last: Option<Pose>,
     /// Where its texture lay in the first frame.
@@ -46,8 +49,8 @@ pub struct Followed {
 impl Follower {
     /// Before the first frame; `None` if the plan's model of the gelpad knows no tractions.
     pub fn new(plan: &Plan, friction: Friction, frame_rate_hz: f64) -> Option<Self> {
-        let sliding = plan.simulator.sliding(friction)?;
-        Some(Self { sliding, frame_rate_hz, last: None, laid: None })
+        plan.simulator.sliding(friction)?;
+        Some(Self { friction, begun: None, frame_rate_hz, last: None, laid: None })
     }
 
     /// The next frame, number `index`.
@@ -68,13 +71,22 @@ impl Follower {
         self.last = Some(pose);
         let pressed = Pressed::Frame(Frame { id, class, map: Arc::new(map) });
         let given = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm: depth_mm };
-        let scene = Scene::given(plan, index, 0, given);
+        let drawn = Scene::given(plan, index, 0, given.clone());
+        if self.begun.is_none() {
+            let sliding = drawn.simulator(plan).sliding(self.friction).expect("the plan was made for a sequence");
+            self.begun = Some((drawn.clone(), sliding));
+        }
+        let Some((first, sliding)) = &mut self.begun else { unreachable!("it was put there") };
+        let KnownPress { pressed, pose, indentation_depth_mm, .. } = given;
+        let noise_key = drawn.camera.noise_key;
+        let scene = Scene { index, pressed, pose, indentation_depth_mm, ..first.clone() };
+        let scene = Scene { camera: CameraParams { noise_key, ..scene.camera }, ..scene };
         let laid = *self.laid.get_or_insert_with(|| Laid::with(&pose));
         let mut press = scene.press(plan);
         press.texture = press.texture.map(|texture| texture.laid_out(laid));
         let step = ObjectStep { pose, depth_mm, motion };
         let simulator = scene.simulator(plan);
-        let impression = simulator.press_next(&press, &[step], &mut self.sliding);
+        let impression = simulator.press_next(&press, &[step], sliding);
         let label = Label::describe(plan, &scene, &simulator, &impression);
         let t_s = (index + 1) as f64 / self.frame_rate_hz;
         let of_frame = FrameLabel::new(index as u32, t_s, "", label.clone(), impression.sliding.as_ref());

@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use crate::core::fidelity::Fidelity;
 use crate::job::plan::Plan;
-use crate::job::sequence::label::SequenceLabel;
+use crate::job::sequence::label::{SequenceInfo, SequenceLabel};
+use crate::job::sequence::motion;
 use crate::job::sequence::render;
 use crate::lab::page::ink::{Align, Colour, Shape};
 use crate::lab::page::plot::{BLACK, Plot, TEXT};
@@ -88,10 +89,16 @@ pub fn tradeoff(plan: &Plan, count: u64, mut heard: impl FnMut(&str)) -> Sequenc
         let index = number * plan.layout.samples() / count;
         heard(&format!("sequence {} of {count}, reference at {FINER} times the frame rate", number + 1));
         // First how many frames there are, then those to compare.
-        let total = see(&plans[0].1, index, |_| false).label.frames.len();
+        let first = see(&plans[0].1, index, |_| false).label;
+        let total = first.frames.len();
+        let SequenceInfo { frame_rate_hz, phases, .. } = &first.common.sequence;
+        let duration_s: f64 = phases.iter().map(|phase| phase.duration_s).sum();
+        let fine_total = motion::frames(duration_s, FINER as f64 * frame_rate_hz) as usize;
         let stride = total.div_ceil(MOST_FRAMES).max(1);
         let chosen = |frame: usize| frame % stride == stride - 1 || frame + 1 == total;
-        let fine = |frame: usize| (frame + 1).is_multiple_of(FINER as usize) && chosen(frame / FINER as usize);
+        let fine = |frame: usize| {
+            frame + 1 == fine_total || (frame + 1).is_multiple_of(FINER as usize) && chosen(frame / FINER as usize)
+        };
         let reference = see(&truth, index, fine);
         frames += total as u64;
         for ((level, plan), sums) in plans.iter().zip(&mut sums) {

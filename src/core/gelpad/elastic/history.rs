@@ -188,11 +188,20 @@ impl History {
             }
         }
         let (mut low, mut high) = (low, high);
-        if let Some(held) = &self.held {
-            // All that was in contact, and all that is.
+        let old = self.held.as_ref().map(|held| {
             let old = bounding_box(&held.pressure, |p| p > 0.0);
+            [[old.x0, old.x1], [old.y0, old.y1]].map(|ends| ends.map(|at| at as i64))
+        });
+        if let (Some(held), Some(old)) = (&self.held, old)
+            && (0..2).any(|k| held.first[k] + old[k][1] <= low[k] || high[k] <= held.first[k] + old[k][0])
+        {
+            // Another contact: nothing that touched still does, and the way there may be long.
+            self.held = None;
+        }
+        if let (Some(held), Some(old)) = (&self.held, old) {
+            // All that was in contact, and all that is.
             for k in 0..2 {
-                let [from, to] = [[old.x0, old.x1], [old.y0, old.y1]][k].map(|at| held.first[k] + at as i64);
+                let [from, to] = old[k].map(|at| held.first[k] + at);
                 (low[k], high[k]) = (low[k].min(from), high[k].max(to));
             }
         }
@@ -362,10 +371,10 @@ impl Held {
         let mut tractions: Vec<Vector> = pixels.iter().map(guess).collect();
         let solved = cone::solve(&mut self.grip, &bounds, &wanted_there, &mut tractions, tolerance_mm);
 
-        let before = std::mem::replace(&mut self.tractions, Grid::new(width, height));
+        let earlier = std::mem::replace(&mut self.tractions, Grid::new(width, height));
         self.change.data.fill([0.0; 2]);
         for (&[x, y], t) in pixels.iter().zip(&tractions) {
-            let last = before.at(x, y);
+            let last = earlier.at(x, y);
             self.tractions.row_mut(y)[x] = *t;
             self.change.row_mut(y)[x] = [0, 1].map(|k| t[k] - last[k]);
         }
@@ -394,10 +403,23 @@ impl Held {
                 step.slip_mm = [0, 1].map(|k| step.slip_mm[k] + slip[k]);
             }
         }
+        // Without a limit there is no traction: such pixels slip, if they touched before.
+        for y in 0..height {
+            for x in 0..width {
+                let joins = before.is_some_and(|before| before.at(x, y) <= 0.0);
+                if self.pressure.at(x, y) > 0.0 && limits.at(x, y) <= 0.0 && !joins {
+                    let (there, free, wanted) = (hold.at(x, y), free.at(x, y), wanted.at(x, y));
+                    step.slip_mm = [0, 1].map(|k| step.slip_mm[k] + there[k] - wanted[k] - f64::from(free[k]));
+                    step.gross |= step.sticking == joined;
+                }
+            }
+        }
         step.heat *= self.area();
         step.slip_mm = step.slip_mm.map(|sum| sum / touching.max(1) as f64);
-        // Without friction there are no tractions to tell by.
-        step.gross |= coefficient == 0.0 && touching > 0 && joined < touching;
+        if coefficient == 0.0 {
+            step.sticking = 0;
+            step.gross = touching > 0;
+        }
         (self.hold, self.free) = (hold, free);
         step
     }
