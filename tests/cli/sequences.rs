@@ -468,12 +468,20 @@ fn depth_frames_with_poses_become_frames_with_friction() {
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(1) && (said.contains(words) || said.contains("frame")), "{said}");
     }
+    let names: Vec<String> = (0..frames(&label).len()).map(|k| format!("{k:03}\n")).collect();
+    folder.write("still.csv", format!("file\n{}", names.concat()));
+    let turned = |k: usize| if k == 2 { "0.0,0.0,0.17365,0.98481" } else { "0.0,0.0,0.0,1.0" };
+    let rows: Vec<String> = (0..names.len()).map(|k| format!("{k:03},{}\n", turned(k))).collect();
+    folder.write("turned.csv", format!("file,quaternion_x,quaternion_y,quaternion_z,quaternion_w\n{}", rows.concat()));
     for (more, words) in [
+        ("--sequence 0.3 --poses still.csv", "the object's pose is the same in every frame"),
+        ("--sequence 0.3 --poses turned.csv", "seen/002.npy: the object turns by 20.0 degrees since the frame before"),
         ("--sequence 0.3", "--sequence needs the object's poses"),
         ("--sequence 0.3 --poses poses.csv --fidelity paper", "knows no tractions"),
         ("--sequence 50 --poses poses.csv", "a coefficient of 0 to 10, or stick"),
     ] {
         let said = folder.fail(&format!("render --depth seen {camera} {more} --out no"), 2);
         assert!(said.contains(words), "{more}: {said}");
+        assert!(!folder.path("no").exists(), "{more}");
     }
 }

@@ -13,6 +13,43 @@ pub fn sin_cos_deg(angle_deg: f64) -> (f64, f64) {
     }
 }
 
+/// A turn in the plane, from x towards y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    sin: f64,
+    cos: f64,
+    /// 1 - cos, without cancellation.
+    versine: f64,
+}
+
+impl Turn {
+    /// By an angle, rad.
+    pub fn new(angle_rad: f64) -> Self {
+        let (sin, cos) = libm::sincos(angle_rad);
+        Self { sin, cos, versine: 2.0 * libm::pow(libm::sin(0.5 * angle_rad), 2.0) }
+    }
+
+    /// A direction, turned.
+    pub fn out(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.cos * x - self.sin * y, self.sin * x + self.cos * y]
+    }
+
+    /// A direction, turned back.
+    pub fn back(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.cos * x + self.sin * y, self.cos * y - self.sin * x]
+    }
+
+    /// How far the turn takes a point, exact for small turns.
+    pub fn moves(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [-self.versine * x - self.sin * y, -self.versine * y + self.sin * x]
+    }
+
+    /// What a point is ahead of where the turn back takes it, exact for small turns.
+    pub fn ahead(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.versine * x - self.sin * y, self.versine * y + self.sin * x]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

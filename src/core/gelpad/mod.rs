@@ -14,6 +14,7 @@ pub mod gaussian;
 pub mod material;
 pub mod mean_blur;
 pub mod none;
+pub mod planar;
 pub mod sliding;
 pub mod subpixel;
 pub mod tangential;

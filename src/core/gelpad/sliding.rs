@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::elastic::friction::Drag;
 use super::elastic::history::{Contacting, History, Moved, Normal, Step};
@@ -14,6 +14,7 @@ use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic};
 use super::material::Material;
+use super::planar::{PlanarFrame, PlanarMotion};
 use crate::core::base::grid::{Grid, Rect, Resolution, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::depth::height_map::HeightMap;
@@ -22,26 +23,6 @@ use crate::core::depth::texture::{Laid, Texture};
 use crate::core::depth::{self, Depth};
 use crate::core::effects::{EffectLog, EffectPolicy};
 use crate::core::pose::Pose;
-
-/// Where a frame that goes with an object lies in the sensor's.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlanarFrame {
-    /// Of its origin, mm.
-    pub origin_mm: [f64; 2],
-    /// From x towards y, rad; counts on over whole turns.
-    pub angle_rad: f64,
-}
-
-/// A motion of the object's surface in the pad's plane.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlanarMotion {
-    /// mm.
-    pub shift_mm: [f64; 2],
-    /// From x towards y, rad.
-    pub turn_rad: f64,
-    /// What it turns about, mm.
-    pub about_mm: [f64; 2],
-}
 
 /// A step of an object: where it comes to be, and how its surface at the contact moves in the pad's plane on the way. The two
 /// differ where it rolls: then the object moves, but its surface stays where it touches.
@@ -163,10 +144,7 @@ impl Sliding {
     /// Without contact.
     pub fn new(pad: &FramePad, friction: Friction) -> Self {
         let FramePad { view, pad, material, tolerance_mm } = pad.clone();
-        let coefficient = match friction {
-            Friction::Stick => f64::INFINITY,
-            Friction::Coulomb { coefficient } => coefficient,
-        };
+        let coefficient = friction.coefficient().unwrap_or(f64::INFINITY);
         Self {
             youngs_modulus_kpa: material.youngs_modulus_kpa,
             thickness_mm: material.thickness_mm,
@@ -194,7 +172,7 @@ impl Sliding {
     /// A texture where it now lies in the sensor's frame, if it lay at `laid` at the start.
     pub fn carried(&self, laid: Laid) -> Laid {
         let yaw_deg = laid.yaw_deg + self.frame.angle_rad.to_degrees();
-        Laid { origin_mm: self.frame.to_sensor(laid.origin_mm), yaw_deg }
+        Laid { origin_mm: self.frame.axes().to_sensor(laid.origin_mm), yaw_deg }
     }
 
     /// Goes through the steps of a frame, under an indenter of which only the shape counts. The texture is as it lay at the
@@ -286,7 +264,7 @@ impl Sliding {
     /// middle.
     fn middle(&self) -> [i64; 2] {
         let pitch = self.view.mm_per_px;
-        let seen = self.frame.to_frame([0.0; 2]);
+        let seen = self.frame.axes().to_frame([0.0; 2]);
         let off = |k: usize| (seen[k] / pitch[k] - self.middle_px[k] as f64).abs();
         match (0..2).any(|k| off(k) > 0.1 * self.view.resolution_px[k] as f64) {
             true => [0, 1].map(|k| libm::round(seen[k] / pitch[k]) as i64),
@@ -317,12 +295,13 @@ impl Sliding {
     fn seen(&self, map: &HeightMap, camera: &View, middle_mm: [f64; 2]) -> HeightMap {
         let [width, height] = self.view.resolution_px;
         // Walls stay walls.
+        let axes = self.frame.axes();
         let jump = 2.0 * camera.mm_per_px[0].max(camera.mm_per_px[1]) as f32;
         let mut above_mm = Grid::new(width, height);
         for y in 0..height {
             for (x, value) in above_mm.row_mut(y).iter_mut().enumerate() {
                 let mm = self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
-                let there = camera.point_px(self.frame.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
+                let there = camera.point_px(axes.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
                 *value = between(&map.above_mm, there.map(|px| px - 0.5), jump);
             }
         }
@@ -333,11 +312,12 @@ impl Sliding {
     fn lower(&self, depth: &mut Depth, drop: &Grid<f32>, camera: &View, middle_mm: [f64; 2], above_mm: f64) {
         let floor = 0.0 - above_mm as f32;
         let margin = depth.margin_px as f64;
+        let axes = self.frame.axes();
         for y in 0..depth.overlap.height {
             for x in 0..depth.overlap.width {
                 let px = [x as f64 + 0.5 - margin, y as f64 + 0.5 - margin];
                 let mm = self.view.point_mm(px);
-                let there = camera.point_px(self.frame.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
+                let there = camera.point_px(axes.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
                 let below = between(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64), f32::INFINITY);
                 let value = &mut depth.overlap.row_mut(y)[x];
                 *value = if *value > floor { (*value - below).max(floor) } else { *value };
@@ -354,7 +334,7 @@ impl Sliding {
         }
         slip.stick_fraction = done.sticking as f64 / done.touching.max(1) as f64;
         slip.gross = done.gross;
-        let [dx, dy] = self.frame.turned(done.slip_mm);
+        let [dx, dy] = self.frame.axes().turned(done.slip_mm);
         slip.displacement_mm = [slip.displacement_mm[0] + dx, slip.displacement_mm[1] + dy];
         // kPa mm^3 are 1e-3 N mm.
         slip.heat_nmm += 1e-3 * self.youngs_modulus_kpa * done.heat;
@@ -367,10 +347,10 @@ impl Sliding {
     pub fn wrench(&self) -> Wrench {
         let sums = self.history.sums();
         let newtons = 1e-3 * self.youngs_modulus_kpa;
-        let [fx, fy] = self.frame.turned(sums.force).map(|force| newtons * force);
+        let [fx, fy] = self.frame.axes().turned(sums.force).map(|force| newtons * force);
         let fz = -newtons * sums.normal;
         let [x, y] = self.frame.origin_mm;
-        let [lever_x, lever_y] = self.frame.turned(sums.lever).map(|lever| newtons * lever);
+        let [lever_x, lever_y] = self.frame.axes().turned(sums.lever).map(|lever| newtons * lever);
         // r x f of what presses at z = 0, and of what pulls.
         let torque_x = -(lever_y - y * fz);
         let torque_y = lever_x - x * fz;
@@ -396,11 +376,12 @@ impl Sliding {
         let share = 1.0 / (parts * parts) as f64;
         let pitch = self.view.mm_per_px;
         let within = move |part: usize, k: usize| ((part as f64 + 0.5) / parts as f64 - 0.5) * pitch[k];
+        let axes = self.frame.axes();
         let points = self.history.forces().flat_map(|(place, force)| {
-            let force = self.frame.turned(force).map(|part| share * part);
+            let force = axes.turned(force).map(|part| share * part);
             (0..parts * parts).map(move |part| {
                 let at = [place[0] + within(part % parts, 0), place[1] + within(part / parts, 1)];
-                (self.frame.to_sensor(at), force)
+                (axes.to_sensor(at), force)
             })
         });
         in_plane.under(load, points)
@@ -410,7 +391,8 @@ impl Sliding {
     pub fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<Contacting> {
         let part = bounding_box(mask, |value| value > 0);
         let mut states = Grid::new(mask.width, mask.height);
-        let place = |px: [f64; 2]| self.frame.to_frame(view.point_mm(px));
+        let axes = self.frame.axes();
+        let place = |px: [f64; 2]| axes.to_frame(view.point_mm(px));
         let (start, right, down) = (place([0.5, 0.5]), place([1.5, 0.5]), place([0.5, 1.5]));
         for y in part.y0..part.y1 {
             for x in part.x0..part.x1 {
@@ -442,56 +424,6 @@ impl Slip {
             iterations: 0,
             residual_mm: 0.0,
             converged: true,
-        }
-    }
-}
-
-impl PlanarFrame {
-    /// Moves it; the motion as the frame itself sees it.
-    fn moved(&mut self, motion: PlanarMotion) -> Moved {
-        let PlanarMotion { shift_mm, turn_rad, about_mm } = motion;
-        let from: [f64; 2] = std::array::from_fn(|k| self.origin_mm[k] - about_mm[k]);
-        let sin = libm::sin(turn_rad);
-        let versine = 2.0 * libm::pow(libm::sin(0.5 * turn_rad), 2.0);
-        let by = [shift_mm[0] - versine * from[0] - sin * from[1], shift_mm[1] - versine * from[1] + sin * from[0]];
-        let shift = self.back(by);
-        self.origin_mm = [0, 1].map(|k| self.origin_mm[k] + by[k]);
-        self.angle_rad += turn_rad;
-        Moved { shift_mm: shift, turn_rad }
-    }
-
-    /// A direction in it, in the sensor's frame.
-    fn turned(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let (sin, cos) = libm::sincos(self.angle_rad);
-        [cos * x - sin * y, sin * x + cos * y]
-    }
-
-    /// A direction in the sensor's frame, in it.
-    fn back(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let (sin, cos) = libm::sincos(self.angle_rad);
-        [cos * x + sin * y, cos * y - sin * x]
-    }
-
-    /// Where a place in it is in the sensor's frame.
-    pub fn to_sensor(&self, place_mm: [f64; 2]) -> [f64; 2] {
-        let at = self.turned(place_mm);
-        [0, 1].map(|k| self.origin_mm[k] + at[k])
-    }
-
-    /// Where a place in the sensor's frame is in it.
-    pub fn to_frame(&self, place_mm: [f64; 2]) -> [f64; 2] {
-        self.back([0, 1].map(|k| place_mm[k] - self.origin_mm[k]))
-    }
-
-    /// An object's pose as the frame sees it.
-    fn inverse(&self, pose: Pose) -> Pose {
-        let (sin, cos) = libm::sincos(-self.angle_rad);
-        let about_z = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z);
-        let [x, y] = self.to_frame([pose.translation_mm.x, pose.translation_mm.y]);
-        Pose {
-            rotation: about_z * pose.rotation,
-            translation_mm: DVec3::new(x, y, pose.translation_mm.z),
-            angles: pose.angles,
         }
     }
 }

@@ -16,7 +16,7 @@ use super::check::Reach;
 use super::heights::Heights;
 use super::poses::FrameMetadata;
 use super::read;
-use super::sequence::{Followed, Follower};
+use super::sequence::{self, Followed, Follower};
 use super::source::Source;
 use crate::core::depth::height_map::HeightMap;
 use crate::core::gelpad::elastic::shear::Friction;
@@ -88,6 +88,19 @@ pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
             let problem =
                 Diagnostic::new(format!("the plan knows no class `{}`, which is that of `{}`", known.class, known.id));
             problems.push(problem.help("make the plan with the classes of all frames"));
+        }
+    }
+    if request.sequence.is_some() {
+        let known = request.known.as_deref().unwrap_or_default();
+        for (pair, source) in known.windows(2).zip(sources.iter().skip(1)) {
+            if let Some(problem) = sequence::mistake(pair[0].pose, pair[1].pose) {
+                let message = format!("{}: {}", source.path.display(), problem.message);
+                problems.push(Diagnostic { message, ..problem });
+            }
+        }
+        if known.len() > 1 && known.windows(2).all(|pair| pair[0].pose == pair[1].pose) {
+            let problem = Diagnostic::new("the object's pose is the same in every frame: nothing moves");
+            problems.push(problem.help("give each frame its quaternion and position in the table of --poses"));
         }
     }
     let mut reaches = Vec::new();
@@ -168,10 +181,7 @@ fn follow(plan: &Plan, request: &Request, sequence: InSequence) -> Result<(), Re
         frames.push(label);
     }
     let Some(first) = first else { return Ok(()) };
-    let friction_coefficient = match friction {
-        Friction::Stick => None,
-        Friction::Coulomb { coefficient } => Some(coefficient),
-    };
+    let friction_coefficient = friction.coefficient();
     let info =
         SequenceInfo { frame_rate_hz, frames: frames.len() as u32, friction_coefficient, ..SequenceInfo::default() };
     for (row, source) in SequenceLabel::new(&first, info, frames).rows().zip(request.sources) {

@@ -1,5 +1,6 @@
 //! Depth frames that follow each other, of an object whose pose is known in each: friction remembers from one to the next.
 
+use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
@@ -11,7 +12,8 @@ use crate::core::camera::CameraParams;
 use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::texture::Laid;
 use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::sliding::{ObjectStep, PlanarMotion, Sliding};
+use crate::core::gelpad::planar::PlanarMotion;
+use crate::core::gelpad::sliding::{ObjectStep, Sliding};
 use crate::core::pose::Pose;
 use crate::files::diagnostic::Diagnostic;
 use crate::job::label::Label;
@@ -65,7 +67,10 @@ impl Follower {
         let map = HeightMap { above_mm: heights.above_mm, unseen_px: heights.unseen_px };
         let depth_mm = map.indentation_depth_mm();
         let motion = match self.last {
-            Some(last) => motion(last, pose, lowest_mm(&map, plan.simulator.view()))?,
+            Some(last) => match mistake(last, pose) {
+                Some(mistake) => return Err(mistake),
+                None => motion(last, pose, lowest_mm(&map, plan.simulator.view())),
+            },
             None => PlanarMotion::default(),
         };
         self.last = Some(pose);
@@ -113,19 +118,27 @@ fn lowest_mm(map: &HeightMap, view: &View) -> DVec3 {
     DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest))
 }
 
+/// By how much an object turns about the pad's normal from one pose to the next, rad.
+fn turn_rad(from: Pose, to: Pose) -> f64 {
+    let q = DQuat::from_mat3(&(to.rotation * from.rotation.transpose()));
+    let half = libm::atan2(q.z, q.w);
+    let whole = 2.0 * half;
+    if half.abs() > FRAC_PI_2 { whole - half.signum() * TAU } else { whole }
+}
+
+/// What cannot be right of the poses of two frames that follow each other.
+pub fn mistake(from: Pose, to: Pose) -> Option<Diagnostic> {
+    let turn_deg = turn_rad(from, to).to_degrees();
+    (turn_deg.abs() > MOST_TURN_DEG).then(|| {
+        let message = format!("the object turns by {turn_deg:.1} degrees since the frame before");
+        Diagnostic::new(message).help(format!("give frames more often: at most {MOST_TURN_DEG} degrees"))
+    })
+}
+
 /// How the surface at the point `now` of an object came there as the object went from one pose to the next.
-fn motion(from: Pose, to: Pose, now: DVec3) -> Result<PlanarMotion, Diagnostic> {
+fn motion(from: Pose, to: Pose, now: DVec3) -> PlanarMotion {
     let turn = to.rotation * from.rotation.transpose();
     let before = turn.transpose() * (now - to.translation_mm) + from.translation_mm;
-    let q = DQuat::from_mat3(&turn);
-    // The part of the rotation that is about the pad's normal.
-    let half = libm::atan2(q.z, q.w);
-    let turn_rad =
-        2.0 * if half.abs() > std::f64::consts::FRAC_PI_2 { half - half.signum() * std::f64::consts::PI } else { half };
-    if turn_rad.to_degrees().abs() > MOST_TURN_DEG {
-        let message = format!("the object turns by {:.1} degrees since the frame before", turn_rad.to_degrees());
-        return Err(Diagnostic::new(message).help(format!("give frames more often: at most {MOST_TURN_DEG} degrees")));
-    }
     let by = now - before;
-    Ok(PlanarMotion { shift_mm: [by.x, by.y], turn_rad, about_mm: [before.x, before.y] })
+    PlanarMotion { shift_mm: [by.x, by.y], turn_rad: turn_rad(from, to), about_mm: [before.x, before.y] }
 }

@@ -1,6 +1,7 @@
 //! metadata.jsonl of a shard that is a folder: a row per sample, made from the sample's files and nothing else, so that it
 //! can be checked against them.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -20,13 +21,16 @@ pub fn rows<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, 
     }
     // What is no label of ours has no rows.
     let Ok(SampleLabel::Sequence(sequence, _)) = SampleLabel::read(label) else { return b"\n".to_vec() };
+    let mut of_frames: HashMap<&str, Vec<(&str, &[u8])>> = HashMap::new();
+    for (suffix, bytes) in &members {
+        if let (Some(of), suffix) = split(suffix) {
+            of_frames.entry(of).or_default().push((suffix, bytes));
+        }
+    }
     let of_frame = |of_frame: FrameRow| {
         let name = frame(of_frame.frame.index);
         let label = json(&of_frame);
-        let own = members.iter().filter_map(|(suffix, bytes)| {
-            let (of, suffix) = split(suffix);
-            (of == Some(name.as_str())).then_some((suffix, *bytes))
-        });
+        let own = of_frames.get(name.as_str()).into_iter().flatten().copied();
         row(shard, &format!("{key}.{name}"), own.chain([("json", label.as_slice())]))
     };
     sequence.rows().flat_map(of_frame).collect()

@@ -34,6 +34,7 @@ mod notes;
 mod objects;
 pub mod ranges;
 pub mod sensors;
+mod sequence;
 pub mod standalone;
 
 use check::Check;

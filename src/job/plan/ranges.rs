@@ -17,7 +17,6 @@ use crate::files::sensor::unit::Unit;
 use crate::job::config::Job;
 use crate::job::config::document::Document;
 use crate::job::config::fidelity::FidelityChoice;
-use crate::job::config::sequence::{Sequence, SequenceFriction};
 use crate::job::layers::OutputLayer;
 
 /// LEDs that a sensor may have.
@@ -207,7 +206,7 @@ pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
     check.quantity("pose.x_mm", &pose.x_mm, -1e4..=1e4, "mm");
     check.quantity("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");
     if let Some(sequence) = &job.sequence {
-        self::sequence(check, job, sequence, sensor_known);
+        super::sequence::check(check, job, sequence, sensor_known);
         return;
     }
     match &job.indentation.depth_mm {
@@ -228,99 +227,6 @@ pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
         Some(depth) => check.quantity("indentation.depth_mm", depth, 0.0..=1e3, "mm"),
     }
     check.number("indentation.no_contact", job.indentation.no_contact, 0.0..=1.0, "");
-}
-
-/// Frames of a sequence at most: four digits number them.
-const MOST_FRAMES: f64 = 10_000.0;
-
-/// Phases of a sequence at most.
-const MOST_PHASES: usize = 1000;
-
-/// `[sequence]`, and what stands beside it.
-fn sequence(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known: bool) {
-    if job.indentation.depth_mm.is_some() {
-        let help = "leave it out: each [[sequence.phase]] says depth_mm or force_n";
-        check.error("indentation.depth_mm", "the phases of a sequence say how deep the object is", help);
-    }
-    if job.indentation.no_contact != 0.0 {
-        let help = "leave it out: a phase may end above the pad, depth_mm = -0.1";
-        check.error("indentation.no_contact", "the phases of a sequence say whether the object touches", help);
-    }
-    if job.shear.any() {
-        let help = "leave [shear] out: each [[sequence.phase]] has x_mm, y_mm and twist_deg";
-        check.error("shear", "the phases of a sequence move the object", help);
-    }
-    match chosen_models(job).gelpad {
-        gelpad::Model::Elastic(elastic) if elastic.friction.is_some() => {
-            let help = "leave it out: [sequence] friction holds while the object is pressed in, too";
-            check.error("gelpad.elastic.friction", "a sequence has a friction of its own", help);
-        }
-        gelpad::Model::Elastic(_) => {}
-        model => {
-            let message =
-                format!("the gelpad model `{}` knows no tractions, which a sequence carries on", model.name());
-            let key = if check.document.get("gelpad").is_some() { "gelpad" } else { "fidelity" };
-            check.error(key, message, "choose fidelity = \"draft\" or better, or gelpad.elastic");
-        }
-    }
-    if job.fidelity.is_some_and(|fidelity| fidelity.level().is_none()) {
-        let help = "name a level, such as fidelity = \"standard\"";
-        check.error("fidelity", "the level of a sequence is not chosen by an error or a time", help);
-    }
-    let rate = sequence.frame_rate_hz;
-    check.number("sequence.frame_rate_hz", rate, 1e-3..=1e4, "Hz");
-    if let SequenceFriction::Coefficient(coefficient) = &sequence.friction {
-        check.quantity("sequence.friction.coefficient", coefficient, 0.0..=10.0, "");
-    }
-    if sequence.phase.is_empty() {
-        let help = "for example [[sequence.phase]] with name = \"press\", duration_s = 0.4 and depth_mm = 0.8";
-        check.missing("sequence.phase", help);
-    }
-    if sequence.phase.len() > MOST_PHASES {
-        let message = format!("{} phases are too many", sequence.phase.len());
-        check.error("sequence.phase", message, format!("allowed: up to {MOST_PHASES}"));
-    }
-    let [thickness, _] = support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
-    let known = sensor_known && check.sound("sensor.gelpad_thickness_mm") && check.sound("sensor.unit");
-    let most = if known { thickness } else { 1e3 };
-    for (k, phase) in sequence.phase.iter().enumerate().take(MOST_PHASES) {
-        let path = |key: &str| format!("sequence.phase.{k}.{key}");
-        match &phase.name {
-            None => check.missing(&path("name"), "for example name = \"press\""),
-            Some(name) if name.is_empty() => {
-                check.error(&path("name"), "the phase's name is empty", "for example name = \"press\"");
-            }
-            Some(_) => {}
-        }
-        check.quantity(&path("duration_s"), &phase.duration_s, 0.0..=3600.0, "s");
-        if let Some(depth) = &phase.depth_mm {
-            check.quantity(&path("depth_mm"), depth, -1e3..=most, "mm, the thickness of the gelpad");
-            if depth.support().1 == most && check.sound(&path("depth_mm")) {
-                let message = format!("depth_mm may be {most}, which presses the pad flat to the shell");
-                check.error(&path("depth_mm"), message, format!("stay below the pad's thickness, {most} mm"));
-            }
-        }
-        if let Some(force) = &phase.force_n {
-            check.quantity(&path("force_n"), force, 1e-6..=1e6, "N");
-            if phase.depth_mm.is_some() {
-                check.error(&path("force_n"), "both `depth_mm` and `force_n` say how deep", "keep one of them");
-            }
-        }
-        check.quantity(&path("x_mm"), &phase.x_mm, -1e3..=1e3, "mm");
-        check.quantity(&path("y_mm"), &phase.y_mm, -1e3..=1e3, "mm");
-        check.quantity(&path("twist_deg"), &phase.twist_deg, -3600.0..=3600.0, "degrees");
-        check.quantity(&path("tilt_deg"), &phase.tilt_deg, -90.0..=90.0, "degrees");
-        check.quantity(&path("tilt_azimuth_deg"), &phase.tilt_azimuth_deg, -3600.0..=3600.0, "degrees");
-    }
-    let longest: f64 = sequence.phase.iter().map(|phase| phase.duration_s.support().1).sum();
-    if longest * rate > MOST_FRAMES && check.sound("sequence") {
-        let message = format!("a sequence may have {:.0} frames", longest * rate);
-        check.error(
-            "sequence.phase",
-            message,
-            format!("allowed: up to {MOST_FRAMES}; shorten phases, or lower frame_rate_hz"),
-        );
-    }
 }
 
 /// `fidelity`, `gelpad`, `optics` and what they allow in `[output]`.

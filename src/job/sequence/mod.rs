@@ -7,10 +7,9 @@ use crate::core::base::rng;
 use crate::core::depth::texture::Laid;
 use crate::core::effects::{Effect, PerEffect};
 use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::sliding::{ObjectStep, PlanarMotion, Sliding};
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Pose, Side};
-use crate::core::simulator::Simulator;
+use crate::core::simulator::Press;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::output::OnUnhealthy;
 use crate::job::config::sequence::{Sequence, SequenceFriction};
@@ -21,9 +20,11 @@ use crate::job::scene::{Pressed, Scene};
 
 pub mod label;
 pub mod motion;
+mod timeline;
 
-use label::{FrameLabel, PhaseLabel, SequenceInfo, SequenceLabel};
-use motion::{DrawnPhase, Goal, Mover, frames};
+use label::{FrameLabel, SequenceInfo, SequenceLabel};
+use motion::{DrawnPhase, Goal, Mover};
+use timeline::{End, Timeline};
 
 /// A force is found to this share.
 const FORCE_TOLERANCE: f64 = 2e-3;
@@ -33,9 +34,6 @@ const MOST_PRESSES: u32 = 40;
 
 /// Indentation depth over the pad's thickness up to which a force is looked for.
 const DEEPEST: f64 = 0.9;
-
-/// Share of the depth that an object comes to in its first frame in which it is said to touch.
-const FIRST_TOUCH: f64 = 1.0 / 16.0;
 
 /// Pixels along the longer side of the view of which the contact rolls at most one in a step.
 const ROLLING_PX: f64 = 160.0;
@@ -148,82 +146,25 @@ pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
     let about_mm = drawn.scene.motion.about_mm;
     let object = Arc::clone(&drawn.object);
-    let mut mover = Mover::new(&object, drawn.side, drawn.scene.pose, about_mm, 0.0, longest_mm / ROLLING_PX);
+    let mover = Mover::new(&object, drawn.side, drawn.scene.pose, about_mm, 0.0, longest_mm / ROLLING_PX);
 
     let rate = drawn.frame_rate_hz;
-    let duration_s: f64 = drawn.phases.iter().map(|phase| phase.duration_s).sum();
-    let count = frames(duration_s, rate);
+    let phases = std::mem::take(&mut drawn.phases);
+    let mut timeline = Timeline::new(&phases, rate, mover);
     let mut labels: Vec<FrameLabel> = Vec::new();
     let mut first: Option<Label> = None;
     let mut effects = PerEffect::<f64>::default();
-    let mut phases: Vec<PhaseLabel> = Vec::new();
-    // The phase under way: its number, start, depths, and the share of its way that is done.
-    let mut current: Option<Current> = None;
-    let mut next_phase = 0;
-    let mut start_s = 0.0;
-    let mut unreached: Option<String> = None;
-    for number in 0..count {
+    for number in 0..timeline.frames() {
         let mut clock = Clock::start();
-        let until_s = (number + 1) as f64 / rate;
-        let last = number + 1 == count;
-        let mut steps = Vec::new();
-        loop {
-            if current.is_none() {
-                let Some(phase) = drawn.phases.get(next_phase) else { break };
-                let (to_mm, force_n, missed) = goal(plan, &simulator, &sliding, &drawn, phase, &mover);
-                unreached = unreached.or(missed);
-                phases.push(PhaseLabel {
-                    name: phase.name.clone(),
-                    duration_s: phase.duration_s,
-                    first_frame: number as u32,
-                    frames: 0,
-                    depth_mm: to_mm,
-                    force_n,
-                    shift_mm: phase.shift_mm,
-                    twist_deg: phase.twist_deg,
-                    tilt_deg: phase.tilt_deg,
-                    tilt_azimuth_deg: phase.tilt_azimuth_deg,
-                });
-                current = Some(Current { phase: next_phase, start_s, from_mm: mover.depth_mm, to_mm, way: 0.0 });
-                next_phase += 1;
-            }
-            let Some(under) = &mut current else { break };
-            let phase = &drawn.phases[under.phase];
-            let end_s = under.start_s + phase.duration_s;
-            // Rounding must not leave a rest of a phase to the next frame.
-            let ends = last || end_s <= until_s + 1e-9 / rate;
-            let way = if ends { 1.0 } else { phase.profile.way((until_s - under.start_s) / phase.duration_s) };
-            let depth_mm = if ends { under.to_mm } else { under.from_mm + (under.to_mm - under.from_mm) * way };
-            let share = way - under.way;
-            // What touches first does so at the end of a step: of a longer sequence it begins early in its frame.
-            let first_mm = FIRST_TOUCH * depth_mm;
-            let touches_at = (first_mm - mover.depth_mm) / (depth_mm - mover.depth_mm);
-            if count > 1 && mover.depth_mm <= 0.0 && depth_mm > 0.0 {
-                mover.go(phase, share * touches_at, first_mm, &mut steps);
-                mover.go(phase, share * (1.0 - touches_at), depth_mm, &mut steps);
-            } else {
-                mover.go(phase, share, depth_mm, &mut steps);
-            }
-            under.way = way;
-            if !ends {
-                break;
-            }
-            (current, start_s) = (None, end_s);
-            // The last frame takes all that is left.
-            if !last && end_s >= until_s - 1e-9 / rate {
-                break;
-            }
-        }
-        if steps.is_empty() {
-            // Rest after the last phase, or a phase that moves nothing.
-            let still = PlanarMotion::default();
-            steps.push(ObjectStep { pose: mover.pose, depth_mm: mover.depth_mm, motion: still });
-        }
-        if let Some(phase) = phases.last_mut() {
-            phase.frames += 1;
-        }
+        let press = pressed(plan, &drawn.scene, laid);
+        let steps = timeline.frame(number, |phase, mover| {
+            end_of(phase, mover, simulator.sensor().gelpad.thickness_mm, |pose, depth_mm| {
+                simulator.force_n(&sliding, &press, pose, depth_mm)
+            })
+        });
         total.scene += clock.lap();
 
+        let mover = timeline.mover();
         drawn.scene.pose = mover.pose;
         drawn.scene.indentation_depth_mm = mover.depth_mm.max(0.0);
         // The first frame's noise is a press's.
@@ -231,34 +172,30 @@ pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample
             0 => noise_key,
             _ => rng::stream(noise_key, "sequence frame noise", number).bits(),
         };
-        let mut press = drawn.scene.press(plan);
-        press.texture = press.texture.map(|texture| texture.laid_out(laid));
+        let press = pressed(plan, &drawn.scene, laid);
         let impression = simulator.press_next(&press, &steps, &mut sliding);
         let mut clock = Clock::start();
         let mut label = Label::describe(plan, &drawn.scene, &simulator, &impression);
-        if let Some(reason) = unreached.as_ref().filter(|_| label.health.healthy) {
+        if let Some(reason) = timeline.missed().filter(|_| label.health.healthy) {
             label.health.healthy = false;
-            label.health.reason.clone_from(reason);
+            label.health.reason = reason.to_owned();
         }
         let seconds = Seconds { label: clock.lap(), ..impression.seconds };
-        let phase = phases.last().map_or("", |phase| phase.name.as_str());
         total.add(&seconds);
         for effect in Effect::ALL {
             effects[effect] += impression.effects.seconds[effect];
         }
         first.get_or_insert_with(|| label.clone());
         let slid = impression.sliding.as_ref();
-        labels.push(FrameLabel::new(number as u32, until_s, phase, label.clone(), slid));
+        let t_s = (number + 1) as f64 / rate;
+        labels.push(FrameLabel::new(number as u32, t_s, timeline.phase(), label.clone(), slid));
         each(Sample { simulator: Arc::clone(&simulator), impression, label, seconds }, number as u32);
     }
     let info = SequenceInfo {
         frame_rate_hz: rate,
         frames: labels.len() as u32,
-        friction_coefficient: match drawn.friction {
-            Friction::Stick => None,
-            Friction::Coulomb { coefficient } => Some(coefficient),
-        },
-        phases,
+        friction_coefficient: drawn.friction.coefficient(),
+        phases: timeline.into_labels(),
         ..SequenceInfo::default()
     };
     let first = first.expect("a sequence has a frame");
@@ -267,46 +204,31 @@ pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample
     Accepted { label, summary, rejected: Vec::new(), seconds: total, effects }
 }
 
-/// A phase under way.
-struct Current {
-    phase: usize,
-    start_s: f64,
-    from_mm: f64,
-    to_mm: f64,
-    /// Share of its motion that is done.
-    way: f64,
+/// A frame's press, with the texture where it lay at the start.
+fn pressed(plan: &Plan, scene: &Scene, laid: Laid) -> Press {
+    let press = scene.press(plan);
+    Press { texture: press.texture.map(|texture| texture.laid_out(laid)), ..press }
 }
 
-/// The depth at the end of a phase, the force that was wanted there, and why that cannot be had.
-fn goal(
-    plan: &Plan,
-    simulator: &Simulator,
-    sliding: &Sliding,
-    drawn: &Drawn,
-    phase: &DrawnPhase,
-    mover: &Mover<'_>,
-) -> (f64, f64, Option<String>) {
+/// What a phase comes to; `press_n` presses the object at a pose so deep.
+fn end_of(phase: &DrawnPhase, mover: &Mover<'_>, thickness_mm: f64, press_n: impl Fn(Pose, f64) -> f64) -> End {
     let wanted_n = match phase.goal {
-        Goal::Stay => return (mover.depth_mm, 0.0, None),
-        Goal::Depth(mm) => return (mm, 0.0, None),
+        Goal::Stay => return End::at(mover.depth_mm),
+        Goal::Depth(mm) => return End::at(mm),
         Goal::Force(newtons) => newtons,
     };
     // Where the object is then, whatever its depth.
     let mut there = mover.clone();
     there.go(phase, 1.0, mover.depth_mm, &mut Vec::new());
-    let press = drawn.scene.press(plan);
-    let force_n = |depth_mm: f64| {
-        let pose: Pose = there.at_depth(depth_mm);
-        simulator.force_n(sliding, &press, pose, depth_mm)
-    };
-    let deepest = DEEPEST * simulator.sensor().gelpad.thickness_mm;
+    let force_n = |depth_mm: f64| press_n(there.at_depth(depth_mm), depth_mm);
+    let deepest = DEEPEST * thickness_mm;
     let most_n = force_n(deepest);
     if most_n < wanted_n {
         let reason = format!(
             "phase `{}` wants {wanted_n:.3} N, but at {deepest:.3} mm, {DEEPEST} of the pad's thickness, there are only {most_n:.3} N",
             phase.name
         );
-        return (deepest, wanted_n, Some(reason));
+        return End { depth_mm: deepest, force_n: wanted_n, missed: Some(reason) };
     }
     // Forces grow with a power of the depth: the secant of their logarithms, kept within what is known.
     let (mut low, mut high) = ((0.0, 0.0), (deepest, most_n));
@@ -332,5 +254,5 @@ fn goal(
         let margin = 0.02 * (high.0 - low.0);
         depth = if guess.is_finite() { guess.clamp(low.0 + margin, high.0 - margin) } else { 0.5 * (low.0 + high.0) };
     }
-    (depth, wanted_n, None)
+    End { depth_mm: depth, force_n: wanted_n, missed: None }
 }

@@ -3,7 +3,8 @@
 use glam::{DMat3, DVec3};
 
 use crate::core::base::angle::sin_cos_deg;
-use crate::core::gelpad::sliding::{ObjectStep, PlanarMotion};
+use crate::core::gelpad::planar::PlanarMotion;
+use crate::core::gelpad::sliding::ObjectStep;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Pose, Side, about};
 use crate::job::config::sequence::Profile;

@@ -4,7 +4,7 @@
 //! traction slips it may turn but not grow; turning it costs energy (the limit is a circle), and without that curvature in
 //! step and preconditioner hundreds of iterations are needed instead of three to six.
 
-use super::shear::{Grip, Vector, difference, dot, held, largest, length};
+use super::grip::{Grip, Vector, difference, dot, held, largest, length};
 
 /// Iterations after which to give up.
 const MOST_ITERATIONS: u32 = 300;

@@ -9,9 +9,10 @@
 //! contact needs and no finer than the pad's own; there the press is then one without friction, into a pad that is
 //! displaced already ([`Drag`]).
 
+use super::grip::{Grip, Point, Vector};
 use super::lattice::Lattice;
 use super::model_error::{ContactEdge, force_over_linear};
-use super::shear::{Friction, Grip, Point, Vector};
+use super::shear::Friction;
 use super::{Given, Pad, Solution, WORKSPACE, Workspace};
 use crate::core::base::cubic::catmull_rom;
 use crate::core::base::grid::{Grid, Rect, bounding_box};

@@ -6,9 +6,10 @@
 //! (Goodman 1962).
 
 use super::cone::{self, Solved};
+use super::grip::{Grip, Vector, length};
 use super::inplane::Load;
 use super::layer::ElasticLayer;
-use super::shear::{Grip, Vector, length};
+use crate::core::base::angle::Turn;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 
 /// Share of a step's motion to which tractions are solved: slip would else drift at high frame rates.
@@ -305,12 +306,11 @@ impl Held {
         if turn_rad == 0.0 {
             return;
         }
-        let (sin, cos) = libm::sincos(turn_rad);
-        let back = |[x, y]: [f64; 2]| [cos * x + sin * y, cos * y - sin * x];
+        let turn = Turn::new(turn_rad);
         for fields in [&mut self.tractions, &mut self.change, &mut self.free] {
-            fields.data.iter_mut().for_each(|v| *v = back(v.map(f64::from)).map(|part| part as f32));
+            fields.data.iter_mut().for_each(|v| *v = turn.back(v.map(f64::from)).map(|part| part as f32));
         }
-        self.hold.data.iter_mut().for_each(|v| *v = back(*v));
+        self.hold.data.iter_mut().for_each(|v| *v = turn.back(*v));
     }
 
     /// Motion under the pressure alone.
@@ -327,13 +327,12 @@ impl Held {
     /// `before` is the pressure of the last step, if it was another one.
     fn step(&mut self, before: Option<&Grid<f32>>, coefficient: f64, moved: Moved, tolerance_mm: f64) -> Step {
         let free = if before.is_some() { self.pushed() } else { self.free.clone() };
-        let (sin, cos) = libm::sincos(moved.turn_rad);
-        let back = |[x, y]: [f64; 2]| [cos * x + sin * y, cos * y - sin * x];
-        // R^T (m + (R - 1) X), without the difference of two nearly equal numbers for small turns.
-        let versine = 2.0 * libm::pow(libm::sin(0.5 * moved.turn_rad), 2.0);
-        let shift = back(moved.shift_mm);
+        // R^T (m + (R - 1) X).
+        let turn = Turn::new(moved.turn_rad);
+        let shift = turn.back(moved.shift_mm);
         let driven = |place: [f64; 2]| {
-            [shift[0] + versine * place[0] - sin * place[1], shift[1] + versine * place[1] + sin * place[0]]
+            let ahead = turn.ahead(place);
+            [shift[0] + ahead[0], shift[1] + ahead[1]]
         };
         let [width, height] = self.grip.size;
         let mut limits = Grid::<f32>::new(width, height);

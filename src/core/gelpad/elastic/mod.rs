@@ -26,6 +26,7 @@ pub mod convolve;
 mod edge;
 pub mod fft;
 pub mod friction;
+mod grip;
 pub mod history;
 pub mod inplane;
 pub mod kernel;
