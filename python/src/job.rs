@@ -10,8 +10,7 @@ use gelsim::job::config::Overrides;
 use gelsim::job::label::key;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
-use gelsim::job::sample::Accepted;
-use gelsim::job::sample::accept;
+use gelsim::job::sample::{Accepted, Unfit, accept};
 use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
 use pyo3::exceptions::PyIndexError;
@@ -110,9 +109,12 @@ impl Job {
             None => accept(plan, index).map(|Accepted { sample, .. }| Rendered::Press(Arrays::new(plan, sample))),
             Some(_) => {
                 let mut frames = Vec::new();
-                let accepted = sequence::accept(plan, index, |shown| match shown {
-                    Shown::Begin => frames.clear(),
-                    Shown::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
+                let accepted = sequence::accept(plan, index, |shown| {
+                    match shown {
+                        Shown::Begin => frames.clear(),
+                        Shown::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
+                    }
+                    Ok::<(), Unfit>(())
                 })?;
                 Ok(Rendered::Sequence(frames, json(&accepted.label)))
             }

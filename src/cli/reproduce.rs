@@ -6,9 +6,8 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{Failure, Log, print};
-use crate::dataset::archive::Files;
-use crate::dataset::archive::Member;
-use crate::dataset::encode::make;
+use crate::dataset::archive::{Files, Member};
+use crate::dataset::encode::{Keep, make};
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::user_error;
 use crate::job::config::Overrides;
@@ -43,8 +42,8 @@ impl Reproduce {
         if let Some(cost) = cost(plan.simulator.view().resolution_px) {
             Log::text(false).note(&cost);
         }
-        let made = make(&plan, self.key)
-            .map_err(|unfit| Failure::running(format!("no draw of it is healthy: {}", unfit.0.health.reason)))?;
+        let made = make(&plan, self.key, Keep::InMemory)
+            .map_err(|unmade| Failure::running(format!("it cannot be made again: {unmade}")))?;
         let (text, same) = compare(&written, &made.members);
         print(&text)?;
         // What differs has been said.
@@ -71,9 +70,10 @@ fn compare(written: &Files, made: &[Member]) -> (String, bool) {
     let mut text = String::new();
     let mut same = written.members.len() == made.len();
     for file in made {
-        let bytes = file.bytes.len();
+        let new = file.bytes.read().expect("nothing of it is spooled");
+        let bytes = new.len();
         let _ = match written.member(&file.suffix) {
-            Some(old) if old == file.bytes => {
+            Some(old) if old == &*new => {
                 writeln!(text, "{}.{}: the same {bytes} bytes", written.key, file.suffix)
             }
             other => {
@@ -81,7 +81,7 @@ fn compare(written: &Files, made: &[Member]) -> (String, bool) {
                 let how = match other {
                     None => String::from("is not in the shard"),
                     Some(old) => {
-                        let at = old.iter().zip(&file.bytes).take_while(|(old, new)| old == new).count();
+                        let at = old.iter().zip(&*new).take_while(|(old, new)| old == new).count();
                         format!("differs from byte {at} on ({} bytes there, {bytes} here)", old.len())
                     }
                 };

@@ -2,10 +2,13 @@
 
 use crate::files::fail_point::Step;
 use crate::files::input::{self, MOST_IMAGE_BYTES};
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
+use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
@@ -17,13 +20,58 @@ pub struct Member {
     /// The end of its name, after key and dot.
     pub suffix: String,
     /// Its content.
-    pub bytes: Vec<u8>,
+    pub bytes: Bytes,
+}
+
+/// The content of a file, in memory or where a [`super::spool::Spool`] keeps it.
+pub enum Bytes {
+    /// In memory.
+    Held(Vec<u8>),
+    /// On disk.
+    Spooled {
+        /// The spool.
+        file: Arc<File>,
+        /// Where it begins.
+        at: u64,
+        /// Bytes.
+        length: usize,
+    },
+}
+
+impl Bytes {
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Held(bytes) => bytes.len(),
+            Self::Spooled { length, .. } => *length,
+        }
+    }
+
+    /// All of them, for keeps.
+    pub fn into_vec(self) -> io::Result<Vec<u8>> {
+        match self {
+            Self::Held(bytes) => Ok(bytes),
+            spooled => spooled.read().map(Cow::into_owned),
+        }
+    }
+
+    /// All of them.
+    pub fn read(&self) -> io::Result<Cow<'_, [u8]>> {
+        match self {
+            Self::Held(bytes) => Ok(Cow::Borrowed(bytes)),
+            Self::Spooled { file, at, length } => {
+                let mut bytes = vec![0; *length];
+                file.read_exact_at(&mut bytes, *at)?;
+                Ok(Cow::Owned(bytes))
+            }
+        }
+    }
 }
 
 impl Member {
     /// Of a name's end and the content.
     pub fn new(suffix: impl Into<String>, bytes: Vec<u8>) -> Self {
-        Self { suffix: suffix.into(), bytes }
+        Self { suffix: suffix.into(), bytes: Bytes::Held(bytes) }
     }
 }
 
@@ -42,13 +90,13 @@ impl Writer {
         for member in members {
             let mut header = tar::Header::new_ustar();
             header.set_path(format!("{key}.{}", member.suffix))?;
-            header.set_size(member.bytes.len() as u64);
+            header.set_size(member.bytes.count() as u64);
             header.set_mode(0o644);
             header.set_mtime(0);
             header.set_uid(0);
             header.set_gid(0);
             header.set_cksum();
-            self.0.append(&header, member.bytes.as_slice())?;
+            self.0.append(&header, &*member.bytes.read()?)?;
         }
         Ok(())
     }
@@ -73,7 +121,7 @@ pub const EMPTY_BYTES: u64 = 1024;
 
 /// Bytes that a sample's files take in a tar: each with a header, in blocks.
 pub fn bytes_of(members: &[Member]) -> u64 {
-    members.iter().map(|member| 512 + (member.bytes.len() as u64).next_multiple_of(512)).sum()
+    members.iter().map(|member| 512 + (member.bytes.count() as u64).next_multiple_of(512)).sum()
 }
 
 /// A file that knows the SHA-256 of what was written to it.

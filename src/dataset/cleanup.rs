@@ -25,8 +25,8 @@ pub const REPORT: &str = "report.html";
 
 /// Folders of the shards' files.
 pub const FOLDERS: [&str; 2] = [DATA, "stats"];
-/// That of the shards themselves.
-const DATA: &str = "data";
+/// The one with the shards themselves.
+pub const DATA: &str = "data";
 
 /// Name of [`lock`].
 pub const LOCK: &str = ".gelsim.lock";

@@ -119,14 +119,14 @@ impl Container {
         }
     }
 
-    /// Bytes that a sample's files take.
-    pub fn bytes_of(self, shard: &Shard, index: u64, members: &[Member]) -> u64 {
+    /// Bytes that a sample's files take; `label` is the content of one of them.
+    pub fn bytes_of(self, shard: &Shard, index: u64, label: &[u8], members: &[Member]) -> u64 {
         match self {
             Self::Tar => archive::bytes_of(members),
             Self::Folder => {
-                let members = members.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice()));
-                let files: usize = members.clone().map(|(_, bytes)| bytes.len()).sum();
-                (files + imagefolder::rows(&shard.name(), &key(index), members).len()) as u64
+                let suffixes = members.iter().map(|member| member.suffix.as_str());
+                let files: usize = members.iter().map(|member| member.bytes.count()).sum();
+                (files + imagefolder::rows(&shard.name(), &key(index), label, suffixes).len()) as u64
             }
         }
     }

@@ -1,6 +1,7 @@
 //! The files of a sample, in the order in which they stand in a shard.
 
-use std::io;
+use std::path::{Path, PathBuf};
+use std::{fmt, io};
 
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
@@ -9,9 +10,10 @@ use crate::core::base::clock::{Clock, Seconds};
 use crate::core::effects::PerEffect;
 use crate::dataset::archive::Member;
 use crate::dataset::content::{Content, content};
+use crate::dataset::spool::Spool;
 use crate::files::exr::Exr;
 use crate::files::{exr, npy, png};
-use crate::job::label::Label;
+use crate::job::label::{Label, key};
 use crate::job::layers::{Coding, Form, OutputLayer};
 use crate::job::plan::Plan;
 use crate::job::sample::{Accepted, Sample, Unfit, accept, render};
@@ -31,25 +33,64 @@ pub struct Made {
     pub effects: PerEffect<f64>,
 }
 
-/// Makes sample `index` as a dataset has it: a press, or a sequence.
-pub fn make(plan: &Plan, index: u64) -> Result<Made, Unfit> {
-    match plan.job().sequence {
-        None => accept(plan, index).map(|accepted| press(plan, accepted)),
-        Some(_) => sequence(plan, |each| sequence::accept(plan, index, each)),
+/// Where the files of a sequence stay until it is whole.
+#[derive(Clone, Copy)]
+pub enum Keep<'a> {
+    /// In memory.
+    InMemory,
+    /// On disk, in the folder `data` of the dataset, until there is no more need for it.
+    OnDisk {
+        /// The folder.
+        folder: &'a Path,
+        /// Whether to drop what is under way.
+        stop: &'a (dyn Fn() -> bool + Sync),
+    },
+}
+
+/// Why there is no sample.
+#[derive(Debug)]
+pub enum Unmade {
+    /// No draw of it may go into the dataset.
+    Unfit(Unfit),
+    /// There was no keeping its files.
+    Io(PathBuf, io::Error),
+    /// It was to be dropped.
+    Stopped,
+}
+
+impl From<Unfit> for Unmade {
+    fn from(unfit: Unfit) -> Self {
+        Self::Unfit(unfit)
     }
 }
 
-/// The same of its first draw if no draw of it may go into a dataset.
+impl fmt::Display for Unmade {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unfit(Unfit(label)) => write!(f, "no draw of it is healthy: {}", label.health.reason),
+            Self::Io(path, error) => write!(f, "{}: {error}", path.display()),
+            Self::Stopped => f.write_str("it was stopped"),
+        }
+    }
+}
+
+/// Makes sample `index` as a dataset has it: a press, or a sequence.
+pub fn make(plan: &Plan, index: u64, keep: Keep<'_>) -> Result<Made, Unmade> {
+    match plan.job().sequence {
+        None => Ok(press(plan, accept(plan, index)?)),
+        Some(_) => sequence(plan, index, keep, |each| sequence::accept(plan, index, each)),
+    }
+}
+
+/// The same in memory, of its first draw if no draw of it may go into a dataset.
 pub fn make_shown(plan: &Plan, index: u64) -> Made {
-    make(plan, index).unwrap_or_else(|_| match plan.job().sequence {
+    make(plan, index, Keep::InMemory).unwrap_or_else(|_| match plan.job().sequence {
         None => press(plan, Accepted { sample: render(plan, index), rejected: Vec::new() }),
         Some(_) => {
-            let first = |each: &mut dyn FnMut(Shown)| {
-                let each = |sample, number| each(Shown::Frame(Box::new(sample), number));
-                Ok::<_, std::convert::Infallible>(sequence::render(plan, index, 0, each))
+            let first = |each: &mut Each<'_>| {
+                sequence::render(plan, index, 0, |sample, number| each(Shown::Frame(Box::new(sample), number)))
             };
-            let Ok(made) = sequence(plan, first);
-            made
+            sequence(plan, index, Keep::InMemory, first).expect("nothing stops it")
         }
     })
 }
@@ -62,21 +103,49 @@ pub fn press(plan: &Plan, Accepted { sample, rejected }: Accepted) -> Made {
     Made { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds }
 }
 
-/// Encodes a sequence that `draw` shows frame by frame: only their files are kept.
-fn sequence<E>(
+/// Who is shown a sequence.
+type Each<'a> = dyn FnMut(Shown) -> Result<(), Unmade> + 'a;
+
+/// Encodes sequence `index`, which `draw` shows frame by frame: only their files are kept.
+fn sequence(
     plan: &Plan,
-    draw: impl FnOnce(&mut dyn FnMut(Shown)) -> Result<sequence::Accepted, E>,
-) -> Result<Made, E> {
+    index: u64,
+    keep: Keep<'_>,
+    draw: impl FnOnce(&mut Each<'_>) -> Result<sequence::Accepted, Unmade>,
+) -> Result<Made, Unmade> {
     let (mut members, mut encode) = (Vec::new(), 0.0);
-    let accepted = draw(&mut |shown| match shown {
-        Shown::Begin => members.clear(),
-        Shown::Frame(sample, number) => {
-            let mut clock = Clock::start();
-            for mut member in layers(plan, &sample) {
-                member.suffix = format!("{}.{}", frame(number), member.suffix);
-                members.push(member);
+    let path = match keep {
+        Keep::InMemory => PathBuf::new(),
+        Keep::OnDisk { folder, .. } => {
+            folder.join(format!(".{}.{}.partial", plan.layout.shard_of(index).name(), key(index)))
+        }
+    };
+    let failed = |error| Unmade::Io(path.clone(), error);
+    let mut spool = match keep {
+        Keep::InMemory => None,
+        Keep::OnDisk { .. } => Some(Spool::create(&path).map_err(failed)?),
+    };
+    let accepted = draw(&mut |shown| {
+        match shown {
+            Shown::Begin => {
+                members.clear();
+                spool.as_mut().map_or(Ok(()), Spool::clear).map_err(failed)?;
             }
-            encode += clock.lap();
+            Shown::Frame(sample, number) => {
+                let mut clock = Clock::start();
+                for mut member in layers(plan, &sample) {
+                    member.suffix = format!("{}.{}", frame(number), member.suffix);
+                    members.push(match &mut spool {
+                        None => member,
+                        Some(spool) => spool.put(member).map_err(failed)?,
+                    });
+                }
+                encode += clock.lap();
+            }
+        }
+        match keep {
+            Keep::OnDisk { stop, .. } if stop() => Err(Unmade::Stopped),
+            _ => Ok(()),
         }
     })?;
     let mut clock = Clock::start();
@@ -165,5 +234,60 @@ impl Formatter for DecimalPoints {
             }
             _ => writer.write_all(&text),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::archive::Bytes;
+    use crate::job::config::Overrides;
+
+    fn slide(folder: &Path) -> Plan {
+        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects/sphere.obj");
+        let text = format!(
+            "dataset = {{ name = \"t\", samples = 1, seed = 5 }}\nsensor.resolution_px = [24, 18]\n\
+             object = [{{ path = {ball:?} }}]\noutput.layers = [\"slip\"]\n\
+             [[sequence.phase]]\nname = \"press\"\nduration_s = 0.2\ndepth_mm = 0.5\n\
+             [[sequence.phase]]\nname = \"slide\"\nduration_s = 0.4\nx_mm = 1.0\n"
+        );
+        let path = folder.join("job.toml");
+        std::fs::write(&path, text).expect("a file");
+        Plan::load(&path, &Overrides::default()).expect("a sound job")
+    }
+
+    #[test]
+    fn the_frames_of_a_sequence_wait_on_disk_and_are_the_same() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let plan = slide(folder.path());
+        let on_disk = Keep::OnDisk { folder: folder.path(), stop: &|| false };
+        let (held, kept) = (make(&plan, 0, Keep::InMemory).unwrap(), make(&plan, 0, on_disk).unwrap());
+        assert_eq!(held.members.len(), kept.members.len());
+        let mut images = 0;
+        for (held, kept) in held.members.iter().zip(&kept.members) {
+            assert_eq!(held.suffix, kept.suffix);
+            assert!(matches!(held.bytes, Bytes::Held(_)));
+            assert_eq!(matches!(kept.bytes, Bytes::Spooled { .. }), kept.suffix != "json", "{}", kept.suffix);
+            if kept.suffix.ends_with(".png") {
+                images += 1;
+                assert!(held.bytes.read().unwrap() == kept.bytes.read().unwrap(), "{}", kept.suffix);
+            }
+        }
+        assert_eq!(images, 2 * 15);
+        let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["job.toml"]);
+    }
+
+    #[test]
+    fn a_sequence_that_is_stopped_ends_with_the_frame_under_way() {
+        use std::sync::atomic::{AtomicU32, Ordering};
+        let folder = tempfile::tempdir().expect("a folder");
+        let plan = slide(folder.path());
+        let asked = AtomicU32::new(0);
+        // Asked once at its begin, and after each frame.
+        let third = || asked.fetch_add(1, Ordering::Relaxed) == 3;
+        let stopped = make(&plan, 0, Keep::OnDisk { folder: folder.path(), stop: &third });
+        assert!(matches!(stopped, Err(Unmade::Stopped)));
+        assert_eq!(asked.into_inner(), 4);
     }
 }

@@ -4,6 +4,7 @@
 //! Samples are taken from all over the job until their mean time is known well enough; time and bytes of the whole are
 //! in proportion. CPU time is taken while all threads are busy, so that what they take from each other is in it.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -80,20 +81,26 @@ struct Probe {
 
 impl Probe {
     fn new(plan: &Plan, index: u64) -> Self {
-        let Made { label, members, seconds, effects, .. } = make_shown(plan, index);
+        let Made { label: known, members, seconds, effects, .. } = make_shown(plan, index);
         let mut clock = Clock::start();
         let mut hash = Sha256::new();
-        members.iter().for_each(|member| hash.update(&member.bytes));
+        let mut label = Cow::default();
+        for member in &members {
+            let bytes = member.bytes.read().expect("nothing of it is spooled");
+            hash.update(&bytes);
+            // Which comes last.
+            label = bytes;
+        }
         std::hint::black_box(hash.finalize());
         Self {
-            healthy: label.health.healthy,
-            in_contact: label.contact.in_contact,
-            light: LightRange::from_label(&label),
-            notes: label.effects,
+            healthy: known.health.healthy,
+            in_contact: known.contact.in_contact,
+            light: LightRange::from_label(&known),
+            notes: known.effects,
             effects,
             seconds,
             write_s: clock.lap(),
-            bytes: plan.output().container.bytes_of(&plan.layout.shard_of(index), index, &members),
+            bytes: plan.output().container.bytes_of(&plan.layout.shard_of(index), index, &label, &members),
         }
     }
 

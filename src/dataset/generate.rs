@@ -18,8 +18,8 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::dataset::cleanup;
-use crate::dataset::encode::{Made, make};
+use crate::dataset::cleanup::{self, DATA};
+use crate::dataset::encode::{Keep, Made, Unmade, make};
 use crate::dataset::finalize::{Finalized, finalize};
 use crate::dataset::folder::{prepare, recorded_samples, still_ours};
 use crate::dataset::lock::Lock;
@@ -113,7 +113,7 @@ impl From<Refused> for GenerateError {
 /// Signals between a run and who watches it.
 #[derive(Default)]
 pub struct Watch {
-    /// Raise to stop: samples under way are finished and dropped, complete shards stay.
+    /// Raise to stop: presses under way are finished, sequences end after a frame, and both are dropped, complete shards stay.
     pub stop: AtomicBool,
     /// Samples rendered so far.
     pub rendered: AtomicU64,
@@ -135,7 +135,7 @@ pub struct Expected {
 }
 
 /// Makes a sample of a plan: [`make`], but for tests.
-type Draw = dyn Fn(&Plan, u64) -> Result<Made, Unfit> + Sync;
+type Draw = dyn Fn(&Plan, u64, Keep<'_>) -> Result<Made, Unmade> + Sync;
 
 /// Generates the dataset, or the shards of it that were asked for.
 pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
@@ -279,6 +279,7 @@ fn write_shard(
 ) -> Result<Stats, GenerateError> {
     let paths = Paths::new(root, shard, plan.output().container);
     let partial = paths.partial.clone();
+    let data = root.join(DATA);
     let io = |error| GenerateError::Io(partial.clone(), error);
     let lock = {
         // Another run that replaces the dataset meanwhile finds the shard locked, or is found to have done it.
@@ -301,13 +302,14 @@ fn write_shard(
     let indices: Vec<u64> = plan.layout.indices(*shard).collect();
     // Sequences are large; no more of them wait than there are threads to make them.
     let block = if plan.job().sequence.is_some() { rayon::current_num_threads().min(BLOCK) } else { BLOCK };
+    let stop = || watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed);
+    let keep = Keep::OnDisk { folder: &data, stop: &stop };
     for block in indices.chunks(block) {
         let encoded: Vec<Option<Result<Made, GenerateError>>> = block
             .par_iter()
             .map(|&index| {
-                let stop = watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed);
-                (!stop).then(|| {
-                    let encoded = encode(plan, index, draw);
+                (!stop()).then(|| {
+                    let encoded = encode(plan, index, keep, draw);
                     watch.rendered.fetch_add(1, Ordering::Relaxed);
                     encoded
                 })
@@ -324,10 +326,15 @@ fn write_shard(
     Ok(stats)
 }
 
-fn encode(plan: &Plan, index: u64, draw: &Draw) -> Result<Made, GenerateError> {
+fn encode(plan: &Plan, index: u64, keep: Keep<'_>, draw: &Draw) -> Result<Made, GenerateError> {
     // Nothing outside is changed by what panics.
-    let made = catch_unwind(AssertUnwindSafe(|| draw(plan, index).map_err(GenerateError::Unhealthy)));
-    made.unwrap_or_else(|panic| Err(GenerateError::Panicked(index, said(&*panic))))
+    let made = catch_unwind(AssertUnwindSafe(|| draw(plan, index, keep)));
+    let made = made.map_err(|panic| GenerateError::Panicked(index, said(&*panic)))?;
+    made.map_err(|unmade| match unmade {
+        Unmade::Unfit(unfit) => GenerateError::Unhealthy(unfit),
+        Unmade::Io(path, error) => GenerateError::Io(path, error),
+        Unmade::Stopped => GenerateError::Interrupted,
+    })
 }
 
 /// The message of a panic.
@@ -360,9 +367,9 @@ mod tests {
         let root = folder.path().join("out");
         for threads in [1, 4] {
             let request = Request { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
-            let broken = |plan: &Plan, index: u64| match index {
+            let broken = |plan: &Plan, index: u64, keep: Keep<'_>| match index {
                 27 => panic!("injected"),
-                _ => make(plan, index),
+                _ => make(plan, index, keep),
             };
             match run(&plan, &request, &Watch::default(), &broken) {
                 Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),

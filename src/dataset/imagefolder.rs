@@ -7,6 +7,7 @@
 
 use crate::files::fail_point::Step;
 use crate::files::input;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
 use std::ops::ControlFlow;
@@ -21,6 +22,7 @@ use crate::files::write::{same_file, sync_all_in};
 
 mod rows;
 
+use rows::{LABEL, NO_LABEL};
 pub use rows::{Rows, rows};
 
 /// The file with a row per sample.
@@ -51,13 +53,17 @@ impl Writer {
     pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
         let mut in_order: Vec<&Member> = members.iter().collect();
         in_order.sort_by(|a, b| a.suffix.cmp(&b.suffix));
+        let mut label = Cow::Borrowed(NO_LABEL);
         for member in &in_order {
             let name = format!("{key}.{}", member.suffix);
-            new_file(&self.folder, &name)?.write_all(&member.bytes)?;
-            self.sums.add(&name, member.bytes.len() as u64, Sha256::digest(&member.bytes).as_slice());
+            let bytes = member.bytes.read()?;
+            new_file(&self.folder, &name)?.write_all(&bytes)?;
+            self.sums.add(&name, bytes.len() as u64, Sha256::digest(&bytes).as_slice());
+            if member.suffix == LABEL {
+                label = bytes;
+            }
         }
-        let row =
-            rows(&self.shard, key, in_order.iter().map(|member| (member.suffix.as_str(), member.bytes.as_slice())));
+        let row = rows(&self.shard, key, &label, in_order.iter().map(|member| member.suffix.as_str()));
         self.metadata_hash.update(&row);
         self.metadata_bytes += row.len() as u64;
         self.metadata.write_all(&row)
@@ -260,7 +266,7 @@ mod tests {
     use super::*;
 
     fn member(suffix: &str, bytes: &[u8]) -> Member {
-        Member { suffix: suffix.to_owned(), bytes: bytes.to_vec() }
+        Member::new(suffix, bytes.to_vec())
     }
 
     /// A folder with two samples, its bytes and checksum.

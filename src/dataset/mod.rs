@@ -26,6 +26,7 @@ pub mod recorded;
 pub mod refused;
 mod seal;
 pub mod shard;
+pub mod spool;
 pub mod stats;
 pub mod verify;
 pub mod versioned;

@@ -14,7 +14,7 @@ use rustix::process::{Pid, test_kill_process};
 pub fn create_anew(path: &Path) -> io::Result<File> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => OpenOptions::new().write(true).create_new(true).open(path),
+        _ => OpenOptions::new().read(true).write(true).create_new(true).open(path),
     }
 }
 

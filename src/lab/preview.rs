@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 
 use crate::core::base::grid::Grid;
 use crate::core::impression::Impression;
-use crate::dataset::archive::Files;
+use crate::dataset::archive::{Files, Member};
 use crate::dataset::decode;
 use crate::dataset::encode::{frame, make_shown};
 use crate::dataset::labels::SampleLabel;
@@ -101,8 +101,8 @@ fn panels(tactile: RgbImage, depth: Option<&Grid<f32>>, contact: Option<&Grid<u8
 /// The files of a sequence of a plan, made anew.
 pub fn sequence_files(plan: &Plan, index: u64) -> Files {
     let made = make_shown(plan, index);
-    let members = made.members.into_iter().map(|member| (member.suffix, member.bytes)).collect();
-    Files { key: key(index), members }
+    let file = |Member { suffix, bytes }| (suffix, bytes.into_vec().expect("nothing of it is spooled"));
+    Files { key: key(index), members: made.members.into_iter().map(file).collect() }
 }
 
 /// The tactile image of a frame.

@@ -374,8 +374,10 @@ fn the_bytes_of_a_sample_are_foreseen_for_both_containers() {
             .map(|Files { key, members }| {
                 let index = key.parse().expect("a number");
                 let members: Vec<Member> =
-                    members.into_iter().map(|(suffix, bytes)| Member { suffix, bytes }).collect();
-                container.bytes_of(&recorded.layout.shard_of(index), index, &members)
+                    members.into_iter().map(|(suffix, bytes)| Member::new(suffix, bytes)).collect();
+                let label = members.iter().find(|member| member.suffix == "json").expect("a label");
+                let label = label.bytes.read().expect("in memory");
+                container.bytes_of(&recorded.layout.shard_of(index), index, &label, &members)
             })
             .sum();
         let manifest = json(&folder, &format!("{name}/dataset.json"));

@@ -41,7 +41,11 @@ fn frames(setup: &Setup, phases: &[&str], mut each: impl FnMut(u32, &dyn Fn() ->
          gelpad_thickness_mm = {thickness_mm:?}\n[output]\nlayers = [\"flow\"]\n[sequence]\n\
          frame_rate_hz = {frame_rate_hz:?}\nfriction = {{ coefficient = {friction:?} }}\n{phases}"
     ));
-    let done = render(&plan, 0, 0, |sample, number| each(number, &|| sample.impression.flow_mm()));
+    let done = render(&plan, 0, 0, |sample, number| {
+        each(number, &|| sample.impression.flow_mm());
+        Ok::<(), std::convert::Infallible>(())
+    });
+    let Ok(done) = done;
     assert!(done.summary.health.healthy, "{}", done.summary.health.reason);
     done.label
 }

@@ -297,5 +297,7 @@ pub fn expose(light: &Light, rest: &BackgroundImage) -> Image {
 pub fn member(plan: &Plan, sample: &Sample, suffix: &str) -> Vec<u8> {
     let members = encode::members(plan, sample);
     let found = members.into_iter().find(|member| member.suffix == suffix);
-    found.map(|member| member.bytes).unwrap_or_else(|| panic!("the sample has no {suffix}"))
+    found
+        .map(|member| member.bytes.into_vec().expect("in memory"))
+        .unwrap_or_else(|| panic!("the sample has no {suffix}"))
 }

@@ -136,7 +136,7 @@ fn random_samples_are_finite_in_range_consistent_and_the_same_a_second_time() {
                 return Err(TestCaseError::fail(format!("sample {index}: {wrong} in\n{job}")));
             }
             let bytes = |sample: &Sample| -> Vec<Vec<u8>> {
-                members(&plan, sample).into_iter().map(|member| member.bytes).collect()
+                members(&plan, sample).into_iter().map(|member| member.bytes.into_vec().expect("in memory")).collect()
             };
             if bytes(&sample) != bytes(&render(&plan, index)) {
                 return Err(TestCaseError::fail(format!("sample {index}: other bytes in\n{job}")));

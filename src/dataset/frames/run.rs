@@ -239,7 +239,8 @@ fn write(out: &Path, source: &Source, members: &[Member]) -> Result<(), RenderEr
     }
     for member in members {
         let path = path(&member.suffix);
-        write_one_of_many(&path, &member.bytes).map_err(|error| RenderError::Io(path, error))?;
+        let written = member.bytes.read().and_then(|bytes| write_one_of_many(&path, &bytes));
+        written.map_err(|error| RenderError::Io(path, error))?;
     }
     Ok(())
 }

@@ -12,38 +12,42 @@ use super::super::labels::{SampleLabel, split};
 use super::{METADATA, old_file, open};
 use crate::job::sequence::label::FrameRow;
 
-/// The rows of a sample in metadata.jsonl: one of a press, one for each frame of a sequence.
-pub fn rows<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, &'a [u8])>) -> Vec<u8> {
-    let members: Vec<(&str, &[u8])> = members.collect();
-    let label = members.iter().find(|(suffix, _)| *suffix == "json").map_or(&b"{}"[..], |(_, bytes)| bytes);
-    if members.iter().all(|(suffix, _)| split(suffix).0.is_none()) {
-        return row(shard, key, members.into_iter());
+/// The end of the name of a sample's label.
+pub const LABEL: &str = "json";
+
+/// What stands for the label of a sample that has none.
+pub const NO_LABEL: &[u8] = b"{}";
+
+/// The rows of a sample in metadata.jsonl, from its label and the ends of its files' names: one of a press, one for each frame
+/// of a sequence.
+pub fn rows<'a>(shard: &str, key: &str, label: &[u8], suffixes: impl Iterator<Item = &'a str>) -> Vec<u8> {
+    let suffixes: Vec<&str> = suffixes.collect();
+    if suffixes.iter().all(|suffix| split(suffix).0.is_none()) {
+        return row(shard, key, label, &suffixes);
     }
     // What is no label of ours has no rows.
     let Ok(SampleLabel::Sequence(sequence, _)) = SampleLabel::read(label) else { return b"\n".to_vec() };
-    let mut of_frames: HashMap<&str, Vec<(&str, &[u8])>> = HashMap::new();
-    for (suffix, bytes) in &members {
+    let mut of_frames: HashMap<&str, Vec<&str>> = HashMap::new();
+    for suffix in suffixes {
         if let (Some(of), suffix) = split(suffix) {
-            of_frames.entry(of).or_default().push((suffix, bytes));
+            of_frames.entry(of).or_default().push(suffix);
         }
     }
     let of_frame = |of_frame: FrameRow| {
         let name = frame(of_frame.frame.index);
-        let label = json(&of_frame);
-        let own = of_frames.get(name.as_str()).into_iter().flatten().copied();
-        row(shard, &format!("{key}.{name}"), own.chain([("json", label.as_slice())]))
+        let own = of_frames.get(name.as_str()).map_or(&[][..], Vec::as_slice);
+        row(shard, &format!("{key}.{name}"), &json(&of_frame), own)
     };
     sequence.rows().flat_map(of_frame).collect()
 }
 
-/// The row of a press in metadata.jsonl, from its files by the ends of their names: names of its images, which
-/// Hugging Face takes for such by `file_name`, from this folder; paths of the other layers, from the dataset's folder;
-/// and the label's keys.
-fn row<'a>(shard: &str, key: &str, members: impl Iterator<Item = (&'a str, &'a [u8])>) -> Vec<u8> {
-    let (mut first, mut rest, mut label) = (String::new(), String::new(), &b"{}"[..]);
-    for (suffix, bytes) in members {
+/// The row of a press in metadata.jsonl: names of its images, which Hugging Face takes for such by `file_name`, from this folder;
+/// paths of the other layers, from the dataset's folder; and the label's keys.
+fn row(shard: &str, key: &str, label: &[u8], suffixes: &[&str]) -> Vec<u8> {
+    let (mut first, mut rest) = (String::new(), String::new());
+    for suffix in suffixes {
         match suffix.split_once('.') {
-            None => label = bytes,
+            None => {}
             Some(("tactile", _)) => first = format!("\"file_name\":\"{key}.{suffix}\""),
             Some((layer, "png")) => rest += &format!(",\"{layer}_image_file_name\":\"{key}.{suffix}\""),
             Some((layer, _)) => rest += &format!(",\"{layer}_path\":\"data/{shard}/{key}.{suffix}\""),
@@ -74,8 +78,9 @@ impl Rows {
 
     /// Compares the next row with the sample that it should be about.
     pub fn compare(&mut self, files: &Files) {
-        let members = files.members.iter().map(|(suffix, bytes)| (suffix.as_str(), bytes.as_slice()));
-        let expected = rows(&self.shard, &files.key, members);
+        let label = files.member(LABEL).unwrap_or(NO_LABEL);
+        let suffixes = files.members.iter().map(|(suffix, _)| suffix.as_str());
+        let expected = rows(&self.shard, &files.key, label, suffixes);
         let mut found = vec![0; expected.len()];
         let same = self.wrong.is_none() && self.file.read_exact(&mut found).is_ok() && found == expected;
         if !same {
@@ -96,10 +101,10 @@ mod tests {
 
     #[test]
     fn a_row_has_names_of_images_paths_of_layers_and_the_label() {
-        let members = [("contact.png", &b""[..]), ("depth.npy", b""), ("json", b"{\"a\":1}"), ("tactile.png", b"")];
+        let suffixes = ["contact.png", "depth.npy", "json", "tactile.png"];
         let expected = "{\"file_name\":\"000000001.tactile.png\",\"contact_image_file_name\":\"000000001.contact.png\",\
                         \"depth_path\":\"data/train-000002/000000001.depth.npy\",\"a\":1}\n";
-        let row = row("train-000002", "000000001", members.into_iter());
+        let row = row("train-000002", "000000001", b"{\"a\":1}", &suffixes);
         assert_eq!(String::from_utf8_lossy(&row), expected);
     }
 }

@@ -53,20 +53,24 @@ pub struct Accepted {
 }
 
 /// Draws and renders sequence `index`, again if it is not sound and the plan wants that, and shows each frame to `each`, which is told
-/// when a sequence begins anew.
-pub fn accept(plan: &Plan, index: u64, mut each: impl FnMut(Shown)) -> Result<Accepted, Unfit> {
+/// when a sequence begins anew, and ends the work by an error.
+pub fn accept<E: From<Unfit>>(
+    plan: &Plan,
+    index: u64,
+    mut each: impl FnMut(Shown) -> Result<(), E>,
+) -> Result<Accepted, E> {
     let mut rejected: Vec<Label> = Vec::new();
     loop {
         let attempt = rejected.len() as u32;
-        each(Shown::Begin);
-        let mut done = render(plan, index, attempt, |sample, number| each(Shown::Frame(Box::new(sample), number)));
+        each(Shown::Begin)?;
+        let mut done = render(plan, index, attempt, |sample, number| each(Shown::Frame(Box::new(sample), number)))?;
         let sound = done.summary.health.healthy || plan.output().on_unhealthy == OnUnhealthy::Keep;
         if sound {
             done.rejected = rejected;
             return Ok(done);
         }
         if plan.output().on_unhealthy == OnUnhealthy::Fail || attempt + 1 == MOST_ATTEMPTS {
-            return Err(Unfit(Box::new(done.summary)));
+            return Err(Unfit(Box::new(done.summary)).into());
         }
         rejected.push(done.summary);
     }
@@ -131,8 +135,13 @@ impl Drawn {
     }
 }
 
-/// Renders sequence `index` as it is drawn after `attempt` draws were rejected.
-pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample, u32)) -> Accepted {
+/// Renders sequence `index` as it is drawn after `attempt` draws were rejected, until `each`, which is shown the frames, fails.
+pub fn render<E>(
+    plan: &Plan,
+    index: u64,
+    attempt: u32,
+    mut each: impl FnMut(Sample, u32) -> Result<(), E>,
+) -> Result<Accepted, E> {
     let plan = plan.of_sample(index, attempt);
     let mut clock = Clock::start();
     let sequence = plan.job().sequence.as_ref().expect("a job of sequences");
@@ -189,7 +198,7 @@ pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample
         let slid = impression.sliding.as_ref();
         let t_s = (number + 1) as f64 / rate;
         labels.push(FrameLabel::new(number as u32, t_s, timeline.phase(), label.clone(), slid));
-        each(Sample { simulator: Arc::clone(&simulator), impression, label, seconds }, number as u32);
+        each(Sample { simulator: Arc::clone(&simulator), impression, label, seconds }, number as u32)?;
     }
     let info = SequenceInfo {
         frame_rate_hz: rate,
@@ -201,7 +210,7 @@ pub fn render(plan: &Plan, index: u64, attempt: u32, mut each: impl FnMut(Sample
     let first = first.expect("a sequence has a frame");
     let label = SequenceLabel::new(&first, info, labels);
     let summary = label.summary().expect("a sequence has a frame");
-    Accepted { label, summary, rejected: Vec::new(), seconds: total, effects }
+    Ok(Accepted { label, summary, rejected: Vec::new(), seconds: total, effects })
 }
 
 /// A frame's press, with the texture where it lay at the start.

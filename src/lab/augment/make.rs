@@ -216,11 +216,11 @@ impl<'a> Maker<'a> {
                     _ if *suffix == set.label => label.clone(),
                     _ => there.clone(),
                 };
-                Member { suffix: suffix.clone(), bytes }
+                Member::new(suffix.as_str(), bytes)
             };
             piece.tar_files = raw.files.iter().map(replaced).collect();
             if !raw.files.iter().any(|(suffix, _)| *suffix == set.label) {
-                piece.tar_files.push(Member { suffix: set.label.clone(), bytes: label });
+                piece.tar_files.push(Member::new(set.label.as_str(), label));
             }
         } else {
             let folder = self.units.folder(real.unit, split);

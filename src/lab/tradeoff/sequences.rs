@@ -1,6 +1,7 @@
 //! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference` at four times
 //! the frame rate, and time.
 
+use std::convert::Infallible;
 use std::fmt::Write;
 
 use serde::Serialize;
@@ -67,10 +68,11 @@ struct Seen {
 
 fn see(plan: &Plan, index: u64, wanted: impl Fn(usize) -> bool) -> Seen {
     let mut flows = Vec::new();
-    let done = render(plan, index, 0, |sample, number| {
+    let Ok(done) = render(plan, index, 0, |sample, number| {
         if wanted(number as usize) {
             flows.push((number as usize, sample.impression.flow_mm()));
         }
+        Ok::<(), Infallible>(())
     });
     Seen { label: done.label, flows, seconds: done.seconds.simulation() }
 }

@@ -65,11 +65,12 @@ impl Maker<'_> {
         let folder = self.units.folder(beside.unit, split);
         let mut columns = Vec::new();
         for Member { suffix, bytes } in files {
+            let bytes = bytes.into_vec().expect("of a press nothing is spooled");
             let tactile = suffix == "tactile.png";
             if *form == Form::Tar {
                 let suffix = if tactile { set.image.clone() } else { suffix };
                 if tactile || self.columns.contains(&suffix) {
-                    piece.tar_files.push(Member { suffix, bytes });
+                    piece.tar_files.push(Member::new(suffix, bytes));
                 }
                 continue;
             }
@@ -99,7 +100,7 @@ impl Maker<'_> {
         let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
         let label = self.labels.synthetic(form, &made, &division.names[split], &name, &trace);
         match form {
-            Form::Tar => piece.tar_files.push(Member { suffix: set.label.clone(), bytes: label }),
+            Form::Tar => piece.tar_files.push(Member::new(set.label.as_str(), label)),
             _ => piece.row = label,
         }
         let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
