@@ -30,13 +30,15 @@ use solid::Solid;
 /// One file: its stem, what it is, and its maker.
 type Object = (&'static str, &'static str, fn() -> Solid);
 
-const OBJECTS: [Object; 27] = [
+const OBJECTS: [Object; 29] = [
     ("sphere", "ball, radius 4", basic::sphere),
     ("flat_face", "block with a large flat face, edges rounded", basic::flat_face),
     ("thin_ridge", "blade 1 thick with a round crest", basic::thin_ridge),
     ("prism_corner", "square prism on its corner", basic::prism_corner),
     ("prism_edge", "square bar on its edge", basic::prism_edge),
     ("cube", "cube, edge 5", basic::cube),
+    ("slab", "slab, its contact face z = 0", basic::slab),
+    ("edge_slab", "slab, its contact face z = 0, its edge the x axis", basic::edge_slab),
     ("cone", "cone of 90 degrees, tip radius 0.25", basic::cone),
     ("torus", "torus, tube 3.2 on a circle of 10", basic::torus),
     ("cylinder", "flat punch, diameter 8", basic::cylinder),

@@ -84,6 +84,23 @@ pub fn cube() -> Solid {
     solid
 }
 
+/// A slab wider than any sensor: its contact face is z = 0.
+pub fn slab() -> Solid {
+    let mut solid = Solid::new();
+    block(&mut solid, [50.0, 50.0, 8.0]);
+    solid
+}
+
+/// The same with its edge on the x axis: it lies towards +y.
+pub fn edge_slab() -> Solid {
+    let mut solid = Solid::placed();
+    let outline = [[0.0, -50.0], [60.0, -50.0], [60.0, 0.0], [0.0, 0.0]];
+    solid.band(&at(&outline, 0.0), &at(&outline, 8.0));
+    solid.cap_up(&outline, &[], 8.0);
+    solid.cap_down(&outline, &[], 0.0);
+    solid
+}
+
 /// A cone of 90 degrees whose tip is a ball of 0.25 mm radius.
 pub fn cone() -> Solid {
     const TIP_MM: f64 = 0.25;

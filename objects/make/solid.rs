@@ -24,6 +24,8 @@ pub struct Solid {
     points: Vec<[i64; 3]>,
     index: HashMap<[i64; 3], usize>,
     faces: Vec<Vec<usize>>,
+    /// The file's origin in y is the middle; else where it was drawn.
+    centred: bool,
 }
 
 impl Solid {
@@ -35,7 +37,13 @@ impl Solid {
             points: Vec::new(),
             index: HashMap::new(),
             faces: Vec::new(),
+            centred: true,
         }
+    }
+
+    /// An empty one that keeps its place along y.
+    pub fn placed() -> Self {
+        Self { centred: false, ..Self::new() }
     }
 
     /// An empty solid on a grid of 0.1 um, for small facets on a smooth surface.
@@ -117,11 +125,14 @@ impl Solid {
         self.faces.iter().map(|f| f.len() - 2).sum()
     }
 
-    /// The file: one comment line, then vertices and faces, in mm; x and y centred, lowest z = 0.
+    /// The file: one comment line, then vertices and faces, in mm; x and y centred unless placed, lowest z = 0.
     pub fn obj(&self, name: &str, what: &str) -> String {
         let low = |k: usize| self.points.iter().map(|p| p[k]).min().unwrap_or(0);
         let high = |k: usize| self.points.iter().map(|p| p[k]).max().unwrap_or(0);
-        let middle = [0, 1].map(|k| (low(k) + high(k)).div_euclid(2));
+        let mut middle = [0, 1].map(|k| (low(k) + high(k)).div_euclid(2));
+        if !self.centred {
+            middle[1] = 0;
+        }
         let top = high(2);
         let mut text = format!("# {name}: {what}; unit mm\n");
         for &[x, y, z] in &self.points {

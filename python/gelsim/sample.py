@@ -18,6 +18,15 @@ class Markers(TypedDict):
     """(N, 2): where the pad carried it."""
 
 
+class Pins(Markers):
+    """Tips of pins in view."""
+
+    rest_mm: NDArray[np.float64]
+    """(N, 3): where each is on the untouched gel, in the sensor's frame."""
+    moved_mm: NDArray[np.float64]
+    """(N, 3): where the skin carried it."""
+
+
 class Sample(TypedDict, total=False):
     """`tactile`, `label` and the layers that were asked for; axes, signs and units are in docs/conventions.md."""
 
@@ -36,6 +45,7 @@ class Sample(TypedDict, total=False):
     gap: NDArray[np.float32]
     """(H, W): clearance between the pad's surface and the object, mm; -1 where no object is within reach."""
     markers: Markers
+    pins: Pins
     reference: NDArray[np.uint8]
     """(H, W, 3): the image without contact."""
     lamps: NDArray[np.float32]
@@ -61,6 +71,7 @@ class Batch(TypedDict, total=False):
     pressure: NDArray[np.float32]
     gap: NDArray[np.float32]
     markers: list[Markers]
+    pins: list[Pins]
     reference: NDArray[np.uint8]
     lamps: NDArray[np.float32]
     flow: NDArray[np.float32]

@@ -174,10 +174,16 @@ fn one_or_all<'py>(
     if batch { Ok(list.into_any()) } else { list.get_item(0) }
 }
 
-fn markers(py: Python<'_>, Positions { rest_px, moved_px }: Positions) -> PyResult<Bound<'_, PyAny>> {
+fn markers(py: Python<'_>, positions: Positions) -> PyResult<Bound<'_, PyAny>> {
+    let Positions { rest_px, moved_px, rest_mm, moved_mm } = positions;
     let dict = PyDict::new(py);
     for (name, pairs) in [("rest_px", rest_px), ("moved_px", moved_px)] {
         dict.set_item(name, array(py, &[pairs.len(), 2], pairs.into_flattened())?)?;
+    }
+    for (name, triples) in [("rest_mm", rest_mm), ("moved_mm", moved_mm)] {
+        if !triples.is_empty() {
+            dict.set_item(name, array(py, &[triples.len(), 3], triples.into_flattened())?)?;
+        }
     }
     Ok(dict.into_any())
 }

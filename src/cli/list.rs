@@ -9,7 +9,7 @@ use crate::core::optics::LightSource;
 use crate::files::sensor::{PRESETS, Sensor};
 
 /// The meshes in the project's `objects` folder.
-pub const OBJECTS: [&str; 27] = [
+pub const OBJECTS: [&str; 29] = [
     "bolt",
     "brick",
     "coin",
@@ -19,6 +19,7 @@ pub const OBJECTS: [&str; 27] = [
     "cylinder",
     "cylinder_shell",
     "dots",
+    "edge_slab",
     "flat_face",
     "gear",
     "grating",
@@ -31,6 +32,7 @@ pub const OBJECTS: [&str; 27] = [
     "prism_corner",
     "prism_edge",
     "rope",
+    "slab",
     "socket_screw",
     "sphere",
     "thin_ridge",

@@ -51,7 +51,7 @@ effects! {
     Grain, "grain", "relief of the pad's coating; runs where a coated pad is deformed";
     Shadows, "shadows", "shadows cast on the surface; run for each LED that is lower than the steepest slope";
     Darkening, "darkening", "loss of light with depth; runs with shading where the surface is pressed in";
-    Markers, "markers", "dots printed on the pad; run where something moves them or they differ between samples";
+    Markers, "markers", "dots printed on the pad, or pins inside it; run where something moves them or they differ between samples";
     Defocus, "defocus", "blur of the lens; runs where the press changed the light";
     Distortion, "distortion", "distortion of the lens; runs where the press changed the light";
     Vignette, "vignette", "loss of light towards the corners; runs where the press changed the light";

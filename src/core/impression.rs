@@ -7,6 +7,8 @@ use crate::core::base::grid::Grid;
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::camera::lens::Lens;
 use crate::core::camera::markers::MarkerPositions;
+use crate::core::camera::pins::PinPositions;
+use crate::core::camera::projection::GelMap;
 use crate::core::camera::{CameraParams, Image};
 use crate::core::depth::Depth;
 use crate::core::effects::EffectLog;
@@ -30,8 +32,14 @@ pub struct Impression {
     pub sliding: Option<Slid>,
     /// The pad's markers, if it has any.
     pub markers: Option<MarkerPositions>,
+    /// The pins inside the gel, if it has any.
+    pub pins: Option<PinPositions>,
+    /// What the object does to a gel that is not flat, if the model of the gelpad knows it: about the gel's tip.
+    pub wrench: Option<Wrench>,
     /// Distortion of the lens, if it has any.
     pub lens: Option<Lens>,
+    /// Where the image shows a gel that is not flat.
+    pub gel_map: Option<GelMap>,
     /// The camera's parameters, less what was left out.
     pub camera: CameraParams,
     /// Which effects ran, and why.
@@ -84,7 +92,7 @@ impl Impression {
             *gap = (*gap - g).max(0.0);
             *captured = if *g > -self.above_mm as f32 { 255 } else { 0 };
         }
-        let captured = self.lens.as_ref().map_or(captured.clone(), |lens| lens.warp_mask(&captured));
+        let captured = self.mask_in_image(&captured);
         let mut gap = self.through_lens(gap);
         for (gap, captured) in gap.iter_mut().zip(&captured.data) {
             *gap = if *captured > 0 { *gap } else { OUT_OF_REACH_MM };
@@ -94,10 +102,7 @@ impl Impression {
 
     /// 255 where the pad touches the object.
     pub fn contact_mask(&self) -> Vec<u8> {
-        match &self.lens {
-            Some(lens) => lens.warp_mask(&self.contact.mask).data,
-            None => self.contact.mask.data.clone(),
-        }
+        self.mask_in_image(&self.contact.mask).data
     }
 
     /// Of each pixel 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it; 0 everywhere but
@@ -107,7 +112,7 @@ impl Impression {
         let of = |wanted: Contacting| {
             let data = slid.states.data.iter().map(|state| if *state == wanted { 255 } else { 0 }).collect();
             let mask = Grid { width: slid.states.width, height: slid.states.height, data };
-            self.lens.as_ref().map_or(mask.clone(), |lens| lens.warp_mask(&mask)).data
+            self.mask_in_image(&mask).data
         };
         let value = |(sticks, slips): (u8, u8)| match (sticks, slips) {
             (0, 0) => 0,
@@ -130,6 +135,11 @@ impl Impression {
     /// Unit normals of the pad's surface, towards the camera: a flat pad is (0, 0, -1).
     pub fn normals(&self) -> Vec<[f32; 3]> {
         let mut normals = normals(&self.contact, &self.view);
+        if let Some(map) = &self.gel_map {
+            let [width, height] = self.view.resolution_px;
+            let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();
+            return map.directions([0, 1, 2].map(|k| Grid { width, height, data: plane(k) }));
+        }
         if self.lens.is_some() {
             let [width, height] = self.view.resolution_px;
             let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();
@@ -167,9 +177,18 @@ impl Impression {
     }
 
     fn through_lens(&self, plane: Grid<f32>) -> Vec<f32> {
-        match &self.lens {
-            Some(lens) => lens.warp_plane(&plane).data,
-            None => plane.data,
+        match (&self.gel_map, &self.lens) {
+            (Some(map), _) => map.plane(&plane).data,
+            (None, Some(lens)) => lens.warp_plane(&plane).data,
+            (None, None) => plane.data,
+        }
+    }
+
+    fn mask_in_image(&self, mask: &Grid<u8>) -> Grid<u8> {
+        match (&self.gel_map, &self.lens) {
+            (Some(map), _) => map.mask(mask),
+            (None, Some(lens)) => lens.warp_mask(mask),
+            (None, None) => mask.clone(),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod base;
 pub mod camera;
+pub mod curved;
 pub mod depth;
 pub mod effects;
 pub mod fidelity;

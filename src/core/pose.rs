@@ -6,6 +6,7 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::core::mesh::clusters::Clusters;
+use crate::core::mesh::nearest::first_along;
 
 /// Side of an object that faces the pad, in the object's own axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -148,6 +149,27 @@ impl Pose {
         let translation_mm =
             DVec3::new(position_mm[0] - anchor_at.x, position_mm[1] - anchor_at.y, lowest_mm + lowest - centre.z);
         Self { translation_mm, ..self }
+    }
+
+    /// Turns an object by its yaw, then about the sensor's x, then about its y, degrees; its place is the frame's origin.
+    pub fn rolled(side: Side, yaw_deg: f64, roll_deg: f64, pitch_deg: f64) -> Self {
+        let turn = about(DVec3::Y, pitch_deg) * about(DVec3::X, roll_deg) * about(DVec3::Z, yaw_deg);
+        let quaternion = DQuat::from_mat3(&turn).normalize();
+        let Self { angles, .. } = Self::placed(quaternion.to_array(), [0.0; 3]);
+        Self { rotation: turn * side.rotation(), angles, ..Self::IDENTITY }
+    }
+
+    /// Height over the undeformed pad at which the object's underside is on the sensor's axis, mm; `None` if the object is
+    /// beside the axis.
+    pub fn on_axis_mm(&self, object: &Clusters) -> Option<f64> {
+        let back = self.rotation.transpose();
+        first_along(object, back * -self.translation_mm, back * DVec3::Z)
+    }
+
+    /// The same with the object's underside on the sensor's axis at z = `axis_mm`; `None` if the object is beside the axis.
+    pub fn with_axis_at(self, axis_mm: f64, object: &Clusters) -> Option<Self> {
+        let by = axis_mm - self.on_axis_mm(object)?;
+        Some(Self { translation_mm: self.translation_mm + DVec3::new(0.0, 0.0, by), ..self })
     }
 
     /// The same with the object's lowest point at z = `lowest_mm`.

@@ -2,9 +2,12 @@
 
 use std::sync::Arc;
 
+use crate::core::base::gel::GelShape;
 use crate::core::base::view::{MOST_PX, View};
 use crate::core::camera::CameraParams;
 use crate::core::camera::markers::{MarkerPattern, MarkerPrint};
+use crate::core::camera::pins::Pins;
+use crate::core::camera::projection::{LensModel, Projection};
 use crate::core::depth::rest::{Grain, RestSurface};
 use crate::core::gelpad::material::Material;
 use crate::core::optics::LightSource;
@@ -28,7 +31,13 @@ pub struct Sensor {
     pub field_of_view_mm: [f64; 2],
     /// The gelpad.
     pub gelpad: Material,
-    /// Shape of a pad that is not flat.
+    /// Shape of a gel that a camera inside sees through [`Sensor::lens`]. `None`: it is flat, or nearly.
+    pub shape: Option<GelShape>,
+    /// The camera's lens and place, with such a gel.
+    pub lens: LensModel,
+    /// Pins inside such a gel.
+    pub pins: Option<Pins>,
+    /// Height of a pad that is nearly flat.
     pub rest_surface: Option<RestSurface>,
     /// Relief of the pad's coating.
     pub coating: Option<Grain>,
@@ -111,6 +120,15 @@ pub enum SensorError {
     /// It has some lamps, but not as many as the optics model `lamps` takes.
     #[error("the sensor has {0} lamps; a sensor has none or {count}", count = lamps::COUNT)]
     Lamps(usize),
+    /// It has pins, and a flat gel.
+    #[error("a sensor with pins needs the shape of its gel")]
+    Pins,
+    /// Its gel is not flat, and has no pins.
+    #[error("a gel that is not flat is seen by its pins: the sensor has none")]
+    Shape,
+    /// The camera looks past the gel.
+    #[error("the camera sees no gel: move it, or turn it towards the gel")]
+    NoGelInView,
     /// The photograph of the untouched pad has another size than the sensor's image.
     #[error("the background image has {found:?} px, the sensor {expected:?}")]
     BackgroundSize {
@@ -128,10 +146,31 @@ impl Sensor {
         self
     }
 
-    /// Its view: the only place that knows where a pixel lies on the pad.
+    /// Its view: the only place that knows where a pixel lies on the pad. Of a gel that is not flat, that of its chart.
     pub fn view(&self) -> View {
+        if let Some(shape) = &self.shape
+            && let Some(view) = self.projection().chart_view(shape)
+        {
+            return view;
+        }
         let mm_per_px = std::array::from_fn(|k| self.field_of_view_mm[k] / self.resolution_px[k].max(1) as f64);
         View { resolution_px: self.resolution_px, mm_per_px }
+    }
+
+    /// Its camera, with a gel that is not flat.
+    pub fn projection(&self) -> Projection {
+        Projection::new(&self.lens, self.resolution_px, self.field_of_view_mm)
+    }
+
+    /// Width and height of what its view holds, mm.
+    pub(in crate::core) fn window_mm(&self) -> [f64; 2] {
+        match self.shape {
+            None => self.field_of_view_mm,
+            Some(_) => {
+                let View { resolution_px, mm_per_px } = self.view();
+                std::array::from_fn(|k| resolution_px[k] as f64 * mm_per_px[k])
+            }
+        }
     }
 
     /// The background image of its resolution.
@@ -179,6 +218,14 @@ impl Sensor {
         let value = self.gelpad.poisson_ratio;
         if !(0.0..=0.4999).contains(&value) {
             return Err(SensorError::Number { name: "gelpad.poisson_ratio", value, allowed: "0 to 0.4999" });
+        }
+        match (&self.shape, &self.pins) {
+            (None, Some(_)) => return Err(SensorError::Pins),
+            (Some(_), None) => return Err(SensorError::Shape),
+            (Some(shape), Some(_)) if self.projection().chart_view(shape).is_none() => {
+                return Err(SensorError::NoGelInView);
+            }
+            _ => {}
         }
         if !self.lamps.is_empty() && self.lamps.len() != lamps::COUNT {
             return Err(SensorError::Lamps(self.lamps.len()));

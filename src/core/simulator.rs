@@ -10,11 +10,12 @@ use crate::core::base::light::Light;
 use crate::core::base::view::View;
 use crate::core::camera::markers::MarkerPattern;
 use crate::core::camera::{Camera, CameraParams, Image};
+use crate::core::curved::{Curved, CurvedPress, PressedGel};
 use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::{Laid, Texture};
 use crate::core::depth::{self, rest};
-use crate::core::effects::{Effect, EffectLog, EffectPolicy};
+use crate::core::effects::{Effect, EffectLog, EffectPolicy, Requirement};
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::curvature_error_mm;
@@ -59,6 +60,8 @@ pub struct Simulator {
     /// The grey images of the sensor's lamps, whatever the model of the light.
     lamps: Option<Arc<lamps::Shader>>,
     camera: Arc<Camera>,
+    /// A gel that is not flat, and the pins inside it.
+    curved: Option<Arc<Curved>>,
 }
 
 /// What happens in one press.
@@ -75,6 +78,8 @@ pub struct Press {
     pub markers: Option<MarkerPattern>,
     /// The camera's parameters.
     pub camera: CameraParams,
+    /// Key of what differs between units of a sensor with pins.
+    pub unit_key: u64,
 }
 
 impl Simulator {
@@ -104,8 +109,8 @@ impl Simulator {
     /// [`Impression::flow_mm`].
     pub fn with_flow(self) -> Self {
         let in_plane = self.in_plane.or_else(|| {
-            let Sensor { gelpad, field_of_view_mm, .. } = &self.sensor;
-            self.pad.in_plane(gelpad, *field_of_view_mm, &self.view).map(Arc::new)
+            let Sensor { gelpad, .. } = &self.sensor;
+            self.pad.in_plane(gelpad, self.sensor.window_mm(), &self.view).map(Arc::new)
         });
         Self { flow: true, in_plane, ..self }
     }
@@ -113,7 +118,11 @@ impl Simulator {
     /// Takes from `like`, of the same models and policy, all that is the same in `sensor`.
     fn make(sensor: Sensor, models: Models, policy: EffectPolicy, like: Option<&Self>) -> Self {
         let view = sensor.view();
-        let like = like.filter(|like| like.view == view && like.sensor.field_of_view_mm == sensor.field_of_view_mm);
+        let like = like.filter(|like| {
+            let (a, b) = (&like.sensor, &sensor);
+            let same_gel = a.shape == b.shape && a.lens == b.lens && a.pins == b.pins;
+            like.view == view && a.field_of_view_mm == b.field_of_view_mm && same_gel
+        });
 
         let same_look = like.filter(|like| like.sensor.background.looks_like(&sensor.background));
         let same_lamps = like.filter(|like| like.sensor.lamps == sensor.lamps);
@@ -218,9 +227,22 @@ impl Simulator {
             Some(like) if like.markers.is_some() == markers.is_some() && Arc::ptr_eq(&like.pad, &pad) => {
                 like.in_plane.clone()
             }
-            _ if markers.is_none() && !flow => None,
-            _ => pad.in_plane(&sensor.gelpad, sensor.field_of_view_mm, &view).map(Arc::new),
+            _ if markers.is_none() && !flow && sensor.pins.is_none() => None,
+            _ => pad.in_plane(&sensor.gelpad, sensor.window_mm(), &view).map(Arc::new),
         };
+        let curved = sensor.shape.zip(sensor.pins.as_ref()).map(|(shape, pins)| {
+            let known = like
+                .filter(|like| Arc::ptr_eq(&like.pad, &pad) && like.sensor.background.looks_like(&sensor.background));
+            let make = || {
+                let margin_px = pad.window(0.0).margin_px;
+                let dark = match &sensor.background {
+                    Background::Rendered(look) => look.color,
+                    Background::Photograph(_) => [0.0; 3],
+                };
+                Arc::new(Curved::new(shape, sensor.projection(), view, margin_px, pins.clone(), dark))
+            };
+            known.and_then(|like| like.curved.clone()).unwrap_or_else(make)
+        });
         let same_camera = same_leds.zip(same_background).map(|(like, _)| like).filter(|like| {
             let (a, b) = (&like.sensor, &sensor);
             a.camera == b.camera && a.markers == b.markers
@@ -229,9 +251,20 @@ impl Simulator {
             Some(like) => Arc::clone(&like.camera),
             None => {
                 let printed = markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
-                let (untouched, resting) = (shader.untouched(&background), sensor.camera.under(policy));
+                let untouched = match &curved {
+                    Some(curved) => curved.untouched(),
+                    None => shader.untouched(&background),
+                };
+                let resting = sensor.camera.under(policy);
                 Arc::new(Camera::new(&view, untouched, sensor.has_photograph(), resting, printed))
             }
+        };
+        let background = match &curved {
+            Some(_) => {
+                let Image { width, height, rgb, .. } = &camera.untouched;
+                Arc::new(BackgroundImage::new(*width, *height, rgb.clone()))
+            }
+            None => background,
         };
         Self {
             sensor,
@@ -250,6 +283,7 @@ impl Simulator {
             shader,
             lamps,
             camera,
+            curved,
         }
     }
 
@@ -349,8 +383,57 @@ impl Simulator {
         }
     }
 
+    /// The same on a gel that is not flat.
+    fn pressed_into(&self, curved: &Curved, press: &Press) -> Impression {
+        let mut seconds = Seconds::default();
+        let mut effects = EffectLog::new(self.policy);
+        let camera = press.camera.under(self.policy);
+        let gel = PressedGel {
+            indenter: &press.indenter,
+            shear: press.shear.as_ref(),
+            unit_key: press.unit_key,
+            pad: &self.pad,
+            in_plane: self.in_plane.as_deref(),
+            held: self.models.gelpad.friction(),
+            material: &self.sensor.gelpad,
+        };
+        let CurvedPress { depth, contact, map, pins, wrench, light, above_mm } =
+            curved.press(&gel, &mut seconds, &mut effects);
+        let mut clock = Clock::start();
+        let touched = map.mask(&contact.mask);
+        let image = self.camera.expose(light, Some(&touched), None, &camera, &mut effects);
+        let differ = self.sensor.pins.as_ref().is_some_and(|pins| pins.size_jitter > 0.0 || pins.place_jitter_mm > 0.0);
+        let need = match (contact.region.is_empty(), differ) {
+            (false, _) => Requirement::Needed("the skin carries the pins along"),
+            (true, true) => Requirement::Needed("the pins differ from sample to sample"),
+            (true, false) => Requirement::Unneeded("nothing moves them"),
+        };
+        effects.enable(Effect::Markers, need);
+        seconds.camera = clock.lap();
+        Impression {
+            image,
+            depth,
+            contact,
+            sliding: None,
+            markers: None,
+            pins: Some(pins),
+            wrench,
+            lens: None,
+            gel_map: Some(map),
+            camera,
+            effects,
+            seconds,
+            view: self.view,
+            above_mm,
+            lamps: None,
+        }
+    }
+
     fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
-        let Press { indenter, texture, shear, markers, camera } = press;
+        if let Some(curved) = &self.curved {
+            return self.pressed_into(curved, press);
+        }
+        let Press { indenter, texture, shear, markers, camera, unit_key: _ } = press;
         if let Shape::HeightMap(map) = &indenter.shape {
             let size = [map.above_mm.width, map.above_mm.height];
             assert_eq!(size, self.view.resolution_px, "a height map has the size of the sensor's image");
@@ -436,7 +519,24 @@ impl Simulator {
             wrench: sliding.wrench(),
             states: sliding.states(&contact.mask, &view),
         });
-        Impression { image, depth, contact, sliding, markers, lens, camera, effects, seconds, view, above_mm, lamps }
+        let (pins, wrench, gel_map) = (None, None, None);
+        Impression {
+            image,
+            depth,
+            contact,
+            sliding,
+            markers,
+            pins,
+            wrench,
+            lens,
+            gel_map,
+            camera,
+            effects,
+            seconds,
+            view,
+            above_mm,
+            lamps,
+        }
     }
 
     /// The sensor.
@@ -505,6 +605,6 @@ impl Press {
     /// A press without texture or motion, with the sensor's own markers and camera.
     pub fn new(indenter: Indenter, sensor: &Sensor) -> Self {
         let markers = sensor.markers.and_then(|markers| markers.pattern);
-        Self { indenter, texture: None, shear: None, markers, camera: sensor.camera }
+        Self { indenter, texture: None, shear: None, markers, camera: sensor.camera, unit_key: 0 }
     }
 }

@@ -27,6 +27,12 @@ pub struct Positions {
     pub rest_px: Vec<[f64; 2]>,
     /// Where the pad carried it.
     pub moved_px: Vec<[f64; 2]>,
+    /// Of the tips of pins also in the sensor's frame, mm.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rest_mm: Vec<[f64; 3]>,
+    /// The same now.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub moved_mm: Vec<[f64; 3]>,
 }
 
 /// What `layer` of a sample holds.
@@ -56,7 +62,20 @@ pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
         OutputLayer::Reference => Content::Bytes((&sample.simulator.untouched().rgb).into()),
         OutputLayer::Markers => {
             let (rest_px, moved_px) = impression.marker_positions().into_iter().unzip();
-            Content::Markers(Positions { rest_px, moved_px })
+            Content::Markers(Positions { rest_px, moved_px, ..Positions::default() })
+        }
+        OutputLayer::Pins => {
+            let mut tips = Positions::default();
+            let size = [impression.image.width, impression.image.height];
+            for (rest, moved) in impression.pins.iter().flat_map(|pins| pins.in_view(size)) {
+                // What the camera cannot see has no place in the image.
+                let [Some(rest_px), Some(moved_px)] = [rest.px, moved.px] else { continue };
+                tips.rest_px.push(rest_px);
+                tips.moved_px.push(moved_px);
+                tips.rest_mm.push(rest.at_mm.to_array());
+                tips.moved_mm.push(moved.at_mm.to_array());
+            }
+            Content::Markers(tips)
         }
     }
 }

@@ -47,6 +47,9 @@ impl Health {
         let bounded = lowest >= -thickness * (1.0 + SLACK) && highest <= thickness * (1.0 + SLACK);
         let numerics = &contact.numerics;
         let reason = match (finite, bounded, numerics.converged) {
+            _ if scene.beside_axis => {
+                String::from("the object is beside the sensor's axis, on which its depth is measured")
+            }
             (false, ..) => String::from("not every number is finite"),
             (_, false, _) => format!("the surface lies between {lowest} and {highest} mm in a pad of {thickness} mm"),
             (.., false) => format!(

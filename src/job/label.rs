@@ -10,8 +10,6 @@ use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
 use crate::core::camera::CameraParams;
-use crate::core::camera::lens::Lens;
-use crate::core::camera::markers::MarkerPositions;
 use crate::core::effects::{Note, PerEffect};
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
 use crate::core::gelpad::tangential::TangentialMotion;
@@ -141,7 +139,7 @@ pub struct ShearLabel {
     pub slipping: Option<f64>,
 }
 
-/// The pad's markers, as far as they are in view.
+/// The pad's markers, or the pins inside it, as far as they are in view.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MarkersLabel {
     /// How many there are.
@@ -236,7 +234,7 @@ pub struct ContactLabel {
     pub area_mm2: f64,
     /// Share of the view that touches.
     pub fraction: f64,
-    /// Mean position of the pixels that touch, mm from the middle of the image.
+    /// Mean position of the pixels that touch, mm from the middle of the image; on a gel that is not flat from its axis.
     pub centroid_mm: [f64; 2],
     /// Smallest box around them, px: x0, y0, x1, y1, half open.
     pub bbox_px: [u32; 4],
@@ -259,6 +257,13 @@ pub struct ContactLabel {
     pub in_view_fraction: Option<f64>,
     /// Largest pressure, kPa; null if the model knows none.
     pub peak_pressure_kpa: Option<f64>,
+    /// Force of the object on a gel that is not flat, in the sensor's frame, N; empty on a flat pad, whose normal force is
+    /// along -z.
+    #[serde(default)]
+    pub force_vector_n: Vec<f64>,
+    /// Its moment about the gel's tip, N mm; empty likewise.
+    #[serde(default)]
+    pub torque_nmm: Vec<f64>,
 }
 
 /// How well the gelpad model solved its problem, and how far the light is from what was measured.
@@ -291,12 +296,16 @@ pub fn key(index: u64) -> String {
 impl Label {
     /// Describes what a press of `plan` gave.
     pub fn describe(plan: &Plan, scene: &Scene, simulator: &Simulator, impression: &Impression) -> Self {
-        let Impression { depth, contact, markers, lens, camera, effects, .. } = impression;
+        let Impression { depth, contact, markers, pins, lens, gel_map, camera, effects, .. } = impression;
         let (sensor, models) = (simulator.sensor(), simulator.models());
         let thickness_mm = sensor.gelpad.thickness_mm;
         let View { resolution_px: [width, height], mm_per_px: [mm_x, mm_y] } = *simulator.view();
         let extent = extent(&contact.mask, &[mm_x, mm_y]);
-        let bbox = lens.as_ref().map_or(extent.bbox, |lens| lens.box_of(&contact.mask, extent.bbox));
+        let bbox = match (gel_map, lens) {
+            (Some(map), _) => map.box_of(&contact.mask),
+            (None, Some(lens)) => lens.box_of(&contact.mask, extent.bbox),
+            (None, None) => extent.bbox,
+        };
         let in_contact = extent.pixels > 0;
         let view = Rect::whole(width, height);
         Self {
@@ -340,7 +349,10 @@ impl Label {
                 in_contact,
                 area_mm2: extent.pixels as f64 * mm_x * mm_y,
                 fraction: extent.pixels as f64 / view.area() as f64,
-                centroid_mm: extent.centroid_mm,
+                centroid_mm: match gel_map {
+                    Some(map) => map.place_mm(extent.centroid_mm),
+                    None => extent.centroid_mm,
+                },
                 bbox_px: [bbox.x0, bbox.y0, bbox.x1, bbox.y1].map(|px| px as u32),
                 max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
                 force_n: contact.force_n,
@@ -349,10 +361,17 @@ impl Label {
                 cut_by_view: contact.whole.cut_by_view,
                 in_view_fraction: contact.whole.in_view_fraction,
                 peak_pressure_kpa: contact.peak_pressure_kpa,
+                force_vector_n: impression.wrench.iter().flat_map(|wrench| wrench.force_n).collect(),
+                torque_nmm: impression.wrench.iter().flat_map(|wrench| wrench.torque_nmm).collect(),
             },
-            markers: markers.as_ref().map_or_else(MarkersLabel::default, |markers| {
-                describe_markers(markers, lens.as_ref(), [width, height])
-            }),
+            markers: match (markers, pins) {
+                (Some(markers), _) => MarkersLabel::of(markers.in_view(lens.as_ref(), [width, height])),
+                (None, Some(pins)) => {
+                    let places = pins.in_view([width, height]);
+                    MarkersLabel::of(places.filter_map(|(rest, moved)| rest.px.zip(moved.px)))
+                }
+                (None, None) => MarkersLabel::default(),
+            },
             camera: *camera,
             fidelity: plan.fidelity().name().to_owned(),
             gelpad_model: models.gelpad.name().to_owned(),
@@ -468,16 +487,19 @@ fn shear(plan: &Plan, scene: &Scene, simulator: &Simulator, tangential: Option<&
     }
 }
 
-fn describe_markers(markers: &MarkerPositions, lens: Option<&Lens>, size: [usize; 2]) -> MarkersLabel {
-    let (mut label, mut sum) = (MarkersLabel::default(), 0.0);
-    for (rest, moved) in markers.in_view(lens, size) {
-        let distance = libm::hypot(moved[0] - rest[0], moved[1] - rest[1]);
-        label.count += 1;
-        sum += distance;
-        label.max_motion_px = label.max_motion_px.max(distance);
+impl MarkersLabel {
+    /// Of places at rest and now, px.
+    fn of(places: impl Iterator<Item = ([f64; 2], [f64; 2])>) -> Self {
+        let (mut label, mut sum) = (Self::default(), 0.0);
+        for (rest, moved) in places {
+            let distance = libm::hypot(moved[0] - rest[0], moved[1] - rest[1]);
+            label.count += 1;
+            sum += distance;
+            label.max_motion_px = label.max_motion_px.max(distance);
+        }
+        label.mean_motion_px = sum / f64::from(label.count.max(1));
+        label
     }
-    label.mean_motion_px = sum / f64::from(label.count.max(1));
-    label
 }
 
 /// Size and place of the contact in view.

@@ -37,6 +37,8 @@ pub enum OutputLayer {
     Slip,
     /// Motion of the pad's surface in its own plane since it was untouched, mm; only from models that know it.
     Flow,
+    /// Tips of the pins at rest and now; only for sensors that have them.
+    Pins,
 }
 
 /// What is to be known of a layer to write, read, check and describe it.
@@ -77,7 +79,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 11] = [
+const TABLE: [LayerSpec; 12] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -155,6 +157,13 @@ const TABLE: [LayerSpec; 11] = [
         form: Form::Floats { channels: &["X", "Y"], least: f32::NEG_INFINITY, pixel: None, steps: None },
         unit: Some("mm"),
         meaning: "motion of the pad's surface in its own plane since it was untouched, to the right and down",
+    },
+    LayerSpec {
+        layer: OutputLayer::Pins,
+        name: "pins",
+        form: Form::Positions,
+        unit: None,
+        meaning: "rest and moved positions of the pins' tips, px, and mm in the sensor's frame",
     },
 ];
 
@@ -364,13 +373,13 @@ mod tests {
         let bytes = |layer: OutputLayer, ending| layer.spec().form.bytes_per_px(ending, Pixel::Half);
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "exr")),
-            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12), None, Some(4)]
+            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12), None, Some(4), None]
         );
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "npy")),
-            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24), None, Some(8)]
+            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24), None, Some(8), None]
         );
-        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None];
+        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

@@ -16,6 +16,7 @@ use crate::core::pose::{Angles, Pose};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
 use crate::files::sensor::quantity::Quantity;
+use crate::job::config::scene::At;
 use crate::job::layout::Split;
 use crate::job::plan::Plan;
 use crate::job::plan::draw::Place;
@@ -82,6 +83,10 @@ pub struct Scene {
     pub camera: CameraParams,
     /// The sensor, if samples differ in it.
     pub sensor: Option<Box<DrawnSensor>>,
+    /// Its depth is measured on the sensor's axis, and the object is beside that.
+    pub beside_axis: bool,
+    /// Key of what differs between units of a sensor with pins.
+    pub unit_key: u64,
 }
 
 impl Scene {
@@ -112,11 +117,26 @@ impl Scene {
         let depth_mm = indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
         let clusters = &plan.sampling.objects[object].clusters;
-        let pose = Pose::new(side, angles, position_mm, pose.anchor, lowest_mm, clusters);
+        let anchor = pose.anchor;
+        let pose = match (&pose.roll_deg, &pose.pitch_deg) {
+            (None, None) => Pose::new(side, angles, position_mm, anchor, lowest_mm, clusters),
+            (roll, pitch) => {
+                let [roll_deg, pitch_deg] = [("roll", roll), ("pitch", pitch)]
+                    .map(|(name, angle)| angle.as_ref().map_or(0.0, |angle| draw(name, angle)));
+                let turned = Pose::rolled(side, angles.yaw_deg, roll_deg, pitch_deg);
+                turned.moved(position_mm, anchor, lowest_mm, clusters)
+            }
+        };
+        let on_axis = match indentation.at {
+            At::Axis if touches => pose.with_axis_at(-depth_mm, clusters),
+            _ => Some(pose),
+        };
+        let (beside_axis, pose) = (on_axis.is_none(), on_axis.unwrap_or(pose));
         let indentation_depth_mm = if touches { depth_mm } else { 0.0 };
         let press = KnownPress { split, pressed: Pressed::Object(object), pose, indentation_depth_mm };
         let mut scene = Self::given(plan, index, attempt, press);
         scene.motion.about_mm = position_mm;
+        scene.beside_axis = beside_axis;
         scene
     }
 
@@ -158,6 +178,8 @@ impl Scene {
             markers: job.markers.as_ref().and_then(|markers| markers.sample(draw)),
             camera: job.camera.sample(noise_key, draw),
             sensor: plan.sensors.sample(job, stream),
+            beside_axis: false,
+            unit_key: stream("pins").bits(),
         }
     }
 
@@ -167,7 +189,12 @@ impl Scene {
             Pressed::Object(number) => Shape::Mesh(Arc::clone(&plan.sampling.objects[*number].clusters)),
             Pressed::Frame(frame) => Shape::HeightMap(Arc::clone(&frame.map)),
         };
-        Indenter { shape, pose: self.pose, depth_mm: self.indentation_depth_mm }
+        // Measured elsewhere than at the lowest point, the depth does not say whether that reaches into the pad.
+        let depth_mm = match (&shape, plan.job.indentation.at) {
+            (Shape::Mesh(clusters), At::Axis) => -self.pose.lowest_mm(clusters),
+            _ => self.indentation_depth_mm,
+        };
+        Indenter { shape, pose: self.pose, depth_mm }
     }
 
     /// The simulator of its sensor: that of the plan where all samples have the same. Another one shares with it what both
@@ -200,6 +227,7 @@ impl Scene {
             shear: plan.sampling.moves_objects.then_some(Shear { motion: self.motion, friction }),
             markers: self.markers,
             camera: self.camera,
+            unit_key: self.unit_key,
         }
     }
 }

@@ -117,7 +117,12 @@ fn an_unknown_key_is_shown_with_the_nearest_known_one() {
 
 #[test]
 fn an_unknown_key_that_is_like_no_other_is_shown_with_all_that_are_known() {
-    one_mistake("no_contact = 0.25", "«brightness» = 1", "unknown key `brightness`", "`depth_mm` or `no_contact`");
+    one_mistake(
+        "no_contact = 0.25",
+        "«brightness» = 1",
+        "unknown key `brightness`",
+        "`depth_mm`, `at` or `no_contact`",
+    );
 }
 
 #[test]
@@ -549,7 +554,7 @@ fn a_mesh_that_cannot_be_read_is_named_with_its_line() {
 fn a_sensor_preset_that_does_not_exist_is_shown_with_the_nearest() {
     let title = "no sensor preset is called `gelsight-2015`";
     one_mistake("[sensor]", "[sensor]\npreset = «\"gelsight-2015\"»", title, "did you mean `gelsight-2014`?");
-    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`digit` or `gelsight-series2`");
+    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`gelsight-series2` or `tactip`");
     one_mistake("[sensor]", "[sensor]\npreset = «5»", "expected text in quotes, found 5", "");
 }
 
@@ -791,6 +796,38 @@ fn effects_out_of_range_are_refused_where_they_are_written() {
     mistake("[sensor.grain]\nheight_um = «101.0»\nsize_mm = 0.1", "height_um = 101", "allowed: 0 to 100 um");
     mistake("[sensor.rest_shape.dome]\nradius_mm = «5.0»", "radius_mm = 5", "allowed: 12.5 to 1000000 mm");
     mistake("[sensor.rest_shape]\n«dom»= { radius_mm = 50.0 }", "unknown choice `dom`", "did you mean `dome`?");
+    mistake("[camera]\nthreshold = «1.5»", "threshold = 1.5", "allowed: 0 to 1");
+}
+
+#[test]
+fn gels_lenses_and_pins_that_make_no_sense_are_refused() {
+    let mistake = |written: &str, title: &str, help: &str| {
+        one_mistake("[sensor]", &format!("[sensor]\npreset = \"tactip\"\n{written}"), title, help);
+    };
+    mistake("shape.dome.radius_mm = «0.5»", "radius_mm = 0.5", "allowed: 1 to 1000000 mm");
+    mistake("pins.spacing_mm = «4.0»", "the outermost pins stand 40.0 mm from the tip", "the gel ends after 31.4 mm");
+    mistake("pins.length_mm = «25.0»", "longer than the gel's radius", "stay below 20 mm");
+    mistake("pins.in_plane = «2.0»", "in_plane = 2", "allowed: 0 to 1");
+    mistake("lens.fisheye.fov_deg = «400.0»", "fov_deg = 400", "allowed: 1 to 300 degrees");
+    mistake("lens.fisheye.position_mm = «[0.0, 0.0, -3.0]»", "the camera stands in the gel", "11 mm thick");
+    mistake("lens.fisheye.look_at_mm = «[0.06, 0.1, -62.0]»", "looks at itself", "such as the tip");
+    mistake("lens.fisheye.k = «[-9.0, 0.0, 0.0, 0.0]»", "two directions in one place", "lower the coefficients");
+    mistake("«rest_shape».dome.radius_mm = 50.0", "`rest_shape` does not go with", "leave one of the two out");
+    one_mistake(
+        "[sensor]",
+        "[sensor]\n«pins» = { count = 7, spacing_mm = 1.0, length_mm = 1.0, diameter_mm = 0.5 }",
+        "has no shape",
+        "add [sensor.shape]",
+    );
+    one_mistake("[sensor]", "[sensor]\n«shape» = { dome = { radius_mm = 20.0 } }", "is seen by its pins", "rest_shape");
+}
+
+#[test]
+fn roll_and_pitch_stand_in_place_of_the_tilt() {
+    let tilt = "tilt_deg = { uniform = [0.0, 8.0] }";
+    let both = format!("{tilt}\nroll_deg = «3.0»");
+    one_mistake(tilt, &both, "`roll_deg` stands in place of `tilt_deg`", "write roll_deg and pitch_deg");
+    one_mistake(tilt, "pitch_deg = «[0.0, 120.0]»", "pitch_deg may be 0 to 120", "allowed: -90 to 90 degrees");
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod calibrate;
 mod calibrated;
 mod clearance;
 mod compare;
+mod curved;
 mod determinism;
 mod effects;
 mod fidelity;

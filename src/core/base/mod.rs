@@ -3,6 +3,7 @@
 pub mod angle;
 pub mod clock;
 pub mod cubic;
+pub mod gel;
 pub mod grain;
 pub mod grid;
 pub mod light;

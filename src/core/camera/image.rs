@@ -41,6 +41,21 @@ impl Image {
         );
     }
 
+    /// Makes pixels white whose mean channel is at least `threshold` of full scale, and the others black; not with a
+    /// threshold of 0.
+    pub fn binarise(&mut self, threshold: f64) {
+        if threshold <= 0.0 {
+            return;
+        }
+        let least = threshold * 3.0 * 255.0;
+        self.saturated_px = 0;
+        for pixel in self.rgb.chunks_exact_mut(3) {
+            let white = pixel.iter().map(|value| f64::from(*value)).sum::<f64>() >= least;
+            pixel.fill(if white { 255 } else { 0 });
+            self.saturated_px += u64::from(white);
+        }
+    }
+
     /// Pixels of a part with a channel at full scale.
     #[inline(always)]
     fn saturated_in(&self, part: Rect) -> u64 {

@@ -18,6 +18,8 @@ pub mod lens;
 pub mod markers;
 pub mod noise;
 mod params;
+pub mod pins;
+pub mod projection;
 mod vignette;
 
 use dots::Dot;
@@ -69,6 +71,7 @@ impl Camera {
         scale(resting.gains, &mut bright);
         let mut untouched = Image::black(width, height);
         untouched.quantise(&Light { region: whole, planes: bright });
+        untouched.binarise(resting.threshold);
         Self { view: *view, photograph, resting, print: dots, bare, seen, marked, untouched }
     }
 
@@ -126,6 +129,7 @@ impl Camera {
             image.clipped_px -= self.clipped_in(light.region);
         }
         image.quantise(&light);
+        image.binarise(camera.threshold);
         image
     }
 

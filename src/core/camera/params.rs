@@ -32,6 +32,9 @@ pub struct CameraParams {
     pub noise_correlation: f64,
     /// Standard deviation of the speckle where the pad is touched, grey levels.
     pub speckle_levels: f64,
+    /// Share of full scale from which a pixel is white, and below which it is black; 0 where the image is not binarised.
+    #[serde(default)]
+    pub threshold: f64,
     /// Key of the noise; known from seed and index, so not in the label.
     #[serde(skip)]
     pub noise_key: u64,
@@ -50,6 +53,7 @@ impl Default for CameraParams {
             noise_color: [1.0; 3],
             noise_correlation: 0.0,
             speckle_levels: 0.0,
+            threshold: 0.0,
             noise_key: 0,
         }
     }

@@ -14,6 +14,7 @@ use crate::core::pose::{Placement, Pose};
 pub mod beyond;
 pub mod height_map;
 pub mod indenter;
+pub mod normals;
 pub mod patterns;
 pub mod raster;
 pub mod relief;

@@ -3,6 +3,7 @@
 
 pub mod cleaning;
 pub mod clusters;
+pub mod nearest;
 
 pub use cleaning::{Cleaned, Mesh};
 

@@ -148,7 +148,7 @@ fn check_sample(
             },
             None | Some((_, Form::Rgb)) => check_png(bytes, size, image::ColorType::Rgb8),
             Some((_, Form::Grey)) => check_png(bytes, size, image::ColorType::L8),
-            Some((_, Form::Positions)) => check_markers(bytes),
+            Some((_, Form::Positions)) => check_positions(bytes),
             Some((layer, Form::Floats { least, .. })) => check_floats(layer, layer.coding(format), least, bytes, size),
         };
         found.extend(checked.err().map(|what| format!("{key}.{suffix}: {what}")));
@@ -209,18 +209,24 @@ fn check_steps(scale: Scale, bytes: &[u8], size: [usize; 2]) -> Result<(), Strin
     }
 }
 
-/// Two lists of as many pairs of numbers.
-fn check_markers(bytes: &[u8]) -> Result<(), String> {
+/// Two lists of as many pairs of numbers; of pins also two of triples.
+fn check_positions(bytes: &[u8]) -> Result<(), String> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Positions {
         rest_px: Vec<[f64; 2]>,
         moved_px: Vec<[f64; 2]>,
+        rest_mm: Option<Vec<[f64; 3]>>,
+        moved_mm: Option<Vec<[f64; 3]>>,
     }
     let positions: Positions = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-    match positions.rest_px.len() == positions.moved_px.len() {
-        true => Ok(()),
-        false => Err(format!("{} rest, {} moved", positions.rest_px.len(), positions.moved_px.len())),
+    let Positions { rest_px, moved_px, rest_mm, moved_mm } = positions;
+    let count = rest_px.len();
+    let as_many = |mm: &Option<Vec<[f64; 3]>>| mm.as_ref().is_none_or(|mm| mm.len() == count);
+    match (count == moved_px.len(), as_many(&rest_mm) && as_many(&moved_mm)) {
+        (true, true) => Ok(()),
+        (false, _) => Err(format!("{count} rest, {} moved", moved_px.len())),
+        (true, false) => Err(format!("{count} in the image, another number in mm")),
     }
 }
 

@@ -38,6 +38,8 @@ pub struct CameraDistribution {
     /// Standard deviation of the speckle that the skin shows where it is touched, grey levels of 255; another one in each
     /// press.
     pub speckle_levels: Quantity,
+    /// Share of full scale from which a pixel is white, and below which it is black, 0 to 1; 0 leaves the image as it is.
+    pub threshold: f64,
 }
 
 impl Default for CameraDistribution {
@@ -56,6 +58,7 @@ impl Default for CameraDistribution {
             noise_color: [1.0; 3],
             noise_correlation: zero.clone(),
             speckle_levels: zero,
+            threshold: 0.0,
         }
     }
 }
@@ -78,6 +81,7 @@ impl CameraDistribution {
             noise_color: self.noise_color,
             noise_correlation: draw("noise correlation", &self.noise_correlation),
             speckle_levels: draw("speckle", &self.speckle_levels),
+            threshold: self.threshold,
             noise_key,
         }
     }

@@ -2,17 +2,21 @@
 
 pub mod camera;
 pub mod markers;
+pub mod pins;
 pub mod quantity;
 pub mod random;
 pub mod unit;
 
 use std::sync::Arc;
 
+use crate::core::base::gel::GelShape;
+use crate::core::camera::projection::LensModel;
 use crate::core::gelpad::material::Material;
 use crate::core::optics::{Illumination, LightSource};
 use crate::core::sensor::{self, Background, Markers};
 use camera::CameraDistribution;
 use markers::MarkerDistribution;
+use pins::PinDistribution;
 use serde::{Deserialize, Serialize};
 use unit::Unit;
 
@@ -23,12 +27,13 @@ use crate::core::optics::led::Led;
 use crate::core::optics::residual::LightResidual;
 
 /// The presets that are inside the binary: name and text of the sensor file.
-pub const PRESETS: [(&str, &str); 5] = [
+pub const PRESETS: [(&str, &str); 6] = [
     ("gelsight-2014", include_str!("../../../configs/sensors/gelsight-2014.toml")),
     ("gelsight-2017", include_str!("../../../configs/sensors/gelsight-2017.toml")),
     ("gelsight-mini", include_str!("../../../configs/sensors/gelsight-mini.toml")),
     ("digit", include_str!("../../../configs/sensors/digit.toml")),
     ("gelsight-series2", include_str!("../../../configs/sensors/gelsight-series2.toml")),
+    ("tactip", include_str!("../../../configs/sensors/tactip.toml")),
 ];
 
 /// A sensor. What a sensor file leaves out is as in the preset it names, or as in `gelsight-2014`.
@@ -67,7 +72,16 @@ pub struct Sensor {
     /// SHA-256 of that file in lower-case hex; if given, another content is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration_sha256: Option<String>,
-    /// Shape of a pad that is not flat.
+    /// Shape of a gel that a camera inside sees through `lens`. Without it the gel is flat, or nearly (`rest_shape`).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shape: Option<GelShape>,
+    /// Lens and place of the camera, with a `shape`. Without it the camera looks from straight below, without perspective.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens: Option<LensModel>,
+    /// Pins inside a gel that has a `shape`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pins: Option<PinDistribution>,
+    /// Height of a pad that is nearly flat.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rest_shape: Option<RestShape>,
     /// Relief of the pad's coating.
@@ -118,6 +132,9 @@ impl Sensor {
             resolution_px: self.resolution_px.map(|px| px as usize),
             field_of_view_mm: self.field_of_view_mm,
             gelpad: self.material(),
+            shape: self.shape,
+            lens: self.lens.unwrap_or_default(),
+            pins: self.pins.as_ref().map(PinDistribution::pins),
             rest_surface: None,
             coating: self.grain,
             background: Background::Rendered(self.rendered_background.clone()),
@@ -174,6 +191,9 @@ impl Default for Sensor {
             background_sha256: None,
             calibration: None,
             calibration_sha256: None,
+            shape: None,
+            lens: None,
+            pins: None,
             rest_shape: None,
             grain: None,
             markers: None,
@@ -194,7 +214,7 @@ impl Default for Sensor {
     }
 }
 
-/// A pad that is not flat.
+/// Height of a pad that is nearly flat.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]

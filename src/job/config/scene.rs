@@ -20,6 +20,12 @@ pub struct Pose {
     pub tilt_deg: Quantity,
     /// Direction of that axis, degrees from x towards y.
     pub tilt_azimuth_deg: Quantity,
+    /// In place of tilt and its azimuth: a turn about the sensor's x, degrees, -90 to 90.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub roll_deg: Option<Quantity>,
+    /// Then one about the sensor's y, degrees, -90 to 90.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_deg: Option<Quantity>,
     /// Position along x, mm from the middle of the image.
     pub x_mm: Quantity,
     /// Position along y, mm from the middle of the image.
@@ -35,6 +41,8 @@ impl Default for Pose {
             yaw_deg: Quantity::default(),
             tilt_deg: Quantity::default(),
             tilt_azimuth_deg: Quantity::uniform(0.0, 360.0),
+            roll_deg: None,
+            pitch_deg: None,
             x_mm: Quantity::default(),
             y_mm: Quantity::default(),
             anchor: Anchor::default(),
@@ -106,11 +114,32 @@ impl Face {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Indentation {
-    /// How deep the object's lowest point reaches below the undeformed pad, mm; 0 to the pad's thickness.
+    /// How deep the object reaches below the undeformed pad, mm; 0 to the pad's thickness.
     #[schemars(required)]
     pub depth_mm: Option<Quantity>,
+    /// Where that is measured.
+    #[serde(skip_serializing_if = "At::is_lowest")]
+    pub at: At,
     /// Share of samples in which the object stays just above the pad, 0 to 1.
     pub no_contact: f64,
+}
+
+/// Where the indentation depth is measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum At {
+    /// At the object's lowest point.
+    #[default]
+    Lowest,
+    /// Where the object is on the sensor's axis, so that depth and tilt are independent. A draw that puts it beside the axis
+    /// is not healthy.
+    Axis,
+}
+
+impl At {
+    fn is_lowest(&self) -> bool {
+        *self == Self::Lowest
+    }
 }
 
 /// The `[shear]` table: how the object moves in the pad's plane after it was pressed in.

@@ -27,6 +27,7 @@ use crate::job::layers::OutputLayer;
 use crate::job::layout::Layout;
 
 pub mod check;
+mod curved;
 pub mod draw;
 mod files;
 pub mod frames;
@@ -143,6 +144,7 @@ impl Plan {
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
         ranges::models(&mut check, &job);
+        curved::job(&mut check, &job, scope);
         // Where units do not differ, how much they would is no part of the job.
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = complete_sensor(&mut check, &mut job);

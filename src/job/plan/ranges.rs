@@ -121,7 +121,8 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     check.number("sensor.rendered_background.grain_size_mm", look.grain_size_mm, 1e-3..=1e3, "mm");
     check.number("sensor.rendered_background.dust_per_cm2", look.dust_per_cm2, 0.0..=1e3, "");
     check.number("sensor.rendered_background.dust_size_mm", look.dust_size_mm, 1e-3..=10.0, "mm");
-    if sensor.led.is_empty() && sensor.lamp.is_empty() {
+    super::curved::sensor(check, sensor);
+    if sensor.led.is_empty() && sensor.lamp.is_empty() && sensor.pins.is_none() {
         check.error("sensor.led", "the sensor has no LED", "add at least one [[sensor.led]] table");
     }
     if sensor.led.len() > MOST_LEDS {
@@ -203,6 +204,18 @@ pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
     check.quantity("pose.yaw_deg", &pose.yaw_deg, -3600.0..=3600.0, "degrees");
     check.quantity("pose.tilt_deg", &pose.tilt_deg, -90.0..=90.0, "degrees");
     check.quantity("pose.tilt_azimuth_deg", &pose.tilt_azimuth_deg, -3600.0..=3600.0, "degrees");
+    for (key, angle) in [("roll_deg", &pose.roll_deg), ("pitch_deg", &pose.pitch_deg)] {
+        let Some(angle) = angle else { continue };
+        check.quantity(&format!("pose.{key}"), angle, -90.0..=90.0, "degrees");
+        if pose.tilt_deg.support() != (0.0, 0.0) {
+            let message = format!("`{key}` stands in place of `tilt_deg`");
+            check.error(
+                &format!("pose.{key}"),
+                message,
+                "write roll_deg and pitch_deg, or tilt_deg and tilt_azimuth_deg",
+            );
+        }
+    }
     check.quantity("pose.x_mm", &pose.x_mm, -1e4..=1e4, "mm");
     check.quantity("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");
     if let Some(sequence) = &job.sequence {
@@ -315,6 +328,11 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
                 &path,
                 "this sensor has no printed markers",
                 "leave `markers` out, or add a [markers] table",
+            ),
+            OutputLayer::Pins if job.sensor.pins.is_none() => check.error(
+                &path,
+                "this sensor has no pins",
+                "leave `pins` out, or take a sensor that has them, such as tactip",
             ),
             OutputLayer::Lamps if job.sensor.lamp.is_empty() => check.error(
                 &path,
@@ -446,6 +464,7 @@ pub fn camera(check: &mut Check<'_>, job: &Job) {
         check.number("camera.noise_color", factor, 0.0..=10.0, "");
     }
     check.quantity("camera.noise_correlation", &camera.noise_correlation, 0.0..=MOST_CORRELATION, "");
+    check.number("camera.threshold", camera.threshold, 0.0..=1.0, "");
     check.quantity("camera.speckle_levels", &camera.speckle_levels, 0.0..=255.0, "grey levels");
     check.quantity("camera.read_noise_levels", &camera.read_noise_levels, 0.0..=255.0, "grey levels");
 }

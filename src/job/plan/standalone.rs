@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
-use super::{files, ranges};
+use super::{Scope, curved, files, ranges};
 use crate::core::sensor::{Background, Sensor};
 use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::sensor;
@@ -43,6 +43,7 @@ pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
 pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
     check.one_sensor(&job.sensor);
     ranges::sensor(check, job);
+    curved::job(check, job, Scope::Sensor);
     let backgrounds = files::backgrounds(check, job);
     let calibration = files::calibration(check, job);
     let (photographs, _) = backgrounds.filter(|_| check.problems.is_empty())?;

@@ -1,0 +1,322 @@
+//! Pins that stand on the inside of a curved gel's skin (TacTip): where their tips are, and how the camera sees them.
+//!
+//! A pin stands on an inner skin, which follows the outer one smoothed; its tip moves with that skin and leans with its
+//! slope. The camera sees the tips, white on black.
+
+use std::ops::Range;
+
+use glam::{DMat2, DMat3, DVec2, DVec3};
+
+use super::projection::Projection;
+use crate::core::base::gel::{Chart, GelShape};
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::light::Light;
+use crate::core::base::rng::Stream;
+use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::gelpad::Contact;
+
+/// The way in which points of the skin move under a press.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Along {
+    /// Along the gel's own normals: the skin slides over the object.
+    #[default]
+    Normal,
+    /// The way the object pushes: the skin sticks to it.
+    Press,
+}
+
+/// The pins of a sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pins {
+    /// Where they stand, mm from the tip over the skin: points of the chart around the tip.
+    pub at_mm: Vec<[f64; 2]>,
+    /// From the outer skin to a pin's tip, mm.
+    pub length_mm: f64,
+    /// Diameter of the white tips, mm.
+    pub diameter_mm: f64,
+    /// Standard deviation of the smoothing by which the inner skin follows the outer one, mm.
+    pub skin_smoothing_mm: f64,
+    /// The way in which points of the skin move.
+    pub along: Along,
+    /// Share of the gel's motion in its own plane that the skin, stiffer than the gel, takes part in.
+    pub in_plane: f64,
+    /// Standard deviation of the diameters from sample to sample, as a share.
+    pub size_jitter: f64,
+    /// Standard deviation of the tips' places in their plane from sample to sample, mm.
+    pub place_jitter_mm: f64,
+    /// The ring that holds the skin, if the camera sees it.
+    pub mount: Option<MountRing>,
+}
+
+/// A white ring around the pins.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct MountRing {
+    /// Of its middle line, mm.
+    pub radius_mm: f64,
+    /// mm.
+    pub width_mm: f64,
+    /// How far it lies below the gel's tip, mm.
+    pub below_tip_mm: f64,
+}
+
+/// A pin's tip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tip {
+    /// Its middle, in the sensor's frame, mm.
+    pub at_mm: DVec3,
+    /// The way the pin points: out of the gel.
+    pub axis: DVec3,
+    /// Where the image shows it; the first pixel's centre is at (0.5, 0.5). `None` of what the camera cannot see.
+    pub px: Option<[f64; 2]>,
+}
+
+/// Tips at rest and now, in the same order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PinPositions {
+    /// On the untouched gel.
+    pub rest: Vec<Tip>,
+    /// Where the skin carried them.
+    pub moved: Vec<Tip>,
+}
+
+impl PinPositions {
+    /// Pins that the image shows at rest or now: both places, px.
+    pub fn in_view(&self, size: [usize; 2]) -> impl Iterator<Item = (&Tip, &Tip)> {
+        let inside = move |tip: &Tip| tip.px.is_some_and(|px| (0..2).all(|k| (0.0..=size[k] as f64).contains(&px[k])));
+        self.rest.iter().zip(&self.moved).filter(move |(rest, moved)| inside(rest) || inside(moved))
+    }
+}
+
+/// How the skin over a chart has moved, smoothed.
+pub struct SkinMotion {
+    chart: Chart,
+    /// Along the chart's axes, mm: x, y and z at every node.
+    planes: [Grid<f32>; 3],
+    pitch_mm: [f64; 2],
+    /// Of the first node.
+    origin_mm: [f64; 2],
+}
+
+impl SkinMotion {
+    /// Of a press on a chart with the nodes of `view`. Points of the skin move along `direction`, or along their own normal
+    /// without one.
+    pub fn new(contact: &Contact, chart: &Chart, view: &View, direction: Option<DVec3>, pins: &Pins) -> Self {
+        let smoothing_mm = pins.skin_smoothing_mm;
+        let factor = view.mm_per_px.map(|pitch| ((smoothing_mm / (2.0 * pitch)) as usize).max(1));
+        let [width, height] = [0, 1].map(|k| view.resolution_px[k].div_ceil(factor[k]));
+        let pitch_mm = [0, 1].map(|k| view.mm_per_px[k] * factor[k] as f64);
+        let first_px = factor.map(|factor| factor as f64 / 2.0);
+        let origin_mm = view.point_mm(first_px);
+        let local = chart.local();
+        let press = direction.map(|direction| chart.axes().transpose() * direction);
+        let mut planes = [(); 3].map(|()| Grid::new(width, height));
+        for y in 0..height {
+            for x in 0..width {
+                let at = [origin_mm[0] + x as f64 * pitch_mm[0], origin_mm[1] + y as f64 * pitch_mm[1]];
+                let rest = local.rest(at);
+                let block = Block::new([x, y], factor, view.resolution_px);
+                let depth_mm = f64::from(block.mean(&contact.surface, SURFACE_BORDER));
+                let [along, down] = contact
+                    .tangential
+                    .as_ref()
+                    .map_or([0.0; 2], |tangential| tangential.field.at(at).map(|mm| pins.in_plane * f64::from(mm)));
+                // What sticks to the object comes to where it was pushed to; the rest moves along its normal.
+                let into = press.map_or(rest.normal, |press| {
+                    let sticks = f64::from(block.mean(&contact.mask, 0)) / 255.0;
+                    rest.normal + sticks * (press * press.dot(rest.normal) - rest.normal)
+                });
+                let moved = along * rest.tangents[0] + down * rest.tangents[1] - depth_mm * into;
+                for (plane, value) in planes.iter_mut().zip(moved.to_array()) {
+                    plane.row_mut(y)[x] = value as f32;
+                }
+            }
+        }
+        let sigma_px = pitch_mm.map(|pitch| smoothing_mm / pitch);
+        let planes = planes.map(|plane| smooth(&plane, sigma_px));
+        Self { chart: *chart, planes, pitch_mm, origin_mm }
+    }
+
+    /// How the skin moved at a point of the chart, in the sensor's frame, mm; none beyond the chart.
+    pub fn at(&self, at: [f64; 2]) -> DVec3 {
+        let px = [0, 1].map(|k| ((at[k] - self.origin_mm[k]) / self.pitch_mm[k] + 0.5) as f32);
+        let [x, y, z] =
+            self.planes.each_ref().map(|plane| f64::from(super::projection::bilinear(plane, px).unwrap_or(0.0)));
+        self.chart.axes() * DVec3::new(x, y, z)
+    }
+
+    /// The moved skin and its outward normal at a point of the chart.
+    fn skin(&self, at: [f64; 2]) -> (DVec3, DVec3) {
+        let point = |at: [f64; 2]| self.chart.point_mm(at) + self.at(at);
+        let [dx, dy] = self.pitch_mm;
+        let along = point([at[0] + dx, at[1]]) - point([at[0] - dx, at[1]]);
+        let down = point([at[0], at[1] + dy]) - point([at[0], at[1] - dy]);
+        (point(at), along.cross(down).normalize_or(self.chart.rest(at).normal))
+    }
+}
+
+impl Pins {
+    /// Their tips on the untouched gel.
+    pub fn at_rest(&self, shape: &GelShape, camera: &Projection) -> Vec<Tip> {
+        let chart = Chart::at_tip(shape);
+        let tip = |at: &[f64; 2]| {
+            let axis = chart.rest(*at).normal;
+            self.tip(chart.point_mm(*at), axis, camera)
+        };
+        self.at_mm.iter().map(tip).collect()
+    }
+
+    /// Their tips under a press.
+    pub fn moved(&self, shape: &GelShape, motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
+        let tip_chart = Chart::at_tip(shape);
+        let tip = |at: &[f64; 2]| {
+            let (skin, axis) = motion.skin(motion.chart.at(tip_chart.rest(*at).normal));
+            self.tip(skin, axis, camera)
+        };
+        self.at_mm.iter().map(tip).collect()
+    }
+
+    fn tip(&self, skin_mm: DVec3, axis: DVec3, camera: &Projection) -> Tip {
+        let at_mm = skin_mm - self.length_mm * axis;
+        Tip { at_mm, axis, px: camera.point_px(at_mm) }
+    }
+
+    /// The same moved a little in their planes, and what factor each one's size has; of a unit of the sensor that `random`
+    /// draws.
+    pub fn jittered(&self, tips: &[Tip], camera: &Projection, random: &mut Stream) -> (Vec<Tip>, Vec<f64>) {
+        tips.iter()
+            .map(|tip| {
+                let [x, y, size] = [(); 3].map(|()| random.normal());
+                let across = plane_of(tip.axis);
+                let at_mm = tip.at_mm + self.place_jitter_mm * (x * across.x_axis + y * across.y_axis);
+                let moved = Tip { at_mm, px: camera.point_px(at_mm), ..*tip };
+                (moved, (1.0 + self.size_jitter * size).max(0.0))
+            })
+            .unzip()
+    }
+
+    /// The light of tips whose sizes have these factors, over the ring's.
+    pub fn light(&self, tips: &[Tip], sizes: &[f64], camera: &Projection, dark: [f64; 3], ring: &Grid<f32>) -> Light {
+        let mut cover = ring.clone();
+        for (k, tip) in tips.iter().enumerate() {
+            let size = sizes.get(k).copied().unwrap_or(1.0);
+            draw(tip, 0.5 * self.diameter_mm * size, camera, &mut cover);
+        }
+        let planes = dark.map(|dark| {
+            let dark = dark as f32;
+            cover.data.iter().map(|share| dark + share * (1.0 - dark)).collect()
+        });
+        Light { region: Rect::whole(cover.width, cover.height), planes }
+    }
+
+    /// How much of each pixel the mount's ring covers.
+    pub fn ring(&self, camera: &Projection, [width, height]: [usize; 2]) -> Grid<f32> {
+        let mut cover = Grid::new(width, height);
+        let Some(MountRing { radius_mm, width_mm, below_tip_mm }) = self.mount else { return cover };
+        let from_axis = |px: [f64; 2]| {
+            let (from, direction) = camera.line(px);
+            let to_plane = (-below_tip_mm - from.z) / direction.z;
+            let at = from + to_plane * direction;
+            (to_plane.is_finite() && (to_plane > 0.0 || direction == DVec3::Z)).then(|| libm::hypot(at.x, at.y))
+        };
+        for y in 0..height {
+            for x in 0..width {
+                let at = [x as f64 + 0.5, y as f64 + 0.5];
+                let Some(here) = from_axis(at) else { continue };
+                let beside = [0.5, -0.5].map(|by| from_axis([at[0] + by, at[1]]).zip(from_axis([at[0], at[1] + by])));
+                let [Some((right, below)), Some((left, above))] = beside else { continue };
+                let mm_per_px = libm::hypot(right - left, below - above).max(1e-9);
+                let inside_px = (0.5 * width_mm - (here - radius_mm).abs()) / mm_per_px;
+                cover.row_mut(y)[x] = (0.5 + inside_px).clamp(0.0, 1.0) as f32;
+            }
+        }
+        cover
+    }
+}
+
+/// Two directions across `axis`, and itself.
+fn plane_of(axis: DVec3) -> DMat3 {
+    let (x, y) = axis.any_orthonormal_pair();
+    DMat3::from_cols(x, y, axis)
+}
+
+/// Draws a disc across a pin's axis: an ellipse, to first order.
+fn draw(tip: &Tip, radius_mm: f64, camera: &Projection, cover: &mut Grid<f32>) {
+    const STEP_MM: f64 = 1e-3;
+    let Some(middle) = tip.px else { return };
+    let across = plane_of(tip.axis);
+    let per_mm = [across.x_axis, across.y_axis].map(|side| {
+        let there = camera.point_px(tip.at_mm + STEP_MM * side);
+        there.map(|px| (DVec2::from_array(px) - DVec2::from_array(middle)) * (radius_mm / STEP_MM))
+    });
+    let [Some(x), Some(y)] = per_mm else { return };
+    let ellipse = DMat2::from_cols(x, y);
+    let size_px = libm::sqrt(ellipse.determinant().abs());
+    if !(size_px > 1e-3 && size_px < 1e4) {
+        return;
+    }
+    let inverse = ellipse.inverse();
+    let reach = [0, 1].map(|k| libm::hypot(x[k], y[k]) + 1.0);
+    let range = |k: usize, count: usize| {
+        let [low, high] = [-1.0, 1.0].map(|side| (middle[k] + side * reach[k]).clamp(0.0, count as f64));
+        low as usize..libm::ceil(high) as usize
+    };
+    for row in range(1, cover.height) {
+        for column in range(0, cover.width) {
+            let at = DVec2::new(column as f64 + 0.5, row as f64 + 0.5) - DVec2::from_array(middle);
+            let share = 0.5 + (1.0 - (inverse * at).length()) * size_px;
+            let pixel = &mut cover.row_mut(row)[column];
+            *pixel = pixel.max(share.clamp(0.0, 1.0) as f32);
+        }
+    }
+}
+
+/// A block of nodes.
+struct Block {
+    columns: Range<usize>,
+    rows: Range<usize>,
+}
+
+impl Block {
+    /// Number `at` along both axes, of `factor` nodes each but for the last.
+    fn new(at: [usize; 2], factor: [usize; 2], size: [usize; 2]) -> Self {
+        let range = |k: usize| at[k] * factor[k]..((at[k] + 1) * factor[k]).min(size[k]);
+        Self { columns: range(0), rows: range(1) }
+    }
+
+    /// Mean over a grid that has so many nodes more on every side.
+    fn mean<T: Copy + Default + Into<f32>>(&self, of: &Grid<T>, border: usize) -> f32 {
+        let row = |y: usize| {
+            of.row(y + border)[border..][self.columns.clone()].iter().map(|value| (*value).into()).sum::<f32>()
+        };
+        self.rows.clone().map(row).sum::<f32>() / (self.columns.len() * self.rows.len()).max(1) as f32
+    }
+}
+
+/// Gaussian smoothing; beyond the border as on it.
+fn smooth(plane: &Grid<f32>, sigma_px: [f64; 2]) -> Grid<f32> {
+    let mut plane = plane.clone();
+    let [width, height] = [plane.width, plane.height];
+    for (k, sigma_px) in sigma_px.into_iter().enumerate().filter(|(_, sigma_px)| *sigma_px > 0.0) {
+        let reach = libm::ceil(3.5 * sigma_px) as isize;
+        let weight = |k: isize| libm::exp(-0.5 * (k as f64 / sigma_px) * (k as f64 / sigma_px));
+        let weights: Vec<f64> = (-reach..=reach).map(weight).collect();
+        let sum: f64 = weights.iter().sum();
+        let from = plane.clone();
+        for y in 0..height {
+            for x in 0..width {
+                let value = |step: usize| {
+                    let by = step as isize - reach;
+                    let near = |at: usize, count: usize| (at as isize + by).clamp(0, count as isize - 1) as usize;
+                    f64::from(if k == 0 { from.at(near(x, width), y) } else { from.at(x, near(y, height)) })
+                };
+                let total: f64 = weights.iter().enumerate().map(|(step, weight)| weight * value(step)).sum();
+                plane.row_mut(y)[x] = (total / sum) as f32;
+            }
+        }
+    }
+    plane
+}

@@ -1,0 +1,127 @@
+//! Where a mesh comes closest to a point, and where a line first meets it.
+
+use glam::DVec3;
+
+use super::clusters::{Clusters, Part};
+
+/// The point of the object that is closest to `to`, both in the object's own frame, mm.
+pub fn nearest_point(object: &Clusters, to: DVec3) -> DVec3 {
+    let to = to - DVec3::from_array(object.centre_mm());
+    let best = std::cell::Cell::new((f64::INFINITY, DVec3::ZERO));
+    object.query(
+        |min, max| {
+            let nearest = to.clamp(DVec3::from_array(min.map(f64::from)), DVec3::from_array(max.map(f64::from)));
+            to.distance_squared(nearest) < best.get().0
+        },
+        |part| {
+            for [a, b, c] in triangles(part) {
+                let nearest = nearest_of_triangle(to, a, b, c);
+                let distance = to.distance_squared(nearest);
+                if distance < best.get().0 {
+                    best.set((distance, nearest));
+                }
+            }
+        },
+    );
+    best.get().1 + DVec3::from_array(object.centre_mm())
+}
+
+/// The smallest `t` at which `from + t * direction`, a line in the object's own frame, meets the object; `None` if it
+/// passes it by. Neighbouring triangles leave no gap.
+pub fn first_along(object: &Clusters, from: DVec3, direction: DVec3) -> Option<f64> {
+    let from = from - DVec3::from_array(object.centre_mm());
+    let mut first: Option<f64> = None;
+    object.query(
+        |min, max| line_meets(from, direction, min, max),
+        |part| {
+            for triangle in triangles(part) {
+                let [a, b, c] = triangle.map(|corner| corner - from);
+                let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)];
+                let sides = [ab, bc, ca].map(|side| side.dot(direction));
+                let along = (ab + bc + ca).dot(direction);
+                let within = sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0);
+                if within && along != 0.0 {
+                    let t = a.dot(bc) / along;
+                    first = Some(first.map_or(t, |first| first.min(t)));
+                }
+            }
+        },
+    );
+    first
+}
+
+/// The triangles of a part, relative to the object's centre.
+pub fn triangles(part: Part<'_>) -> impl Iterator<Item = [DVec3; 3]> + '_ {
+    let corner = move |at: u8| {
+        let at = usize::from(at);
+        DVec3::new(part.x[at].into(), part.y[at].into(), part.z[at].into())
+    };
+    part.corners.iter().map(move |corners| corners.map(corner))
+}
+
+/// True if a line goes through a box.
+fn line_meets(from: DVec3, direction: DVec3, min: [f32; 3], max: [f32; 3]) -> bool {
+    let (mut enters, mut leaves) = (f64::NEG_INFINITY, f64::INFINITY);
+    for k in 0..3 {
+        let [a, b] = [min[k], max[k]].map(|side| f64::from(side) - from[k]);
+        if direction[k] == 0.0 {
+            if a > 0.0 || b < 0.0 {
+                return false;
+            }
+        } else {
+            let [a, b] = [a, b].map(|side| side / direction[k]);
+            (enters, leaves) = (enters.max(a.min(b)), leaves.min(a.max(b)));
+        }
+    }
+    // A hair more than the box: rounding shall lose no triangle.
+    enters <= leaves + 1e-9 * leaves.abs().max(1.0)
+}
+
+/// The point of a triangle that is closest to `to`.
+pub fn nearest_of_triangle(to: DVec3, a: DVec3, b: DVec3, c: DVec3) -> DVec3 {
+    let normal = (b - a).cross(c - a);
+    let length = normal.length_squared();
+    if length > 0.0 {
+        let foot = to - normal * (normal.dot(to - a) / length);
+        let inside = |p: DVec3, q: DVec3| normal.dot((q - p).cross(foot - p)) >= 0.0;
+        if inside(a, b) && inside(b, c) && inside(c, a) {
+            return foot;
+        }
+    }
+    let of_edge = |p: DVec3, q: DVec3| {
+        let along = q - p;
+        let length = along.length_squared();
+        let share = if length > 0.0 { ((to - p).dot(along) / length).clamp(0.0, 1.0) } else { 0.0 };
+        p + share * along
+    };
+    let edges = [of_edge(a, b), of_edge(b, c), of_edge(c, a)];
+    edges.into_iter().min_by(|p, q| to.distance_squared(*p).total_cmp(&to.distance_squared(*q))).unwrap_or(a)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn corner() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-5.0..5.0).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        #[test]
+        fn no_point_of_a_triangle_is_closer(
+            [a, b, c, to] in prop::array::uniform4(corner()),
+            [s, t] in prop::array::uniform2(0.0..1.0_f64),
+        ) {
+            let nearest = nearest_of_triangle(to, a, b, c);
+            let (s, t) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
+            let other = a + s * (b - a) + t * (c - a);
+            prop_assert!(to.distance(nearest) <= to.distance(other) + 1e-9);
+            // It is one of the triangle's.
+            let area = |p: DVec3, q: DVec3, r: DVec3| (q - p).cross(r - p).length();
+            let parts = area(a, b, nearest) + area(b, c, nearest) + area(c, a, nearest);
+            prop_assert!((parts - area(a, b, c)).abs() < 1e-6 * (1.0 + parts), "{parts}");
+        }
+    }
+}

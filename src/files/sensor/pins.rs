@@ -1,0 +1,157 @@
+//! `[sensor.pins]`: pins inside a gel that is not flat, and where they stand.
+
+use serde::{Deserialize, Serialize};
+
+use crate::core::camera::pins::{Along, MountRing, Pins};
+
+/// Pins inside the skin, seen white on black.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "datasets", schemars(rename = "SensorPins"))]
+pub struct PinDistribution {
+    /// How they stand.
+    #[serde(default)]
+    pub layout: PinLayout,
+    /// How many there are, 1 to 10000.
+    pub count: u32,
+    /// Distance from ring to ring, or from pin to pin, over the skin, mm.
+    pub spacing_mm: f64,
+    /// From x towards y, degrees.
+    #[serde(default)]
+    pub turn_deg: f64,
+    /// From the outer skin to a pin's tip, mm.
+    pub length_mm: f64,
+    /// Diameter of the white tips, mm.
+    pub diameter_mm: f64,
+    /// Standard deviation of the smoothing by which the inner skin follows the outer one, mm.
+    #[serde(default)]
+    pub skin_smoothing_mm: f64,
+    /// The way in which points of the skin move under a press.
+    #[serde(default)]
+    pub along: Along,
+    /// Share of the gel's motion in its own plane that the skin, stiffer than the gel, takes part in, 0 to 1.
+    #[serde(default = "whole")]
+    pub in_plane: f64,
+    /// Standard deviation of the diameters from sample to sample, as a share.
+    #[serde(default)]
+    pub size_jitter: f64,
+    /// Standard deviation of the tips' places from sample to sample, mm.
+    #[serde(default)]
+    pub place_jitter_mm: f64,
+    /// The ring that holds the skin, if the camera sees it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount: Option<MountRing>,
+}
+
+/// How pins stand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum PinLayout {
+    /// One in the middle, and six more on each ring than on the one within it.
+    #[default]
+    Rings,
+    /// Each with six neighbours at the same distance.
+    Hexagonal,
+}
+
+fn whole() -> f64 {
+    1.0
+}
+
+impl PinDistribution {
+    /// The same as the simulator knows them.
+    pub fn pins(&self) -> Pins {
+        Pins {
+            at_mm: self.places(),
+            length_mm: self.length_mm,
+            diameter_mm: self.diameter_mm,
+            skin_smoothing_mm: self.skin_smoothing_mm,
+            along: self.along,
+            in_plane: self.in_plane,
+            size_jitter: self.size_jitter,
+            place_jitter_mm: self.place_jitter_mm,
+            mount: self.mount,
+        }
+    }
+
+    /// How far the outermost stands from the tip, mm.
+    pub fn reach_mm(&self) -> f64 {
+        self.places().iter().map(|[x, y]| libm::hypot(*x, *y)).fold(0.0, f64::max)
+    }
+
+    /// Where they stand, mm over the skin from the tip, from the middle outwards.
+    fn places(&self) -> Vec<[f64; 2]> {
+        let turn = self.turn_deg.to_radians();
+        let at = |radius: f64, angle: f64| {
+            let (sin, cos) = libm::sincos(angle + turn);
+            [radius * cos, radius * sin]
+        };
+        let count = self.count as usize;
+        match self.layout {
+            PinLayout::Rings => {
+                let mut places = vec![[0.0; 2]];
+                let mut ring = 1;
+                while places.len() < count {
+                    let pins = (6 * ring).min(count - places.len());
+                    let step = 2.0 * std::f64::consts::PI / pins as f64;
+                    places.extend((0..pins).map(|k| at(ring as f64 * self.spacing_mm, k as f64 * step)));
+                    ring += 1;
+                }
+                places
+            }
+            PinLayout::Hexagonal => {
+                let reach = libm::ceil(libm::sqrt(count as f64)) as i64 + 1;
+                let steps = (-reach..=reach).flat_map(|a| (-reach..=reach).map(move |b| (a, b)));
+                // Distance from the middle in units of the spacing, squared; then by angle.
+                let mut nodes: Vec<(i64, f64)> = steps
+                    .map(|(a, b)| {
+                        let (x, y) = (a as f64 + 0.5 * b as f64, b as f64 * libm::sqrt(0.75));
+                        (a * a + a * b + b * b, libm::atan2(y, x))
+                    })
+                    .collect();
+                nodes.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+                let place = |(square, angle): (i64, f64)| at(self.spacing_mm * libm::sqrt(square as f64), angle);
+                nodes.into_iter().take(count).map(place).collect()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pins(layout: PinLayout, count: u32) -> PinDistribution {
+        PinDistribution {
+            layout,
+            count,
+            spacing_mm: 2.0,
+            turn_deg: 10.0,
+            length_mm: 1.0,
+            diameter_mm: 1.0,
+            skin_smoothing_mm: 0.0,
+            along: Along::Normal,
+            in_plane: 1.0,
+            size_jitter: 0.0,
+            place_jitter_mm: 0.0,
+            mount: None,
+        }
+    }
+
+    #[test]
+    fn both_layouts_keep_pins_apart_and_fill_from_the_middle() {
+        for (layout, closest_mm) in [(PinLayout::Rings, 1.99), (PinLayout::Hexagonal, 1.9999)] {
+            for count in [1, 2, 7, 100, 331] {
+                let places = pins(layout, count).places();
+                assert_eq!((places.len(), places[0]), (count as usize, [0.0; 2]));
+                let apart = |a: &[f64; 2], b: &[f64; 2]| libm::hypot(a[0] - b[0], a[1] - b[1]);
+                let pairs = places.iter().enumerate().flat_map(|(k, a)| places[..k].iter().map(move |b| apart(a, b)));
+                let closest = pairs.fold(f64::INFINITY, f64::min);
+                assert!(closest > closest_mm, "{layout:?} {count}: {closest}");
+            }
+            assert!((pins(layout, 331).reach_mm() - 20.0).abs() < 2.0, "{}", pins(layout, 331).reach_mm());
+        }
+    }
+}

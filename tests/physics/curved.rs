@@ -1,0 +1,325 @@
+//! Gels that are not flat: capture along their normals against rays, contacts against Hertz and against themselves turned,
+//! pins against what was found on real pictures, and what must not break any of it.
+
+use std::sync::Arc;
+
+use gelsim::core::base::gel::{Chart, GelDome, GelShape};
+use gelsim::core::base::view::View;
+use gelsim::core::camera::pins::{Along, Pins};
+use gelsim::core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
+use gelsim::core::depth::Window;
+use gelsim::core::depth::normals::Normals;
+use gelsim::core::mesh::clusters::Clusters;
+use gelsim::core::mesh::nearest::triangles;
+use gelsim::job::sample::{Sample, render};
+use gelsim::{Fidelity, Impression, Indenter, Pose, Sensor, Simulator};
+use glam::{DQuat, DVec3};
+
+use super::support::{Random, Shape, bundled_objects};
+use crate::plan::plan;
+
+/// A dome with a few pins, seen from straight below.
+fn dome(radius_mm: f64, field_mm: f64, px: usize, thickness_mm: f64) -> Sensor {
+    let mut sensor = Sensor::preset("tactip").expect("a preset");
+    sensor.resolution_px = [px; 2];
+    sensor.shape = Some(GelShape::Dome(GelDome { radius_mm }));
+    sensor.lens = LensModel::Orthographic;
+    sensor.field_of_view_mm = [field_mm; 2];
+    sensor.gelpad.thickness_mm = thickness_mm;
+    sensor.gelpad.poisson_ratio = 0.48;
+    sensor
+}
+
+/// A ball of facets, its centre at the mesh's origin.
+fn ball(radius_mm: f64) -> Arc<Clusters> {
+    Arc::new(Shape::ball(radius_mm, 192, 96).clusters())
+}
+
+/// A ball pressed by `depth_mm` along the normal of the gel, which is turned from the axis.
+fn press_ball(
+    simulator: &Simulator,
+    radius_mm: f64,
+    ball_mm: f64,
+    depth_mm: f64,
+    angle_deg: f64,
+    azimuth_deg: f64,
+) -> Impression {
+    let turn = DQuat::from_rotation_z(azimuth_deg.to_radians()) * DQuat::from_rotation_y(angle_deg.to_radians());
+    let middle = turn * DVec3::new(0.0, 0.0, radius_mm + ball_mm - depth_mm) - DVec3::new(0.0, 0.0, radius_mm);
+    let pose = Pose::placed(turn.to_array(), middle.to_array());
+    simulator.press(&Indenter::clusters(ball(ball_mm), pose))
+}
+
+fn length(force: [f64; 3]) -> f64 {
+    DVec3::from_array(force).length()
+}
+
+/// The first triangle that a ray from `from` meets, in plain loops.
+fn first_met(object: &Clusters, pose: &Pose, from: DVec3, direction: DVec3) -> Option<f64> {
+    let centre = DVec3::from_array(object.centre_mm());
+    let mut first: Option<f64> = None;
+    object.query(
+        |_, _| true,
+        |part| {
+            for triangle in triangles(part) {
+                let [a, b, c] = triangle.map(|q| pose.rotation * (q + centre) + pose.translation_mm);
+                // Moeller and Trumbore.
+                let (ab, ac) = (b - a, c - a);
+                let across = direction.cross(ac);
+                let volume = ab.dot(across);
+                if volume.abs() < 1e-12 {
+                    continue;
+                }
+                let to = from - a;
+                let u = to.dot(across) / volume;
+                let beside = to.cross(ab);
+                let (v, t) = (direction.dot(beside) / volume, ac.dot(beside) / volume);
+                if u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9 && t > 0.0 {
+                    first = Some(first.map_or(t, |first| first.min(t)));
+                }
+            }
+        },
+    );
+    first
+}
+
+#[test]
+fn normals_meet_objects_as_rays_do() {
+    const RADIUS_MM: f64 = 12.0;
+    let shape = GelShape::Dome(GelDome { radius_mm: RADIUS_MM });
+    let view = View { resolution_px: [40, 30], mm_per_px: [0.8, 0.8] };
+    let normals = Normals::new(&shape, &view, 3);
+    let window = Window { margin_px: 3, above_mm: 0.5 };
+    let mut random = Random::new(5);
+    let (mut met, mut compared) = (0, 0);
+    for path in bundled_objects() {
+        let object = Shape::bundled(&path).clusters();
+        let turn = [(); 4].map(|()| random.within(-1.0, 1.0));
+        let towards = DVec3::new(random.within(-1.0, 1.0), random.within(-1.0, 1.0), random.within(0.2, 1.0));
+        let placed = Pose::placed(turn, [0.0; 3]);
+        // Its middle on the gel's surface.
+        let middle = placed.rotation * DVec3::from_array(object.centre_mm());
+        let at = RADIUS_MM * towards.normalize() - DVec3::new(0.0, 0.0, RADIUS_MM) - middle;
+        let pose = Pose::placed(turn, at.to_array());
+        let chart = Chart::around(&shape, towards);
+        let depth = normals.capture(&object, &pose, &chart, window, 100.0);
+        for y in (0..36).step_by(3) {
+            for x in (0..46).step_by(3) {
+                let place = view.point_mm([x as f64 + 0.5 - 3.0, y as f64 + 0.5 - 3.0]);
+                let normal = chart.rest(place).normal;
+                let ray = first_met(&object, &pose, shape.centre_mm(), normal).filter(|_| normal.z >= 0.0);
+                let expected = ray.map_or(-0.5, |t| (RADIUS_MM - t).max(-0.5));
+                let found = f64::from(depth.overlap.at(x, y));
+                assert!((found - expected).abs() < 2e-4, "{path:?} {x} {y}: {found} {expected}");
+                met += u32::from(expected > 0.0);
+                compared += 1;
+            }
+        }
+    }
+    println!("{compared} normals, {met} of which meet an object below the gel");
+    assert!(met > 300);
+}
+
+#[test]
+fn a_ball_on_a_thick_dome_presses_as_hertz_says() {
+    for (radius_mm, ball_mm, depth_mm) in [(10.0, 3.0, 0.1), (12.0, 4.0, 0.12), (30.0, 4.0, 0.15)] {
+        let sensor = dome(radius_mm, 4.0, 192, 200.0);
+        let simulator = Simulator::new(&sensor, Fidelity::High).expect("a sound sensor");
+        let found = press_ball(&simulator, radius_mm, ball_mm, depth_mm, 0.0, 0.0);
+        let (modulus, ratio) = (sensor.gelpad.youngs_modulus_kpa, sensor.gelpad.poisson_ratio);
+        let equivalent_mm = 1.0 / (1.0 / radius_mm + 1.0 / ball_mm);
+        let plane = modulus / (1.0 - ratio * ratio);
+        let expected = 4e-3 / 3.0 * plane * f64::sqrt(equivalent_mm * depth_mm) * depth_mm;
+        let force = length(found.wrench.expect("an elastic pad").force_n);
+        println!("ball of {ball_mm} on a dome of {radius_mm} mm: {:.4} of Hertz", force / expected);
+        assert!((force / expected - 1.0).abs() < 0.02, "{force} {expected}");
+    }
+}
+
+#[test]
+fn the_same_press_anywhere_on_a_dome_gives_the_same_force() {
+    let sensor = dome(20.0, 36.0, 128, 4.0);
+    let simulator = Simulator::new(&sensor, Fidelity::High).expect("a sound sensor");
+    let at_tip = press_ball(&simulator, 20.0, 5.0, 1.0, 0.0, 0.0);
+    let force = length(at_tip.wrench.expect("an elastic pad").force_n);
+    for (angle_deg, azimuth_deg) in [(5.0, 30.0), (20.0, 200.0), (45.0, -70.0), (60.0, 123.0)] {
+        let turned = press_ball(&simulator, 20.0, 5.0, 1.0, angle_deg, azimuth_deg);
+        let found = turned.wrench.expect("an elastic pad").force_n;
+        println!("{angle_deg} {azimuth_deg}: {:.5} of the force at the tip", length(found) / force);
+        assert!((length(found) / force - 1.0).abs() < 5e-3, "{angle_deg} {azimuth_deg}");
+        // Into the gel, along its normal.
+        let turn =
+            DQuat::from_rotation_z(f64::to_radians(azimuth_deg)) * DQuat::from_rotation_y(f64::to_radians(angle_deg));
+        assert!((DVec3::from_array(found).normalize() + turn * DVec3::Z).length() < 5e-3);
+        // The centre line of the press goes through the ball's middle: no moment about it.
+        let torque = DVec3::from_array(turned.wrench.expect("known").torque_nmm);
+        let arm = DVec3::new(0.0, 0.0, -20.0);
+        assert!((torque - arm.cross(DVec3::from_array(found))).length() < 0.02 * length(found), "{torque}");
+    }
+}
+
+#[test]
+fn a_dome_of_a_kilometre_is_a_flat_pad() {
+    let job = |sensor: &str| {
+        plan(&format!(
+            "fidelity = \"high\"\ndataset = {{ name = \"a\", samples = 1 }}\nobject = [{{ path = \"objects/gear.obj\" }}]\n\
+             indentation.depth_mm = 0.6\npose = {{ yaw_deg = 20.0, x_mm = 1.0 }}\n\
+             [output]\nlayers = [\"depth\", \"surface\", \"normal\", \"contact\", \"pressure\"]\n[sensor]\n\
+             resolution_px = [160, 120]\nfield_of_view_mm = [16.0, 12.0]\n{sensor}"
+        ))
+    };
+    let flat = render(&job(""), 0);
+    let dome = render(
+        &job(
+            "shape.dome.radius_mm = 1e6\npins = { count = 37, spacing_mm = 1.0, length_mm = 1.0, diameter_mm = 0.5 }\n",
+        ),
+        0,
+    );
+    let of = |sample: &Sample| {
+        let impression = &sample.impression;
+        (impression.depth_mm(), impression.surface_mm(), impression.normals(), impression.contact_mask())
+    };
+    let ((depth, surface, normals, mask), (depths, surfaces, others, masks)) = (of(&flat), of(&dome));
+    let off = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    println!("depth {} surface {}", off(&depth, &depths), off(&surface, &surfaces));
+    assert!(off(&depth, &depths) < 1e-4 && off(&surface, &surfaces) < 1e-3);
+    assert!(mask.iter().zip(&masks).filter(|(a, b)| a != b).count() <= 5);
+    assert!(off(normals.as_flattened(), others.as_flattened()) < 0.02);
+    let forces = [&flat, &dome].map(|sample| sample.label.contact.total_force_n.expect("known"));
+    println!("forces {forces:?}");
+    assert!((forces[1] / forces[0] - 1.0).abs() < 1e-3);
+}
+
+/// Radii of the rings of pins in pictures of an untouched TacTip, and how far presses by a flat plate move them outwards, px of
+/// 128: means over 400 pictures (docs/sensors.md).
+const RINGS_PX: [f64; 11] = [0.0, 5.23, 10.16, 15.02, 19.97, 24.89, 29.68, 34.41, 38.99, 43.50, 47.76];
+const FROM_2_TO_4_MM: [f64; 11] = [-0.01, 0.42, 0.88, 1.17, 1.37, 1.52, 1.58, 1.62, 1.52, 1.45, 1.34];
+
+fn ring(pin: usize) -> usize {
+    (0..=10).find(|k| pin < 1 + 3 * k * (k + 1)).expect("331 pins")
+}
+
+#[test]
+fn the_pins_of_a_tactip_are_where_they_are_in_pictures() {
+    let job = |depth_mm: f64| {
+        plan(&format!(
+            "fidelity = \"high\"\ndataset = {{ name = \"a\", samples = 1 }}\nsensor.preset = \"tactip\"\n\
+             object = [{{ path = \"objects/slab.obj\" }}]\npose.anchor = \"origin\"\nindentation.depth_mm = {depth_mm:?}\n\
+             output.layers = [\"pins\"]\n"
+        ))
+    };
+    // Contact begins about 0.95 mm after the robots' zero: their 3 and 5 mm.
+    let [shallow, deep] = [2.05, 4.05].map(|depth_mm| render(&job(depth_mm), 0).impression.pins.expect("pins"));
+    let mut radii = [(0.0, 0.0, 0.0); 11];
+    let middle = deep.rest[0].px.expect("in view");
+    for (pin, ((rest, moved), before)) in deep.rest.iter().zip(&deep.moved).zip(&shallow.moved).enumerate() {
+        let from = |px: Option<[f64; 2]>| {
+            let [x, y] = px.expect("in view");
+            f64::hypot(x - middle[0], y - middle[1])
+        };
+        let k = ring(pin);
+        let share = 1.0 / if k == 0 { 1.0 } else { 6.0 * k as f64 };
+        radii[k].0 += share * from(rest.px);
+        radii[k].1 += share * (from(moved.px) - from(before.px));
+    }
+    let (mut worst, mut square) = (0.0_f64, 0.0);
+    for (k, (rest, moved, _)) in radii.into_iter().enumerate() {
+        println!("ring {k}: rest {rest:.2} of {:.2}, moved {moved:.2} of {:.2} px", RINGS_PX[k], FROM_2_TO_4_MM[k]);
+        worst = worst.max((rest - RINGS_PX[k]).abs());
+        square += (moved - FROM_2_TO_4_MM[k]).powi(2) / 11.0;
+    }
+    println!("worst ring {worst:.2} px, motion {:.2} px RMS", square.sqrt());
+    assert!(worst < 0.25 && square.sqrt() < 0.6);
+    assert_eq!(deep.rest.len(), 331);
+}
+
+#[test]
+fn lenses_take_points_to_pixels_and_back() {
+    let shape = GelShape::Dome(GelDome { radius_mm: 15.0 });
+    let (position_mm, look_at_mm) = ([1.0, -2.0, -20.0], [0.5, 0.0, 0.0]);
+    for lens in [
+        LensModel::Orthographic,
+        LensModel::Pinhole(Pinhole { fov_deg: 80.0, position_mm, look_at_mm }),
+        LensModel::Fisheye(Fisheye { fov_deg: 140.0, position_mm, look_at_mm, k: [-0.05, 0.01, 0.0, 0.0] }),
+    ] {
+        let camera = Projection::new(&lens, [64, 48], [20.0, 15.0]);
+        let mut seen = 0;
+        for y in 0..48 {
+            for x in 0..64 {
+                let px = [x as f64 + 0.3, y as f64 + 0.6];
+                let Some(normal) = camera.normal(&shape, px) else { continue };
+                let point = 15.0 * normal + shape.centre_mm();
+                let back = camera.point_px(point).expect("before the camera");
+                assert!((0..2).all(|k| (back[k] - px[k]).abs() < 1e-6), "{lens:?} {px:?} {back:?}");
+                seen += 1;
+            }
+        }
+        assert!(seen > 2000, "{lens:?}: {seen}");
+    }
+}
+
+/// A closed block whose lower face is centred at the origin.
+fn block([w, d, h]: [f64; 3]) -> Shape {
+    let corner = |k: usize| {
+        let side = |bit: usize, size: f64| if k >> bit & 1 == 1 { 0.5 * size } else { -0.5 * size };
+        [side(0, w), side(1, d), if k >> 2 & 1 == 1 { h } else { 0.0 }]
+    };
+    let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let halves = faces.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]);
+    Shape::soup(halves.map(|corners| corners.map(corner)))
+}
+
+/// Needles, boxes around the whole gel, plates at the rim, tiny and huge radii: finite, bounded, the same twice.
+#[test]
+fn nothing_breaks_a_curved_gel() {
+    let needle = block([0.05, 0.05, 8.0]);
+    let plate = block([60.0, 60.0, 1.0]);
+    let crumb = block([0.01; 3]);
+    for radius_mm in [1.0, 5.0, 20.0, 1e4] {
+        let thickness_mm = f64::min(0.5 * radius_mm, 3.0);
+        let field_mm = f64::min(1.9 * radius_mm, 30.0);
+        for fidelity in [Fidelity::Draft, Fidelity::High] {
+            let mut sensor = dome(radius_mm, field_mm, 48, thickness_mm);
+            sensor.pins = Some(Pins {
+                at_mm: vec![[0.0; 2], [0.3 * radius_mm.min(10.0), 0.0]],
+                length_mm: 0.3 * radius_mm.min(5.0),
+                diameter_mm: 0.5,
+                skin_smoothing_mm: 0.2,
+                along: Along::Press,
+                in_plane: 1.0,
+                size_jitter: 0.1,
+                place_jitter_mm: 0.0,
+                mount: None,
+            });
+            let simulator = Simulator::new(&sensor, fidelity).expect("a sound sensor");
+            for (name, shape) in [("needle", &needle), ("plate", &plate), ("crumb", &crumb)] {
+                let object = Arc::new(shape.clusters());
+                for (turn, towards, deep_mm) in [
+                    ([0.0, 0.0, 0.0, 1.0], DVec3::Z, 0.2),
+                    ([0.3, 0.1, 0.0, 1.0], DVec3::new(1.0, 0.4, 0.1), 0.3),
+                    ([1.0, 0.0, 0.0, 0.0], DVec3::new(0.0, -1.0, -0.2), 0.4),
+                    ([0.0, 0.0, 0.0, 1.0], DVec3::Z, radius_mm),
+                    ([0.0, 0.0, 0.0, 1.0], DVec3::Z, -1.0),
+                ] {
+                    let at = (radius_mm - deep_mm) * towards.normalize() - DVec3::new(0.0, 0.0, radius_mm);
+                    let pose = Pose::placed(turn, at.to_array());
+                    let pressed = || simulator.press(&Indenter::clusters(Arc::clone(&object), pose));
+                    let found = pressed();
+                    let at = format!("{name} on {radius_mm} mm, {fidelity:?}, {towards} {deep_mm}");
+                    assert!(found.image.finite && found.contact.finite, "{at}");
+                    assert!(found.contact.numerics.converged, "{at}: {:?}", found.contact.numerics);
+                    let [lowest, highest] = found.contact.range_mm();
+                    // A plate that goes through the shell is limited there; a coarse grid may swing over by a little.
+                    let most = 1.01 * thickness_mm as f32;
+                    assert!(lowest >= -most && highest <= most, "{at}: {lowest} {highest}");
+                    let force = DVec3::from_array(found.wrench.expect("elastic").force_n);
+                    assert!(force.is_finite(), "{at}");
+                    let tips = found.pins.as_ref().expect("pins");
+                    assert!(tips.moved.iter().all(|tip| tip.at_mm.is_finite()), "{at}");
+                    assert!(found.normals().iter().flatten().all(|value| value.is_finite()), "{at}");
+                    assert!(found.image.rgb == pressed().image.rgb, "{at}");
+                }
+            }
+        }
+    }
+}
