@@ -10,7 +10,7 @@ use crate::core::base::light::Light;
 use crate::core::base::rng;
 use crate::core::base::view::View;
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
-use crate::core::camera::projection::{GelMap, LensModel, Projection};
+use crate::core::camera::projection::{GelMap, Projection};
 use crate::core::depth::Depth;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::normals::Normals;
@@ -80,11 +80,6 @@ pub struct PressedGel<'a> {
 }
 
 impl Curved {
-    /// The view of a chart that holds what a camera sees of a gel; `None` if it sees none.
-    pub fn view(shape: &GelShape, lens: &LensModel, size: [usize; 2], field_of_view_mm: [f64; 2]) -> Option<View> {
-        Projection::new(lens, size, field_of_view_mm).chart_view(shape)
-    }
-
     /// Of a sensor with these pins, on a gel whose pad needs a margin of so many nodes.
     pub fn new(shape: GelShape, camera: Projection, view: View, margin_px: usize, pins: Pins, dark: [f64; 3]) -> Self {
         let [width, height] = view.resolution_px;
@@ -135,7 +130,8 @@ impl Curved {
             match pad.higher(window, &contact) {
                 Some(higher) => window = higher,
                 None => {
-                    contact.whole = Whole { in_view_fraction: Some(1.0), ..Whole::default() };
+                    let in_view = if depth.touching.is_empty() { 0.0 } else { 1.0 };
+                    contact.whole = Whole { in_view_fraction: Some(in_view), ..Whole::default() };
                     break (depth, contact);
                 }
             }

@@ -9,6 +9,7 @@ use crate::core::base::grid::Grid;
 use crate::core::base::light::Light;
 use crate::core::base::view::View;
 use crate::core::camera::markers::MarkerPattern;
+use crate::core::camera::pins::Pins;
 use crate::core::camera::{Camera, CameraParams, Image};
 use crate::core::curved::{Curved, CurvedPress, PressedGel};
 use crate::core::depth::beyond::Surroundings;
@@ -239,7 +240,13 @@ impl Simulator {
                     Background::Rendered(look) => look.color,
                     Background::Photograph(_) => [0.0; 3],
                 };
-                Arc::new(Curved::new(shape, sensor.projection(), view, margin_px, pins.clone(), dark))
+                // A policy that leaves markers out leaves pins out, too.
+                let at_mm = match policy {
+                    EffectPolicy::Without(Effect::Markers) => Vec::new(),
+                    _ => pins.at_mm.clone(),
+                };
+                let pins = Pins { at_mm, ..pins.clone() };
+                Arc::new(Curved::new(shape, sensor.projection(), view, margin_px, pins, dark))
             };
             known.and_then(|like| like.curved.clone()).unwrap_or_else(make)
         });
@@ -291,7 +298,7 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image.
+    /// If the indenter is a height map of another size than the sensor's image, or is pressed into a gel that has a shape.
     pub fn press(&self, indenter: &Indenter) -> Impression {
         self.press_with(&Press::new(indenter.clone(), &self.sensor))
     }
@@ -300,7 +307,7 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image.
+    /// If the indenter is a height map of another size than the sensor's image, or is pressed into a gel that has a shape.
     pub fn press_with(&self, press: &Press) -> Impression {
         self.pressed(press, None)
     }

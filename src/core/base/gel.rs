@@ -37,12 +37,7 @@ impl GelShape {
 
     /// Where a line leaves the gel, as a normal of its surface; `None` if it passes the gel by or leaves through its base.
     pub fn left_by(&self, from: DVec3, direction: DVec3) -> Option<DVec3> {
-        self.left_at(from, direction, 0.0)
-    }
-
-    /// The same of a surface that lies `below_mm` under this one.
-    pub fn left_at(&self, from: DVec3, direction: DVec3, below_mm: f64) -> Option<DVec3> {
-        let radius_mm = self.radius_mm() - below_mm;
+        let radius_mm = self.radius_mm();
         let direction = direction.normalize();
         let from = from - self.centre_mm();
         // Of the point of the line closest to the centre: numbers of the size of the radius cancel only once.
@@ -115,12 +110,7 @@ impl Chart {
 
     /// The point of the gel's surface at a point of the chart, in the sensor's frame, mm.
     pub fn point_mm(&self, at: [f64; 2]) -> DVec3 {
-        self.above_mm(at, 0.0)
-    }
-
-    /// A point over the gel's surface.
-    pub fn above_mm(&self, at: [f64; 2], height_mm: f64) -> DVec3 {
-        (self.radius_mm + height_mm) * self.rest(at).normal - DVec3::new(0.0, 0.0, self.radius_mm)
+        self.radius_mm * self.rest(at).normal - DVec3::new(0.0, 0.0, self.radius_mm)
     }
 
     /// The point of the chart that has a normal, which need not be of length 1.

@@ -7,7 +7,8 @@ use std::ops::Range;
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use super::projection::Projection;
+use super::defocus;
+use super::projection::{Projection, bilinear};
 use crate::core::base::gel::{Chart, GelShape};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
@@ -113,7 +114,7 @@ impl SkinMotion {
         let origin_mm = view.point_mm(first_px);
         let local = chart.local();
         let press = direction.map(|direction| chart.axes().transpose() * direction);
-        let mut planes = [(); 3].map(|()| Grid::new(width, height));
+        let mut planes = [(); 3].map(|()| Vec::with_capacity(width * height));
         for y in 0..height {
             for x in 0..width {
                 let at = [origin_mm[0] + x as f64 * pitch_mm[0], origin_mm[1] + y as f64 * pitch_mm[1]];
@@ -130,21 +131,19 @@ impl SkinMotion {
                     rest.normal + sticks * (press * press.dot(rest.normal) - rest.normal)
                 });
                 let moved = along * rest.tangents[0] + down * rest.tangents[1] - depth_mm * into;
-                for (plane, value) in planes.iter_mut().zip(moved.to_array()) {
-                    plane.row_mut(y)[x] = value as f32;
-                }
+                planes.iter_mut().zip(moved.to_array()).for_each(|(plane, value)| plane.push(value as f32));
             }
         }
         let sigma_px = pitch_mm.map(|pitch| smoothing_mm / pitch);
-        let planes = planes.map(|plane| smooth(&plane, sigma_px));
+        let smoothed = defocus::blur_whole(&planes, width, height, sigma_px);
+        let planes = smoothed.map(|data| Grid { width, height, data });
         Self { chart: *chart, planes, pitch_mm, origin_mm }
     }
 
     /// How the skin moved at a point of the chart, in the sensor's frame, mm; none beyond the chart.
-    pub fn at(&self, at: [f64; 2]) -> DVec3 {
+    fn at(&self, at: [f64; 2]) -> DVec3 {
         let px = [0, 1].map(|k| ((at[k] - self.origin_mm[k]) / self.pitch_mm[k] + 0.5) as f32);
-        let [x, y, z] =
-            self.planes.each_ref().map(|plane| f64::from(super::projection::bilinear(plane, px).unwrap_or(0.0)));
+        let [x, y, z] = self.planes.each_ref().map(|plane| f64::from(bilinear(plane, px).unwrap_or(0.0)));
         self.chart.axes() * DVec3::new(x, y, z)
     }
 
@@ -294,29 +293,4 @@ impl Block {
         };
         self.rows.clone().map(row).sum::<f32>() / (self.columns.len() * self.rows.len()).max(1) as f32
     }
-}
-
-/// Gaussian smoothing; beyond the border as on it.
-fn smooth(plane: &Grid<f32>, sigma_px: [f64; 2]) -> Grid<f32> {
-    let mut plane = plane.clone();
-    let [width, height] = [plane.width, plane.height];
-    for (k, sigma_px) in sigma_px.into_iter().enumerate().filter(|(_, sigma_px)| *sigma_px > 0.0) {
-        let reach = libm::ceil(3.5 * sigma_px) as isize;
-        let weight = |k: isize| libm::exp(-0.5 * (k as f64 / sigma_px) * (k as f64 / sigma_px));
-        let weights: Vec<f64> = (-reach..=reach).map(weight).collect();
-        let sum: f64 = weights.iter().sum();
-        let from = plane.clone();
-        for y in 0..height {
-            for x in 0..width {
-                let value = |step: usize| {
-                    let by = step as isize - reach;
-                    let near = |at: usize, count: usize| (at as isize + by).clamp(0, count as isize - 1) as usize;
-                    f64::from(if k == 0 { from.at(near(x, width), y) } else { from.at(x, near(y, height)) })
-                };
-                let total: f64 = weights.iter().enumerate().map(|(step, weight)| weight * value(step)).sum();
-                plane.row_mut(y)[x] = (total / sum) as f32;
-            }
-        }
-    }
-    plane
 }

@@ -11,7 +11,7 @@ use crate::core::base::grid::Grid;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::{nearest_of_triangle, triangles};
+use crate::core::mesh::nearest::{nearest_of_box, nearest_of_triangle, triangles};
 use crate::core::pose::Pose;
 
 /// How far from its middle a chart is used, rad: beyond, it is wider than the gel three times over.
@@ -60,10 +60,7 @@ impl Normals {
         let from = turn.transpose() * -shift;
         let mut distances = vec![farthest; self.width * self.height];
         object.query(
-            |min, max| {
-                let nearest = from.clamp(DVec3::from_array(min.map(f64::from)), DVec3::from_array(max.map(f64::from)));
-                from.distance_squared(nearest) <= farthest * farthest
-            },
+            |min, max| from.distance_squared(nearest_of_box(from, min, max)) <= farthest * farthest,
             |part| {
                 for triangle in triangles(part) {
                     let corners = triangle.map(|corner| turn * corner + shift);

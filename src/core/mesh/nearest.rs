@@ -9,10 +9,7 @@ pub fn nearest_point(object: &Clusters, to: DVec3) -> DVec3 {
     let to = to - DVec3::from_array(object.centre_mm());
     let best = std::cell::Cell::new((f64::INFINITY, DVec3::ZERO));
     object.query(
-        |min, max| {
-            let nearest = to.clamp(DVec3::from_array(min.map(f64::from)), DVec3::from_array(max.map(f64::from)));
-            to.distance_squared(nearest) < best.get().0
-        },
+        |min, max| to.distance_squared(nearest_of_box(to, min, max)) < best.get().0,
         |part| {
             for [a, b, c] in triangles(part) {
                 let nearest = nearest_of_triangle(to, a, b, c);
@@ -48,6 +45,11 @@ pub fn first_along(object: &Clusters, from: DVec3, direction: DVec3) -> Option<f
         },
     );
     first
+}
+
+/// The point of a box that is closest to `to`.
+pub fn nearest_of_box(to: DVec3, min: [f32; 3], max: [f32; 3]) -> DVec3 {
+    to.clamp(DVec3::from_array(min.map(f64::from)), DVec3::from_array(max.map(f64::from)))
 }
 
 /// The triangles of a part, relative to the object's centre.

@@ -5,6 +5,7 @@ use super::chosen_models;
 use super::sensors::support;
 use crate::core::gelpad;
 use crate::job::config::Job;
+use crate::job::config::scene::At;
 use crate::job::config::sequence::{Sequence, SequenceFriction};
 
 /// Frames of a sequence at most: four digits number them.
@@ -18,6 +19,10 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
     if job.indentation.depth_mm.is_some() {
         let help = "leave it out: each [[sequence.phase]] says depth_mm or force_n";
         check.error("indentation.depth_mm", "the phases of a sequence say how deep the object is", help);
+    }
+    if job.indentation.at != At::Lowest {
+        let help = "leave it out: a phase's depth_mm is that of the object's lowest point";
+        check.error("indentation.at", "the phases of a sequence say how deep the object is", help);
     }
     if job.indentation.no_contact != 0.0 {
         let help = "leave it out: a phase may end above the pad, depth_mm = -0.1";
