@@ -81,8 +81,9 @@ pub struct Calibrate {
     /// Thickness of the pad, mm [default: chosen]
     #[arg(long, value_name = "MM", value_parser = above_zero, conflicts_with = "evaluate")]
     thickness_mm: Option<f64>,
-    /// Radius of the contact over that of the visible disc [default: chosen]
-    #[arg(long, value_name = "FRACTION", value_parser = fraction, conflicts_with = "evaluate")]
+    /// Radius of the contact over that of the visible disc [default: chosen; with --leds 0.95; with --evaluate the sensor's,
+    /// or 0.95]
+    #[arg(long, value_name = "FRACTION", value_parser = fraction)]
     contact_over_disc: Option<f64>,
     /// Steps of training; fewer are quicker and less exact [default: 1500]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
@@ -165,7 +166,7 @@ impl Calibrate {
                 user_error(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into()
             );
         }
-        let presses = evaluate(table, &sensor, self.fidelity)?;
+        let presses = evaluate(table, &sensor, self.contact_over_disc, self.fidelity)?;
         fs::create_dir_all(&self.out).map_err(|error| failed(&self.out, &error))?;
         let mut lines = Vec::new();
         for Evaluated { file, simulated, scores, warnings } in &presses {

@@ -247,10 +247,10 @@ fn each_sample_draws_one_of_several_presets() {
     let sensor = "preset = [\"digit\", \"gelsight-mini\"]\nresolution_px = [48, 36]\ndarkening = [0.0, 0.1]\nunit.variation = 0.5";
     let folder = Folder::with_job(&edited(JOB, &[("resolution_px = [48, 36]", sensor)]));
     let labels = labels(&folder, "job.toml");
-    for (name, thickness) in [("digit", 1.9..2.1), ("gelsight-mini", 3.8..4.2)] {
+    for (name, wide_mm) in [("digit", 16.0), ("gelsight-mini", 18.6)] {
         let mut own = labels.iter().filter(|label| label["sensor"]["name"] == name);
         let found = own.next().unwrap_or_else(|| panic!("no sample has a {name}"));
-        assert!(thickness.contains(&found["sensor"]["gelpad_thickness_mm"].as_f64().expect("a number")), "{found}");
+        assert_eq!(found["sensor"]["mm_per_px"][0], wide_mm / 48.0, "{found}");
     }
     folder.succeed("generate job.toml --quiet --out one");
     folder.succeed("verify one");
@@ -261,13 +261,13 @@ fn each_sample_draws_one_of_several_presets() {
 
     let apart = edited(JOB, &[("resolution_px = [48, 36]", "preset = [\"gelsight-mini\", \"digit\", \"digits\"]")]);
     let folder =
-        Folder::with_job(&edited(&apart, &[("depth_mm = { log_uniform = [0.3, 1.2] }", "depth_mm = [0.3, 3.0]")]));
+        Folder::with_job(&edited(&apart, &[("depth_mm = { log_uniform = [0.3, 1.2] }", "depth_mm = [0.3, 5.0]")]));
     let said = folder.fail("plan job.toml", 2);
     for expected in [
         "`gelsight-mini` has [320, 240] px, `digit` [240, 320] px",
         "set resolution_px, which then holds for all of them",
         "no sensor preset is called `digits`",
-        "depth_mm may be 0.3 to 3, which is out of range",
+        "depth_mm may be 0.3 to 5, which is out of range",
         "job.toml:10:28",
         "job.toml:10:37",
     ] {

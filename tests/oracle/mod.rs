@@ -1,5 +1,6 @@
 //! Second implementations that say what is right: slow, plain, in f64.
 
+pub mod cut_pixels;
 pub mod dense_contact;
 pub mod fourier;
 pub mod pressed_pixel;

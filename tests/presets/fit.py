@@ -134,9 +134,9 @@ def run(*command):
     return result.stdout
 
 
-def error(gelsim, presses, sensor, shown):
+def error(gelsim, presses, sensor, shown, contact):
     """MAE over the discs dilated by 1.3."""
-    said = run(gelsim, "calibrate", "--evaluate", presses, "--sensor", sensor, "--out", shown)
+    said = run(gelsim, "calibrate", "--evaluate", presses, "--sensor", sensor, "--out", shown, *contact)
     return float(re.search(r"^mean of \d+\s+([\d.]+)", said, re.MULTILINE)[1])
 
 
@@ -147,6 +147,8 @@ def main():
     parser.add_argument("--pads", nargs="+", required=True)
     parser.add_argument("--presses", required=True)
     parser.add_argument("--background", required=True)
+    parser.add_argument("--contact-over-disc", help="radius of the contact over that of the visible disc; 0.95 if left out")
+    parser.add_argument("--thickness-mm", help="of the gelpad; the preset's if left out")
     given = parser.parse_args()
 
     pads = [pattern(path) for path in given.pads]
@@ -163,10 +165,12 @@ def main():
         sensor, preset = folder / "sensor.toml", folder / "preset.toml"
         common = "--background", given.background, "--sensor", given.preset
         surfaces = folder / "surfaces"
-        fit = run(given.gelsim, "calibrate", "--leds", folder / "fitted.csv", *common, "--surfaces", surfaces, "--out", sensor)
+        contact = ("--contact-over-disc", given.contact_over_disc) if given.contact_over_disc else ()
+        thickness = ("--thickness-mm", given.thickness_mm) if given.thickness_mm else ()
+        fit = run(given.gelsim, "calibrate", "--leds", folder / "fitted.csv", *common, *contact, *thickness, "--surfaces", surfaces, "--out", sensor)
         print(fit, end="")
-        leds_alone = error(given.gelsim, folder / "tested.csv", sensor, folder / "leds")
-        error(given.gelsim, folder / "fitted.csv", sensor, folder / "left")
+        leds_alone = error(given.gelsim, folder / "tested.csv", sensor, folder / "leds", contact)
+        error(given.gelsim, folder / "fitted.csv", sensor, folder / "left", contact)
         stray = numpy.array(json.loads(re.search(r"^stray_light = (.*)", sensor.read_text(), re.MULTILINE)[1]))
         rest = residual(fitted, surfaces, folder / "left", background, stray)
         sensor.write_text(sensor.read_text() + "\n" + rest)
@@ -174,8 +178,8 @@ def main():
         preset.write_text(
             f'preset = "{given.preset}"\nbackground = "{Path(given.background).resolve()}"\nresolution_px = [{width}, {height}]\n'
         )
-        by_fit = error(given.gelsim, folder / "tested.csv", sensor, folder / "fitted")
-        by_preset = error(given.gelsim, folder / "tested.csv", preset, folder / "preset")
+        by_fit = error(given.gelsim, folder / "tested.csv", sensor, folder / "fitted", contact)
+        by_preset = error(given.gelsim, folder / "tested.csv", preset, folder / "preset", contact)
         text = sensor.read_text()
     nothing = numpy.mean([numpy.abs(press.image - background)[press.away <= 1.3].mean() for press in tested])
     print(f"MAE in the contact of {len(tested)} presses that were not fitted, grey levels: {by_fit:.1f}", end="")

@@ -21,7 +21,8 @@ use gelsim::job::sample::render;
 use gelsim::job::scene::Scene;
 
 use super::press::{Extras, GENERIC, Numbers, Setting, levels};
-use crate::oracle::dense_contact::dense_contact;
+use crate::oracle::cut_pixels::cut;
+use crate::oracle::dense_contact::{dense_contact, dense_contact_on_springs};
 use crate::oracle::pressed_pixel::pressed_pixel;
 use crate::oracle::shading::brightness;
 
@@ -121,14 +122,35 @@ fn factor(rung: Fidelity) -> usize {
 }
 
 /// The surface that an elastic pad takes on every `factor`-th pixel of the window, from pixel `factor / 2` on, mm;
-/// `lags` is its response on these.
-fn pressed(overlap: &Grid<f64>, factor: usize, lags: &Grid<f64>) -> Grid<f64> {
-    let solved = |size: usize| (factor / 2..size).step_by(factor);
-    let rows = solved(overlap.height).flat_map(|y| solved(overlap.width).map(move |x| overlap.at(x, y)));
-    let (width, height) = (solved(overlap.width).count(), solved(overlap.height).count());
-    let coarse = Grid { width, height, data: rows.collect() };
-    let (_, displacement) = dense_contact(&coarse, |x, y| lags.at(x, y));
-    Grid { data: displacement, ..coarse }
+/// `lags` is its response on these, `pitch` the window's pixel, mm.
+fn pressed(overlap: &Grid<f64>, factor: usize, lags: &Grid<f64>, pitch: f64) -> Grid<f64> {
+    if factor == 1 {
+        let (_, displacement) = dense_contact(overlap, |x, y| lags.at(x, y));
+        return Grid { data: displacement, ..*overlap };
+    }
+    let (mut coarse, mut cuts) = cut(overlap, factor, pitch, lags.at(0, 0));
+    let mut springs = vec![0.0; coarse.data.len()];
+    cuts.iter().for_each(|cut| springs[cut.at] = cut.compliance);
+    loop {
+        let (pressure, mut displacement) = dense_contact_on_springs(&coarse, &springs, |x, y| lags.at(x, y));
+        let count = cuts.len();
+        cuts.retain(|cut| {
+            let stops = pressure[cut.at] > cut.most;
+            if stops {
+                coarse.data[cut.at] -= cut.beside;
+                springs[cut.at] = 0.0;
+            }
+            !stops
+        });
+        if cuts.len() == count {
+            // On the object the surface is the object's.
+            for (at, w) in displacement.iter_mut().enumerate() {
+                let [x, y] = [at % coarse.width, at / coarse.width].map(|px| factor / 2 + factor * px);
+                *w = w.max(overlap.at(x, y));
+            }
+            return Grid { data: displacement, ..coarse };
+        }
+    }
 }
 
 /// Five means over 15 x 15 px of the depth, and the object where it lies deeper, mm.
@@ -260,7 +282,10 @@ fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
             let known = overlap.inner(widest - margin);
             let window = match rung {
                 Fidelity::Paper => blurred(&known),
-                _ => pressed(&known, factor, &lags[factor.ilog2() as usize]),
+                _ => {
+                    let [pitch, _] = plan.simulator.view().mm_per_px;
+                    pressed(&known, factor, &lags[factor.ilog2() as usize], pitch)
+                }
             };
             let surface_um = surface_error_um(&sample, &window, margin, factor);
             let (most_um, most_deg, most_levels) = match rung {

@@ -110,14 +110,15 @@ class Real:
     def change(self, path):
         return reduced(picture(path) - self.background)
 
-    def calibrate(self, gelsim, out, steps):
+    def calibrate(self, gelsim, out, steps, over_disc=None):
         """A sensor file from the fitted presses; returns the pad's thickness and contact over disc."""
+        given = ("--contact-over-disc", over_disc) if over_disc else ()
         table = out.parent / "fitted.csv"
         with open(table, "w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
             writer.writeheader()
             writer.writerows(self.fitted)
-        run(gelsim, "calibrate", table, "--background", self.background_file, "--steps", steps, "--out", out)
+        run(gelsim, "calibrate", table, "--background", self.background_file, "--steps", steps, *given, "--out", out)
         over_disc = json.loads(out.with_suffix(".calibration.json").read_text())["contact_over_disc"]
         thickness = next(line for line in out.read_text().splitlines() if line.startswith("gelpad_thickness_mm"))
         return float(thickness.split("=")[1]), over_disc

@@ -77,7 +77,7 @@ def transfer(given, folder, preset, work, pool):
     started = time.monotonic()
     real = data.Real(folder)
     sensor = work / "sensor.toml"
-    thickness, over_disc = real.calibrate(given.gelsim, sensor, given.calibration_steps)
+    thickness, over_disc = real.calibrate(given.gelsim, sensor, given.calibration_steps, given.contact_over_disc)
     labels = real.labelled(given.gelsim, real.fitted + real.tested, thickness, over_disc, work)
     fitted, tested = labels[: len(real.fitted)], labels[len(real.fitted) :]
     known = [(real.change(path), depth) for path, depth in real.known]
@@ -89,9 +89,9 @@ def transfer(given, folder, preset, work, pool):
     # Heights within those of the fitted presses: beyond them calibrated optics have no data.
     depth, radius = float(fitted.surface.max()), max(row["ball_radius_mm"] for row in real.fitted)
 
-    def images(sensor, extra="", sizes=(0.8, 1, 1.3, 1.8), **others):
+    def images(sensor, extra="", sizes=(0.8, 1, 1.3, 1.8), balls=given.balls, **others):
         return dict(gelsim=given.gelsim, sensor=sensor, view_mm=view, depth_mm=depth, samples=given.samples,
-                    radii=[size * radius for size in sizes], extra=extra, **others)
+                    radii=[size * radius for size in sizes], extra=extra, balls=balls, **others)
 
     calibrated = f'file = "{sensor}"'
     rows = []
@@ -182,8 +182,10 @@ def main():
     parser.add_argument("--real", type=Path, help="folder with presses.csv, or with a folder for each --set")
     parser.add_argument("--set", nargs="+", help="folders in it; else those of docs/transfer.md that are there")
     parser.add_argument("--preset", help="the preset of the sensor, where its name is not one of docs/transfer.md")
+    parser.add_argument("--contact-over-disc", type=float, help="where it is known better than `gelsim calibrate` finds it")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--samples", type=int, default=300, help="simulated images for each network")
+    parser.add_argument("--balls", type=float, default=0.75, help="fraction of balls among simulated presses; the others are objects")
     parser.add_argument("--pixels", type=int, default=600_000, help="pixels of all images for each network")
     parser.add_argument("--units", type=int, default=64, help="units of each of the two hidden layers")
     parser.add_argument("--steps", type=int, default=2500, help="steps of training")

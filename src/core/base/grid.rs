@@ -137,6 +137,11 @@ impl Rect {
         self.y1 - self.y0
     }
 
+    /// Whether a pixel lies in it.
+    pub fn holds(self, [x, y]: [usize; 2]) -> bool {
+        (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
+    }
+
     /// Pixels.
     pub fn area(self) -> usize {
         self.width() * self.height()

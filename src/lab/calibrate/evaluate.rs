@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::geometry::{Ball, Balls};
 use super::pixels::DILATE;
-use super::{picture, session};
+use super::{Geometry, picture, session};
 use crate::core::effects::EffectPolicy;
 use crate::core::fidelity::Fidelity;
 use crate::files::diagnostic::{Diagnostics, Report};
@@ -29,8 +29,14 @@ pub struct Evaluated {
     pub warnings: Vec<String>,
 }
 
-/// Simulates the presses of a table at a fidelity level. On failure, every mistake in the table.
-pub fn evaluate(table: &Path, sensor: &Sensor, fidelity: Fidelity) -> Result<Vec<Evaluated>, Report> {
+/// Simulates the presses of a table at a fidelity level, the contact so much smaller than the visible disc: if nothing is
+/// said, as the sensor's calibration found it, or as usual. On failure, every mistake in the table.
+pub fn evaluate(
+    table: &Path,
+    sensor: &Sensor,
+    contact_over_disc: Option<f64>,
+    fidelity: Fidelity,
+) -> Result<Vec<Evaluated>, Report> {
     let table = presses::read(table)?;
     let mut problems = Diagnostics::default();
     let mut names: Vec<String> = Vec::new();
@@ -59,11 +65,16 @@ pub fn evaluate(table: &Path, sensor: &Sensor, fidelity: Fidelity) -> Result<Vec
     let simulator = Simulator::with_models(sensor, models, EffectPolicy::WhereNeeded);
     let radii_mm = table.presses.iter().filter_map(|press| press.ball_radius_mm);
     let balls = Balls::new(radii_mm, &simulator.sensor().gelpad);
-    let one = |press: &Press| Some(simulate(press, balls.of_radius(press.ball_radius_mm?), &simulator));
+    let calibrated = simulator.sensor().calibration.as_ref().map(|table| table.contact_over_disc);
+    let contact_over_disc = contact_over_disc.or(calibrated).unwrap_or(Geometry::USUAL_CONTACT);
+    let one = |press: &Press| {
+        let ball = balls.of_radius(press.ball_radius_mm?);
+        Some(simulate(press, ball, contact_over_disc, &simulator))
+    };
     Ok(table.presses.par_iter().filter_map(one).collect())
 }
 
-fn simulate(press: &Press, ball: &Ball, simulator: &Simulator) -> Evaluated {
+fn simulate(press: &Press, ball: &Ball, contact_over_disc: f64, simulator: &Simulator) -> Evaluated {
     let view = simulator.view();
     let mut warnings = Vec::new();
     let own_mm_per_px = view.mm_per_px[0];
@@ -71,7 +82,6 @@ fn simulate(press: &Press, ball: &Ball, simulator: &Simulator) -> Evaluated {
     if (mm_per_px / own_mm_per_px - 1.0).abs() > 0.01 {
         warnings.push(format!("{mm_per_px} mm per px in the table, {own_mm_per_px:.6} on the sensor, which counts"));
     }
-    let contact_over_disc = simulator.sensor().calibration.as_ref().map_or(1.0, |table| table.contact_over_disc);
     let (centre_px, radius_px) = press.circle.map_or(([0.0; 2], 0.0), |circle| (circle.centre_px, circle.radius_px));
     let depth_mm = ball.depth_mm(radius_px * own_mm_per_px * contact_over_disc).unwrap_or_else(|| {
         warnings.push(String::from("its circle is too large for its ball; the deepest press is shown"));

@@ -99,7 +99,7 @@ impl Pad {
             }
             let deepest = overlap.largest(|g| g);
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
-            let solution = pad.solve(workspace, &overlap, Rect::default(), None);
+            let solution = pad.solve(workspace, &overlap, &mut [], Rect::default(), None);
             solved &= solution.converged;
             let whole = Rect::whole(overlap.width, overlap.height);
             let mut pressure = Grid::new(overlap.width, overlap.height);

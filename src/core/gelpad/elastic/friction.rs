@@ -13,6 +13,7 @@ use super::grip::{Grip, Point, Vector};
 use super::lattice::Lattice;
 use super::model_error::{ContactEdge, force_over_linear};
 use super::shear::Friction;
+use super::walls::Thinned;
 use super::{Given, Pad, Solution, WORKSPACE, Workspace};
 use crate::core::base::cubic::catmull_rom;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
@@ -155,15 +156,19 @@ impl Pad {
         let lattice = self.lattice(depth);
         let placed = self.placed(depth, lattice);
         let tolerance_mm = self.unseen_mm() as f32;
-        let mut undisplaced = Grid::default();
-        lattice.thin_out(&depth.overlap, &mut undisplaced);
+        let mut thinned = Thinned::default();
+        self.thin_out(depth, lattice, &mut thinned);
+        let Thinned { overlap: mut undisplaced, mut cut } = thinned;
+        if lattice.factor == 1 {
+            undisplaced.clone_from(&depth.overlap);
+        }
         Given { beyond, drag: None }.add_to(&mut undisplaced, placed, lattice, [0; 2], -1.0);
         let window = Rect::whole(undisplaced.width, undisplaced.height);
         let mut overlap = undisplaced.clone();
         let mut held: Option<Held> = None;
         let mut solution: Option<Solution> = None;
         for turn in 0..MOST_TURNS {
-            let next = self.solve(workspace, &overlap, Rect::default(), solution.as_ref());
+            let next = self.solve(workspace, &overlap, &mut cut, Rect::default(), solution.as_ref());
             let part = bounding_box(&next.pressure, |p| p > 0.0);
             if part.is_empty() {
                 return None;

@@ -40,6 +40,7 @@ pub mod shear;
 mod solution;
 mod solve;
 mod surface;
+mod walls;
 
 use beyond_view::Grids;
 use inplane::Load;
@@ -53,6 +54,7 @@ use shear::Friction;
 pub use solution::Given;
 use solution::Solution;
 use solve::{ContactProblem, Outcome, Scratch};
+use walls::{CutPixel, Thinned};
 
 /// Parameters of the contact solver.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -128,7 +130,7 @@ pub struct Pad {
 struct Workspace {
     operator: response::Memory,
     scratch: Scratch,
-    coarse: Grid<f32>,
+    coarse: Thinned,
     displacement: Grid<f32>,
     /// Of the coarser grid.
     nested: Option<Box<Workspace>>,
@@ -239,12 +241,9 @@ impl Pad {
     fn press_in(&self, workspace: &mut Workspace, depth: &Depth, given: Given<'_>, contact: &mut Contact) {
         let lattice = self.lattice(depth);
         let mut thinned = std::mem::take(&mut workspace.coarse);
-        let object = if lattice.factor == 1 {
-            &depth.overlap
-        } else {
-            lattice.thin_out(&depth.overlap, &mut thinned);
-            &thinned
-        };
+        self.thin_out(depth, lattice, &mut thinned);
+        let Thinned { overlap, cut } = &mut thinned;
+        let object = if lattice.factor == 1 { &depth.overlap } else { &*overlap };
         // The pressure has to do what is not done yet.
         let mut left = Cow::Borrowed(object);
         if !given.is_nothing() {
@@ -253,7 +252,7 @@ impl Pad {
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(workspace, &left, lattice.box_around(seen), None);
+        let mut solution = self.solve(workspace, &left, cut, lattice.box_around(seen), None);
         let Rect { x0, y0, .. } = solution.seen;
         given.add_to(&mut solution.displacement, self.placed(depth, lattice), lattice, [x0, y0], 1.0);
         solution.converged &= given.drag.is_none_or(|drag| drag.converged);
@@ -261,7 +260,7 @@ impl Pad {
             contact.surface = beyond.crop(seen);
         }
         contact.bulge_mm = solution.displacement.largest(|w| -w);
-        self.fill(&solution, depth, object, seen, lattice, contact);
+        self.fill(&solution, depth, (object, cut), seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
         let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
         let error_mm = edge.map_or(0.0, |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
@@ -277,6 +276,11 @@ impl Pad {
         contact.load = self.load(&mut solution, depth, lattice);
         workspace.coarse = thinned;
         workspace.displacement = solution.displacement;
+    }
+
+    /// The object on the solver's grid.
+    fn thin_out(&self, depth: &Depth, lattice: Lattice, thinned: &mut Thinned) {
+        thinned.take(lattice, depth, self.mm_per_px, self.response.kernel().at(0, 0));
     }
 
     /// The points on which the solver works.
@@ -301,9 +305,16 @@ impl Pad {
         (lattice.fine(coarse, k) as f64 + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
     }
 
-    /// Solves for the contact within `overlap` and for the displacement in `seen` at least, beginning with the pressure of
-    /// `like`, if there is one.
-    fn solve(&self, workspace: &mut Workspace, overlap: &Grid<f32>, seen: Rect, like: Option<&Solution>) -> Solution {
+    /// Solves for the contact within `overlap`, some of whose pixels are cut by walls, and for the displacement in `seen` at least,
+    /// beginning with the pressure of `like`, if there is one.
+    fn solve(
+        &self,
+        workspace: &mut Workspace,
+        overlap: &Grid<f32>,
+        cut: &mut [CutPixel],
+        seen: Rect,
+        like: Option<&Solution>,
+    ) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);
@@ -332,18 +343,20 @@ impl Pad {
         for round in 0..MOST_BOXES {
             let room = 4 + touching.width().min(touching.height()) / 32;
             let contact_box = touching.grown(room, whole.x1, whole.y1);
-            let overlap_there = overlap.crop(contact_box);
             let operator = self.response.operator(contact_box, contact_box);
             let Workspace { operator: memory, scratch, nested, .. } = workspace;
             operator.prepare(memory);
             operator.prepare_undo(cutoff, memory);
-            let problem = ContactProblem {
+            let mut problem = ContactProblem {
                 operator: &operator,
                 softest: self.response.softest() as f32,
-                overlap: &overlap_there,
+                overlap: overlap.crop(contact_box),
+                cut: Vec::new(),
+                own: self.response.kernel().at(0, 0),
                 tolerance_mm: goal,
                 max_iterations: self.elastic.max_iterations - solution.iterations.min(self.elastic.max_iterations),
             };
+            problem.place(cut, contact_box);
             let mut pressure = Grid::default();
             let large = touching.area() > COARSER_FROM_PX;
             if let Some(like) = like.filter(|_| round == 0) {
@@ -353,6 +366,7 @@ impl Pad {
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
                 pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box);
+                problem.refine(&mut pressure);
             } else if round == 0 {
                 problem.guess(&mut pressure);
             } else {
@@ -360,6 +374,7 @@ impl Pad {
                 pressure.paste(&solution.pressure, solution.contact_box, contact_box);
             }
             let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, scratch, memory);
+            problem.note_stopped(cut, contact_box);
             solution.iterations += iterations;
             solution.contact_box = contact_box;
             solution.pressure = pressure;
@@ -368,12 +383,13 @@ impl Pad {
             solution.seen = all;
             if all == contact_box {
                 solution.displacement.clone_from(&scratch.displacement);
+                problem.take_back(&solution.pressure, &mut solution.displacement);
             } else {
                 let operator = self.response.operator(contact_box, all);
                 operator.prepare(memory);
                 operator.displace(&solution.pressure, memory, &mut solution.displacement);
             }
-            let missed = solution.check(overlap, 2.0 * tolerance);
+            let missed = solution.check(overlap, cut, 2.0 * tolerance);
             // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
             let solved = residual_mm <= tolerance && solution.residual_mm <= 2.0 * tolerance;
             solution.converged = solved && missed.is_empty();
@@ -388,9 +404,9 @@ impl Pad {
     /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
     fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
-        let mut overlap = std::mem::take(&mut workspace.coarse);
-        lattice.thin_out(fine, &mut overlap);
-        let solution = self.solve(workspace, &overlap, Rect::default(), None);
+        let mut thinned = std::mem::take(&mut workspace.coarse);
+        lattice.thin_out(fine, &mut thinned.overlap);
+        let solution = self.solve(workspace, &thinned.overlap, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, shape);
@@ -404,7 +420,7 @@ impl Pad {
                 }
             }
         }
-        workspace.coarse = overlap;
+        workspace.coarse = thinned;
         workspace.displacement = solution.displacement;
         pressure
     }

@@ -2,6 +2,7 @@
 
 use super::friction::{Drag, Placed};
 use super::lattice::Lattice;
+use super::walls::CutPixel;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 
@@ -56,27 +57,37 @@ impl Given<'_> {
 }
 
 impl Solution {
-    /// Notes the largest violation of the contact conditions; where, outside the contact's box, the object reaches through
+    /// Notes the largest violation of the contact conditions, where pixels that a wall cuts may give way; where, outside the contact's box, the object reaches through
     /// the surface by more than `accepted`.
-    pub fn check(&mut self, overlap: &Grid<f32>, accepted: f32) -> Rect {
+    pub fn check(&mut self, overlap: &Grid<f32>, cut: &[CutPixel], accepted: f32) -> Rect {
         let Rect { x0, x1, .. } = self.seen;
         let mut missed = Rect::default();
         let mut touching = vec![0.0; x1 - x0];
+        let mut gives = vec![0.0; x1 - x0];
+        // Row by row, as here.
+        let mut cut = cut.iter().peekable();
         self.residual_mm = 0.0;
         for y in self.seen.y0..self.seen.y1 {
             let inside = (self.contact_box.y0..self.contact_box.y1).contains(&y);
             touching.fill(0.0);
+            gives.fill(0.0);
             if inside {
                 let row = self.pressure.row(y - self.contact_box.y0);
                 touching[self.contact_box.x0 - x0..][..row.len()].copy_from_slice(row);
+                while let Some(pixel) = cut.next_if(|pixel| pixel.at[1] <= y) {
+                    let column = pixel.at[0].wrapping_sub(x0);
+                    if pixel.at[1] == y && column < gives.len() {
+                        gives[column] = pixel.gives_way(touching[column]);
+                    }
+                }
             }
             let (w, g) = (self.displacement.row(y - self.seen.y0), &overlap.row(y)[x0..x1]);
             let (mut worst, mut through) = (0.0_f32, 0.0_f32);
             simd_dispatch(
                 #[inline(always)]
                 || {
-                    for ((w, g), p) in w.iter().zip(g).zip(&touching) {
-                        let gap = w - g;
+                    for (((w, g), p), gives) in w.iter().zip(g).zip(&touching).zip(&gives) {
+                        let gap = w + gives - g;
                         let wrong = if *p > 0.0 { gap.abs() } else { -gap };
                         worst = if wrong > worst { wrong } else { worst };
                         through = if -gap > through { -gap } else { through };

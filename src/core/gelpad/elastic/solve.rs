@@ -6,8 +6,12 @@
 //! layer is without limit; the preconditioner, cut off below the contact's own size, brings that to 4 to 10.
 
 use super::response::{Memory, Operator};
-use crate::core::base::grid::Grid;
+use super::walls::CutPixel;
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
+
+/// Multiple of the tolerance from which on pressures are near enough to their last values for pixels to stop giving way.
+const NEARLY: f32 = 30.0;
 
 /// What there is to solve.
 pub struct ContactProblem<'a> {
@@ -16,7 +20,11 @@ pub struct ContactProblem<'a> {
     /// The largest G, mm: what a first guess of the pressure is scaled with.
     pub softest: f32,
     /// Overlap, mm, over the box.
-    pub overlap: &'a Grid<f32>,
+    pub overlap: Grid<f32>,
+    /// Pixels of the box that give way beside the pad's own displacement.
+    pub cut: Vec<CutPixel>,
+    /// Displacement of a pixel under its own pressure, mm.
+    pub own: f32,
     /// Largest violation of the conditions that is accepted, mm.
     pub tolerance_mm: f32,
     /// Iterations after which to give up.
@@ -35,7 +43,7 @@ pub struct Outcome {
 /// Memory of the solver, for boxes of any size.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
-    /// w.
+    /// w, and what pixels give way.
     pub displacement: Grid<f32>,
     /// w - g in the contact, 0 elsewhere.
     residual: Grid<f32>,
@@ -50,46 +58,131 @@ pub struct Scratch {
 impl ContactProblem<'_> {
     /// A first guess of the pressure: what each pixel would need on a soft spring of its own.
     pub fn guess(&self, pressure: &mut Grid<f32>) {
-        pressure.clone_from(self.overlap);
+        pressure.clone_from(&self.overlap);
         for value in &mut pressure.data {
             *value = value.max(0.0) / self.softest;
         }
     }
 
+    /// The displacement under a pressure, and what pixels give way.
+    fn displace(&self, pressure: &Grid<f32>, memory: &mut Memory, displacement: &mut Grid<f32>) {
+        self.operator.displace(pressure, memory, displacement);
+        for pixel in &self.cut {
+            let [x, y] = pixel.at;
+            displacement.row_mut(y)[x] += pixel.compliance * pressure.at(x, y);
+        }
+    }
+
+    /// Roughly the pressure under what is left of a displacement. Pixels that give way are made like the others before and
+    /// after.
+    fn undo(&self, residual: &mut Grid<f32>, memory: &mut Memory, step: &mut Grid<f32>) {
+        let balance = |pixel: &CutPixel| 1.0 / (1.0 + pixel.compliance / self.own).sqrt();
+        let index = |pixel: &CutPixel| pixel.at[1] * self.overlap.width + pixel.at[0];
+        let kept: Vec<f32> = self.cut.iter().map(|pixel| residual.data[index(pixel)]).collect();
+        self.cut.iter().for_each(|pixel| residual.data[index(pixel)] *= balance(pixel));
+        self.operator.undo(residual, memory, step);
+        for (pixel, kept) in self.cut.iter().zip(kept) {
+            residual.data[index(pixel)] = kept;
+            step.data[index(pixel)] *= balance(pixel);
+        }
+    }
+
+    /// Takes those of the solver's cut pixels that lie in its box, part of their grid.
+    pub fn place(&mut self, cut: &[CutPixel], part: Rect) {
+        for pixel in cut.iter().filter(|pixel| part.holds(pixel.at)) {
+            let at = [pixel.at[0] - part.x0, pixel.at[1] - part.y0];
+            let mut pixel = *pixel;
+            pixel.at = at;
+            if pixel.stopped {
+                self.overlap.row_mut(at[1])[at[0]] -= pixel.gives_way(0.0);
+                pixel.compliance = 0.0;
+            }
+            self.cut.push(pixel);
+        }
+    }
+
+    /// Betters a guess at pixels that a wall cuts: the share of the highest pressure beside them that an edge has.
+    pub fn refine(&self, pressure: &mut Grid<f32>) {
+        let guess = |pixel: &CutPixel| {
+            let around = |at: usize, size: usize| at.saturating_sub(1)..(at + 2).min(size);
+            let [x, y] = pixel.at;
+            let rows = around(y, pressure.height).map(|y| &pressure.row(y)[around(x, pressure.width)]);
+            let most = rows.flatten().fold(0.0_f32, |most, p| most.max(*p));
+            most * pixel.share(self.own)
+        };
+        let guesses: Vec<f32> = self.cut.iter().map(guess).collect();
+        for (pixel, guess) in self.cut.iter().zip(guesses).filter(|(pixel, _)| !pixel.stopped) {
+            pressure.row_mut(pixel.at[1])[pixel.at[0]] = guess;
+        }
+    }
+
+    /// Tells these which of them stopped.
+    pub fn note_stopped(&self, cut: &mut [CutPixel], part: Rect) {
+        let there = cut.iter_mut().filter(|pixel| part.holds(pixel.at));
+        there.zip(&self.cut).for_each(|(pixel, own)| pixel.stopped = own.stopped);
+    }
+
+    /// Takes from a displacement what pixels give way under a pressure.
+    pub fn take_back(&self, pressure: &Grid<f32>, displacement: &mut Grid<f32>) {
+        for pixel in &self.cut {
+            let [x, y] = pixel.at;
+            displacement.row_mut(y)[x] -= pixel.compliance * pressure.at(x, y);
+        }
+    }
+
+    /// Stops pixels that would give way by more than they can. Whether there were any.
+    fn stop(&mut self, pressure: &Grid<f32>) -> bool {
+        let mut any = false;
+        for pixel in &mut self.cut {
+            let [x, y] = pixel.at;
+            if pixel.stop(pressure.at(x, y)) {
+                self.overlap.row_mut(y)[x] -= pixel.gives_way(0.0);
+                pixel.compliance = 0.0;
+                any = true;
+            }
+        }
+        any
+    }
+
     /// Improves `pressure` until the conditions hold.
-    pub fn solve(&self, pressure: &mut Grid<f32>, scratch: &mut Scratch, memory: &mut Memory) -> Outcome {
+    pub fn solve(&mut self, pressure: &mut Grid<f32>, scratch: &mut Scratch, memory: &mut Memory) -> Outcome {
         let Scratch { displacement, residual, step, last_step, direction, response } = scratch;
         for grid in [&mut *residual, step, last_step, direction, response] {
             grid.reset(pressure.width, pressure.height);
         }
-        self.operator.displace(pressure, memory, displacement);
+        self.displace(pressure, memory, displacement);
         let mut outcome = Outcome { iterations: 0, residual_mm: f32::INFINITY };
         let (mut last_product, mut keeps_direction) = (1.0, false);
         loop {
-            outcome.residual_mm = violation(pressure, displacement, self.overlap, residual);
+            outcome.residual_mm = violation(pressure, displacement, &self.overlap, residual);
+            if outcome.residual_mm <= NEARLY * self.tolerance_mm && self.stop(pressure) {
+                self.displace(pressure, memory, displacement);
+                outcome.residual_mm = violation(pressure, displacement, &self.overlap, residual);
+                keeps_direction = false;
+            }
             if outcome.residual_mm <= self.tolerance_mm || outcome.iterations == self.max_iterations {
                 return outcome;
             }
             outcome.iterations += 1;
             std::mem::swap(step, last_step);
-            self.operator.undo(residual, memory, step);
+            self.undo(residual, memory, step);
             let product = dot(residual, step);
             // Polak and Ribiere's, from 0 up, so that a step that went wrong is forgotten.
             let share = ((product - dot(residual, last_step)) / last_product).max(0.0);
             let share = if share.is_finite() { share } else { 0.0 };
             turn(direction, step, pressure, if keeps_direction { share as f32 } else { 0.0 });
             last_product = product;
-            self.operator.displace(direction, memory, response);
+            self.displace(direction, memory, response);
             let curvature = dot(direction, response);
             // No pixel may touch yet, as after a guess that missed all of them.
             let length = if curvature > 0.0 { (dot(residual, direction) / curvature) as f32 } else { 0.0 };
-            let changes = advance(pressure, direction, displacement, self.overlap, length, 1.0 / self.softest);
+            let changes = advance(pressure, direction, displacement, &self.overlap, length, 1.0 / self.softest);
             if length == 0.0 && !changes.joined {
                 return outcome;
             }
             keeps_direction = !changes.joined;
             if changes.joined || changes.left {
-                self.operator.displace(pressure, memory, displacement);
+                self.displace(pressure, memory, displacement);
             } else {
                 subtract(displacement, response, length);
             }

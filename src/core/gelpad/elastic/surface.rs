@@ -7,6 +7,7 @@ use std::borrow::Cow;
 
 use super::lattice::Lattice;
 use super::resample::Shape;
+use super::walls::CutPixel;
 use super::{Pad, Solution, edge};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
@@ -20,7 +21,7 @@ impl Pad {
         &self,
         solution: &Solution,
         depth: &Depth,
-        coarse: &Grid<f32>,
+        (coarse, cut): (&Grid<f32>, &[CutPixel]),
         seen: Rect,
         lattice: Lattice,
         contact: &mut Contact,
@@ -39,7 +40,7 @@ impl Pad {
             _ => {
                 contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, Shape::Cubic);
                 let area = lattice.covered_by(solution.contact_box);
-                let touched = Touched { solution, depth, coarse, area, highest: -contact.bulge_mm };
+                let touched = Touched { solution, depth, coarse, cut, area, highest: -contact.bulge_mm };
                 let pressure = self.enlarge_pressure(&touched, lattice, seen, &mut contact.surface);
                 (area, Cow::Owned(pressure))
             }
@@ -124,7 +125,7 @@ impl Pad {
         seen: Rect,
         surface: &mut Grid<f32>,
     ) -> Grid<f32> {
-        let Touched { solution, depth, coarse, area, highest } = *touched;
+        let Touched { solution, depth, coarse, cut, area, highest } = *touched;
         let stiffness = (2.0 / self.layer.half_space()) as f32;
         let inside =
             edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness, highest);
@@ -134,6 +135,13 @@ impl Pad {
         }
         let mut touching = solution.pressure.clone();
         touching.data.iter_mut().for_each(|p| *p = if *p > 0.0 { 1.0 } else { 0.0 });
+        // Where a wall leaves a pixel's centre out, the pad is not on the object.
+        let Rect { x0, y0, .. } = solution.contact_box;
+        for [x, y] in cut.iter().filter(|pixel| pixel.is_beside()).map(|pixel| pixel.at) {
+            if solution.contact_box.holds([x, y]) {
+                touching.row_mut(y - y0)[x - x0] = 0.0;
+            }
+        }
         let rows = |values, part| lattice.rows(values, part, area);
         // A cubic overshoots beside a sharp edge, where a straight line does not.
         let straight = rows(&solution.displacement, solution.seen);
@@ -210,8 +218,9 @@ impl Pad {
 struct Touched<'a> {
     solution: &'a Solution,
     depth: &'a Depth,
-    /// Overlap on the solver's grid.
+    /// Overlap on the solver's grid, and which of its pixels walls cut.
     coarse: &'a Grid<f32>,
+    cut: &'a [CutPixel],
     /// The camera's pixels around the contact's box.
     area: Rect,
     /// The highest place of the pad, mm.
