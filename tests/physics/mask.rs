@@ -1,4 +1,4 @@
-//! The contact of coarse grids as a label: the mask against the reference's, and a scene against its mirror image.
+//! The contact of coarse grids: the mask, a label, against the reference's; a scene against its mirror image.
 
 use gelsim::cli::list::OBJECTS;
 use gelsim::core::base::grid::Grid;
@@ -93,4 +93,35 @@ fn the_contact_mask_of_a_coarse_grid_is_the_references() {
             assert!(middle > least.0 && worst > least.1, "{level}: {middle}, {worst}");
         }
     }
+}
+
+/// Rows of a grid from right to left.
+fn mirrored(grid: &Grid<f32>) -> Grid<f32> {
+    let data = grid.data.chunks(grid.width).flat_map(|row| row.iter().rev().copied()).collect();
+    Grid { data, ..*grid }
+}
+
+#[test]
+fn a_scene_in_a_mirror_is_the_mirrored_scene() {
+    let levels = [Fidelity::Draft, Fidelity::Standard];
+    let mut worst = [0.0_f32; 2];
+    for resolution_px in [[320, 240], [322, 240], [321, 240]] {
+        for object in ["cube", "gear", "letter", "coin", "sphere"] {
+            let pose = "yaw_deg = 9.0\ntilt_deg = 1.0\nx_mm = 0.313\ny_mm = -0.227\n";
+            let presses = Presses::new(object, resolution_px, pose, 0.6, &levels);
+            for (pad, worst) in presses.pads.iter().zip(&mut worst) {
+                let depth = presses.depth(pad);
+                let mut other = depth.clone();
+                other.overlap = mirrored(&depth.overlap);
+                other.measure();
+                let (own, other) = (pad.press(&depth).surface, mirrored(&pad.press(&other).surface));
+                let apart = own.data.iter().zip(&other.data).map(|(a, b)| 1e3 * (a - b).abs()).fold(0.0, f32::max);
+                println!("{object}, {resolution_px:?}: {apart:.3} um");
+                *worst = worst.max(apart);
+            }
+        }
+    }
+    println!("draft and standard: {worst:.3?} um");
+    // At low steps of the coin single pixels of the solver stop giving way in the one and not in the other, by rounding.
+    assert!(worst[0] < 5.0 && worst[1] < 15.0, "{worst:?}");
 }

@@ -91,7 +91,7 @@ fn a_step_in_depth_moves_the_surface_by_little_more() {
                 println!("depth {from_mm} .. {to_mm} mm, {object}, {rung:?}: {change:?}");
                 let step_um = 1e3 * (to_mm - from_mm) / f64::from(steps);
                 assert!(change.surface_um < allowed_um(rung, step_um, PITCH_MM), "{object}, {rung:?}: {change:?}");
-                let bound = 0.5 + 0.55 * change.surface_um;
+                let bound = 0.5 + 0.6 * change.surface_um;
                 assert!(change.light_levels < bound, "{object}, {rung:?}: {change:?}");
             }
         }
@@ -109,7 +109,7 @@ fn a_step_in_depth_moves_shadows_by_few_levels() {
                 let change = most(20, |t| setting.shown(&at(t)));
                 println!("shadows in depth, {model}, {object}, {rung:?}: {change:?}");
                 let bound = 12.0 + 0.45 * change.surface_um;
-                assert!(change.light_levels < bound && change.image_share < 0.06, "{object}, {rung:?}: {change:?}");
+                assert!(change.light_levels < bound && change.image_share < 0.075, "{object}, {rung:?}: {change:?}");
             }
         }
     }
@@ -172,7 +172,7 @@ fn looking_higher_because_of_a_bulge_does_not_show() {
             println!("bulges, {object}, {rung:?}: {change:?}");
             // So shallow that a coarse grid's jumps are no larger than the depth.
             let bound = allowed_um(rung, 15.0 / f64::from(steps), 0.0)
-                + if rung == Fidelity::Standard || rung == Fidelity::Draft { 6.5 } else { 0.0 };
+                + if rung == Fidelity::Standard || rung == Fidelity::Draft { 4.0 } else { 0.0 };
             assert!(change.surface_um < bound, "{object}, {rung:?}: {change:?}");
         }
     }
@@ -209,7 +209,7 @@ fn a_press_shallower_than_the_tolerance_has_a_force_in_proportion_to_its_depth()
             let ratio = stiffness(rung, depth_mm) / exact;
             println!("{rung:?}, {depth_mm} mm: {ratio:.3} of the reference's stiffness");
             // Coarse grids see a cube whose sides are up to half of their pixels off.
-            assert!((ratio - 1.0).abs() < 0.1, "{rung:?}, {depth_mm} mm: {ratio}");
+            assert!((ratio - 1.0).abs() < 0.13, "{rung:?}, {depth_mm} mm: {ratio}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Whole samples against a second pipeline in f64: mesh, depth, contact, normals, light, camera, grey levels.
 //!
 //! The surface of the elastic pad is solved densely, with the layer's response integrated another way. A rung that
-//! solves on every second or fourth pixel has a twin that does so too; in between it interpolates.
+//! solves on squares of two or four pixels has a twin that does so too, whose pressure is compared; its surface is interpolated.
 
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -121,36 +121,56 @@ fn factor(rung: Fidelity) -> usize {
     }
 }
 
-/// The surface that an elastic pad takes on every `factor`-th pixel of the window, from pixel `factor / 2` on, mm;
-/// `lags` is its response on these, `pitch` the window's pixel, mm.
-fn pressed(overlap: &Grid<f64>, factor: usize, lags: &Grid<f64>, pitch: f64) -> Grid<f64> {
-    if factor == 1 {
-        let (_, displacement) = dense_contact(overlap, |x, y| lags.at(x, y));
-        return Grid { data: displacement, ..*overlap };
-    }
+/// The surface that an elastic pad takes, mm; `lags` is its response.
+fn pressed(overlap: &Grid<f64>, lags: &Grid<f64>) -> Grid<f64> {
+    let (_, displacement) = dense_contact(overlap, |x, y| lags.at(x, y));
+    Grid { data: displacement, ..*overlap }
+}
+
+/// Pressure for Young's modulus 1 on squares of `factor` pixels of the window, pixels of `pitch` mm; `lags` is the response of
+/// these squares.
+fn pressure_on_squares(overlap: &Grid<f64>, factor: usize, lags: &Grid<f64>, pitch: f64) -> Grid<f64> {
     let (mut coarse, mut cuts) = cut(overlap, factor, pitch, lags.at(0, 0));
     let mut springs = vec![0.0; coarse.data.len()];
     cuts.iter().for_each(|cut| springs[cut.at] = cut.compliance);
     loop {
-        let (pressure, mut displacement) = dense_contact_on_springs(&coarse, &springs, |x, y| lags.at(x, y));
+        let (pressure, _) = dense_contact_on_springs(&coarse, &springs, |x, y| lags.at(x, y));
         let count = cuts.len();
         cuts.retain(|cut| {
-            let stops = pressure[cut.at] > cut.most;
+            let stops = pressure[cut.at] * cut.compliance > cut.most;
             if stops {
-                coarse.data[cut.at] -= cut.beside;
+                coarse.data[cut.at] -= cut.most;
                 springs[cut.at] = 0.0;
             }
             !stops
         });
         if cuts.len() == count {
-            // On the object the surface is the object's.
-            for (at, w) in displacement.iter_mut().enumerate() {
-                let [x, y] = [at % coarse.width, at / coarse.width].map(|px| factor / 2 + factor * px);
-                *w = w.max(overlap.at(x, y));
-            }
-            return Grid { data: displacement, ..coarse };
+            return Grid { data: pressure, ..coarse };
         }
     }
+}
+
+/// Largest error of the pressure that a sample's rung solved for, as a share of the highest.
+fn pressure_error(sample: &Sample, plan: &Plan, expected: &Grid<f64>, factor: usize) -> f64 {
+    let load = sample.impression.contact.load.as_ref().expect("a contact");
+    let pitch = load.mm_per_px;
+    let view = plan.simulator.view();
+    // The window and the load have one middle.
+    let corner = [0, 1].map(|k| {
+        let size = [expected.width, expected.height][k] as f64;
+        (load.origin_mm[k] / pitch[k] + 0.5 * (size - 1.0)).round() as usize
+    });
+    assert_eq!(pitch[0], view.mm_per_px[0] * factor as f64);
+    let highest = largest(expected.data.iter().copied());
+    let mut worst = 0.0_f64;
+    for (at, expected_p) in expected.data.iter().enumerate() {
+        let [x, y] = [at % expected.width, at / expected.width];
+        let inside = x >= corner[0] && y >= corner[1];
+        let inside = inside && x - corner[0] < load.pressure.width && y - corner[1] < load.pressure.height;
+        let found = if inside { f64::from(load.pressure.at(x - corner[0], y - corner[1])) } else { 0.0 };
+        worst = worst.max((found - expected_p).abs() / highest);
+    }
+    worst
 }
 
 /// Five means over 15 x 15 px of the depth, and the object where it lies deeper, mm.
@@ -280,26 +300,25 @@ fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
             let sample = render(&plan, 0);
             let (margin, factor) = (margin(&plan), factor(rung));
             let known = overlap.inner(widest - margin);
-            let window = match rung {
-                Fidelity::Paper => blurred(&known),
-                _ => {
-                    let [pitch, _] = plan.simulator.view().mm_per_px;
-                    pressed(&known, factor, &lags[factor.ilog2() as usize], pitch)
-                }
-            };
-            let surface_um = surface_error_um(&sample, &window, margin, factor);
-            let (most_um, most_deg, most_levels) = match rung {
-                Fidelity::Paper => (0.05, 0.005, 0.02),
-                Fidelity::Draft => (3.0, 0.0, 0.0),
-                Fidelity::Standard => (1.0, 0.0, 0.0),
-                Fidelity::High => (1.0, 0.1, 0.4),
-                Fidelity::Reference => (0.05, 0.005, 0.02),
-            };
-            assert!(surface_um < most_um, "{object}, {rung:?}: {surface_um} um");
             if factor > 1 {
-                println!("{object}, {rung:?}: surface {surface_um:.4} um on the solver's pixels");
+                let [pitch, _] = plan.simulator.view().mm_per_px;
+                let expected = pressure_on_squares(&known, factor, &lags[factor.ilog2() as usize], pitch);
+                let off = pressure_error(&sample, &plan, &expected, factor);
+                println!("{object}, {rung:?}: pressure {off:.5} of the highest");
+                assert!(off < 0.01, "{object}, {rung:?}: {off}");
                 continue;
             }
+            let window = match rung {
+                Fidelity::Paper => blurred(&known),
+                _ => pressed(&known, &lags[0]),
+            };
+            let surface_um = surface_error_um(&sample, &window, margin);
+            let (most_um, most_deg, most_levels) = match rung {
+                Fidelity::Paper => (0.05, 0.005, 0.02),
+                Fidelity::High => (1.0, 0.1, 0.4),
+                _ => (0.05, 0.005, 0.02),
+            };
+            assert!(surface_um < most_um, "{object}, {rung:?}: {surface_um} um");
             let expected = window.inner(margin - SURFACE_BORDER);
             let turned = turned_deg(
                 &normals(&sample.impression.contact, plan.simulator.view()),
@@ -318,15 +337,13 @@ fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
     }
 }
 
-/// Largest error of a sample's surface on the pixels that its rung solves, um.
-fn surface_error_um(sample: &Sample, window: &Grid<f64>, margin: usize, factor: usize) -> f64 {
+/// Largest error of a sample's surface, um.
+fn surface_error_um(sample: &Sample, window: &Grid<f64>, margin: usize) -> f64 {
     let (surface, corner) = (&sample.impression.contact.surface, margin - SURFACE_BORDER);
     let mut worst = 0.0_f64;
     for (at, w) in surface.data.iter().enumerate() {
         let [u, v] = [at % surface.width + corner, at / surface.width + corner];
-        if u % factor == factor / 2 && v % factor == factor / 2 {
-            worst = worst.max(1e3 * (f64::from(*w) - window.at(u / factor, v / factor)).abs());
-        }
+        worst = worst.max(1e3 * (f64::from(*w) - window.at(u, v)).abs());
     }
     worst
 }

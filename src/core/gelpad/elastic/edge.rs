@@ -56,16 +56,16 @@ pub fn inside_mm(
         if drop < LOWEST * pitch[k] {
             return false;
         }
-        let [x, y] = [lattice.fine(x0 + touching[0], 0), lattice.fine(y0 + touching[1], 1)];
-        let back = next[k] < touching[k];
-        let along = |step: usize| {
-            let moved = |at: usize| if back { at - step } else { at + step };
-            match k {
-                0 => fine.at(moved(x), y).max(highest),
-                _ => fine.at(x, moved(y)).max(highest),
-            }
+        // Along the camera's pixels from the one centre to the other.
+        let place = |[x, y]: [usize; 2]| [lattice.at_centre(x0 + x, 0), lattice.at_centre(y0 + y, 1)];
+        let ([from, to], back) = ([place(touching), place(next)], next[k] < touching[k]);
+        let (first, last) = if back { (from[k].end - 1, to[k].start) } else { (from[k].start, to[k].end - 1) };
+        let object = |at: usize| match k {
+            0 => fine.at(at, from[1].start).max(highest),
+            _ => fine.at(from[0].start, at).max(highest),
         };
-        (0..lattice.factor).any(|step| along(step) - along(step + 1) > STEP * drop)
+        let step = |at: usize| if back { object(at + 1) - object(at) } else { object(at) - object(at + 1) };
+        (first.min(last)..first.max(last)).any(|at| step(at) > STEP * drop)
     };
     // Of the way from a pixel in contact to the next one, which is not.
     let share = |touching: [usize; 2], next: [usize; 2], k: usize| {

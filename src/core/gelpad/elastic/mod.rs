@@ -253,6 +253,7 @@ impl Pad {
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
         let mut solution = self.solve(workspace, &left, cut, lattice.box_around(seen), None);
+        solution.settle(&left, cut);
         let Rect { x0, y0, .. } = solution.seen;
         given.add_to(&mut solution.displacement, self.placed(depth, lattice), lattice, [x0, y0], 1.0);
         solution.converged &= given.drag.is_none_or(|drag| drag.converged);
@@ -302,7 +303,7 @@ impl Pad {
 
     /// Where a pixel of the solver's grid lies: from the middle of the view, which is the middle of the window.
     fn centre_mm(&self, lattice: Lattice, coarse: usize, fine: usize, k: usize) -> f64 {
-        (lattice.fine(coarse, k) as f64 + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
+        (lattice.centre(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
     }
 
     /// Solves for the contact within `overlap`, some of whose pixels are cut by walls, and for the displacement in `seen` at least,
@@ -405,7 +406,7 @@ impl Pad {
     fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
         let mut thinned = std::mem::take(&mut workspace.coarse);
-        lattice.thin_out(fine, &mut thinned.overlap);
+        lattice.thin_out(fine, self.mm_per_px[0].min(self.mm_per_px[1]) as f32, &mut thinned.overlap);
         let solution = self.solve(workspace, &thinned.overlap, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {

@@ -6,19 +6,72 @@ use super::lattice::Lattice;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 
+/// How much lower the object may be around four pixels, in their size, to be taken for round.
+const ROUND: f32 = 0.5;
+
 impl Lattice {
-    /// Every `factor`-th pixel along x and y.
-    pub fn thin_out(self, fine: &Grid<f32>, coarse: &mut Grid<f32>) {
+    /// The overlap at the coarse pixels' centres: a fine pixel's, or what is between those around, of which only what is below
+    /// the pad's plane counts; where all are above it, the lowest. How high the object was captured does not matter. `step_mm`
+    /// is the size of a fine pixel.
+    pub fn thin_out(self, fine: &Grid<f32>, step_mm: f32, coarse: &mut Grid<f32>) {
         let [width, height] = self.size();
-        self.thin_out_part(fine, Rect::whole(width, height), coarse);
+        let round = self.at_centre(0, 0).len() == 2 && self.at_centre(0, 1).len() == 2;
+        // At a fine pixel's own place nothing is added.
+        let per_step = if round { 1.0 / (ROUND * step_mm) } else { f32::INFINITY };
+        self.centres(fine, Rect::whole(width, height), coarse, |inner, outer| {
+            let [a, b, c, d] = inner.map(|g| if g > 0.0 { g } else { 0.0 });
+            let mean = 0.25 * ((a + b) + (c + d));
+            // A mean of four is below a round object's top. Those around them tell by how much, unless the object ends there.
+            let [a, b, c, d] = outer.map(|g| if g > 0.0 { g } else { 0.0 });
+            let lower = mean - 0.25 * ((a + b) + (c + d));
+            let round = 1.0 - lower.abs() * per_step;
+            let higher = 0.125 * lower * if round > 0.0 { round } else { 0.0 };
+            let [a, b, c, d] = inner;
+            let (most, other) = (if a > b { a } else { b }, if c > d { c } else { d });
+            let most = if most > other { most } else { other };
+            if most > 0.0 { mean + higher } else { most }
+        });
     }
 
-    /// The same for the coarse pixels `part` alone.
+    /// What is at the centres of the coarse pixels `part`.
     pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>) {
+        self.centres(fine, part, coarse, |[a, b, c, d], _| 0.25 * ((a + b) + (c + d)));
+    }
+
+    /// A function of the four fine pixels around the centre of each coarse pixel of `part`, the same ones more than once if there
+    /// are fewer, and of the four beyond them along the diagonals: of the nearest ones again at the image's border.
+    fn centres(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>, of: impl Fn([f32; 4], [f32; 4]) -> f32) {
         coarse.reshape(part.width(), part.height());
+        if coarse.data.is_empty() {
+            return;
+        }
         for y in 0..part.height() {
-            let from = fine.row(self.fine(part.y0 + y, 1))[self.fine(part.x0, 0)..].iter().step_by(self.factor);
-            coarse.row_mut(y).iter_mut().zip(from).for_each(|(value, from)| *value = *from);
+            let rows = self.at_centre(part.y0 + y, 1);
+            let around = [rows.start.saturating_sub(1), rows.start, rows.end - 1, rows.end.min(fine.height - 1)];
+            let rows = around.map(|row| fine.row(row));
+            let out = coarse.row_mut(y);
+            let value = |x: usize| {
+                let columns = self.at_centre(part.x0 + x, 0);
+                let [left, right] = [columns.start.saturating_sub(1), columns.end.min(fine.width - 1)];
+                let [first, last] = [columns.start, columns.end - 1];
+                let [beyond_above, above, below, beyond_below] = rows;
+                let outer = [beyond_above[left], beyond_above[right], beyond_below[left], beyond_below[right]];
+                of([above[first], above[last], below[first], below[last]], outer)
+            };
+            let inside = if out.len() > 3 { 1..out.len() - 2 } else { 0..0 };
+            (0..inside.start).chain(inside.end..out.len()).for_each(|x| out[x] = value(x));
+            if inside.is_empty() {
+                continue;
+            }
+            let (columns, out) = (self.at_centre(part.x0 + inside.start, 0), &mut out[inside]);
+            simd_dispatch(
+                #[inline(always)]
+                || match self.factor {
+                    1 => centres_of_row::<1>(rows, columns.clone(), out, &of),
+                    2 => centres_of_row::<2>(rows, columns.clone(), out, &of),
+                    _ => centres_of_row::<4>(rows, columns.clone(), out, &of),
+                },
+            );
         }
     }
 
@@ -29,7 +82,7 @@ impl Lattice {
         let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
         let (top, rows) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
         let (steps, lines) = (columns.len() - 1, rows.len());
-        let bases: Vec<Basis> = (0..factor).map(|phase| shape.basis(phase as f32 / factor as f32)).collect();
+        let [bases, bases_down] = [0, 1].map(|k| self.bases(k, shape));
         let slopes = (shape == Shape::Cubic).then(|| Slopes::new(values));
         let (mut line, mut steepness) = (vec![0.0; steps + 1], vec![0.0; steps + 1]);
         // First along x in every coarse row, then along y: the second is what is done for all fine pixels.
@@ -56,7 +109,7 @@ impl Lattice {
                     widen(&slopes.y, Some(&slopes.xy), &mut widened_slopes);
                 }
                 for y in 0..rect.height() {
-                    let (row, basis) = ((top + y) / factor, bases[(top + y) % factor]);
+                    let (row, basis) = ((top + y) / factor, bases_down[(top + y) % factor]);
                     let inside = left..left + rect.width();
                     let (here, next) = (&widened.row(row)[inside.clone()], &widened.row(row + 1)[inside.clone()]);
                     let out = out.row_mut(y);
@@ -80,8 +133,7 @@ impl Lattice {
     pub fn rows(self, values: &Grid<f32>, part: Rect, rect: Rect) -> Rows {
         let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
         let (top, rows) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
-        let bases: Vec<Basis> =
-            (0..self.factor).map(|past| Shape::Linear.basis(past as f32 / self.factor as f32)).collect();
+        let bases = self.bases(0, Shape::Linear);
         let (mut line, level) = (vec![0.0; columns.len()], vec![0.0; columns.len()]);
         let mut widened = Grid::new((columns.len() - 1) * self.factor, rows.len());
         simd_dispatch(
@@ -96,15 +148,25 @@ impl Lattice {
                 }
             },
         );
-        Rows { widened, inside: left..left + rect.width(), top, factor: self.factor }
+        let phase = self.phase(1);
+        Rows { widened, inside: left..left + rect.width(), top, factor: self.factor, phase }
     }
 
-    /// For the fine pixels `from..to` of a line along axis `k`: how many fine pixels the first of them is past a coarse one,
+    /// How far fine pixels are past where they would be if one were at a coarse pixel's centre: half a pixel or nothing.
+    fn phase(self, k: usize) -> f32 {
+        if self.first_twice[k] % 2 == 0 { 0.0 } else { 0.5 }
+    }
+
+    /// Of each fine pixel between two coarse ones along axis `k`.
+    fn bases(self, k: usize, shape: Shape) -> Vec<Basis> {
+        (0..self.factor).map(|past| shape.basis((past as f32 + self.phase(k)) / self.factor as f32)).collect()
+    }
+
+    /// For the fine pixels `from..to` of a line along axis `k`: how many whole fine pixels the first of them is past a coarse one,
     /// and which coarse pixels, counted from `start` and kept within `count`, they lie between.
     fn coarse_around(self, k: usize, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
-        let ahead = from as isize - self.first[k] as isize;
-        let first = ahead.div_euclid(self.factor as isize);
-        let past = ahead.rem_euclid(self.factor as isize) as usize;
+        let (first, past) = self.before(from, k);
+        let past = past / 2;
         let steps = (past + to - from).div_ceil(self.factor);
         let inside = |k: usize| (first + k as isize - start as isize).clamp(0, count as isize - 1) as usize;
         (past, (0..=steps).map(inside).collect())
@@ -118,6 +180,7 @@ pub struct Rows {
     /// Fine rows from the first coarse one to the first that there is.
     top: usize,
     factor: usize,
+    phase: f32,
 }
 
 impl Rows {
@@ -126,11 +189,30 @@ impl Rows {
     pub fn around(&self, y: usize) -> ([&[f32]; 2], f32) {
         let (row, past) = ((self.top + y) / self.factor, (self.top + y) % self.factor);
         let rows = [row, row + 1].map(|row| &self.widened.row(row)[self.inside.clone()]);
-        (rows, past as f32 / self.factor as f32)
+        (rows, (past as f32 + self.phase) / self.factor as f32)
     }
 }
 
-/// `N` values between each two of a line, the first of the two among them.
+/// [`Lattice::centres`] of pixels within a row, from the one at the fine columns `centre` on, each with a pixel on its right.
+#[inline(always)]
+fn centres_of_row<const N: usize>(
+    rows: [&[f32]; 4],
+    centre: Range<usize>,
+    out: &mut [f32],
+    of: &impl Fn([f32; 4], [f32; 4]) -> f32,
+) {
+    // Every `N`-th value from a column on is the first of a chunk.
+    let count = out.len();
+    let [left, first, last, right] = [centre.start - 1, centre.start, centre.end - 1, centre.end];
+    let chunks = |row: usize, column: usize| &rows[row][column..][..count * N].as_chunks::<N>().0[..count];
+    let inner = [chunks(1, first), chunks(1, last), chunks(2, first), chunks(2, last)];
+    let outer = [chunks(0, left), chunks(0, right), chunks(3, left), chunks(3, right)];
+    for x in 0..count {
+        out[x] = of(inner.map(|chunks| chunks[x][0]), outer.map(|chunks| chunks[x][0]));
+    }
+}
+
+/// `N` values between each two of a line.
 #[inline(always)]
 fn interleave<const N: usize>(line: &[f32], slopes: &[f32], bases: &[Basis], out: &mut [f32]) {
     let mut own = [bases[0]; N];

@@ -57,6 +57,18 @@ impl Given<'_> {
 }
 
 impl Solution {
+    /// Where walls cut pixels that give way no more, the displacement at their centres.
+    pub fn settle(&mut self, overlap: &Grid<f32>, cut: &[CutPixel]) {
+        let (part, seen) = (self.contact_box, self.seen);
+        for pixel in cut.iter().filter(|pixel| pixel.stopped && part.holds(pixel.at) && seen.holds(pixel.at)) {
+            let [x, y] = pixel.at;
+            let pressure = self.pressure.at(x - part.x0, y - part.y0);
+            if pressure > 0.0 {
+                self.displacement.row_mut(y - seen.y0)[x - seen.x0] = overlap.at(x, y) - pixel.settles(pressure);
+            }
+        }
+    }
+
     /// Notes the largest violation of the contact conditions, where pixels that a wall cuts may give way; where, outside the contact's box, the object reaches through
     /// the surface by more than `accepted`.
     pub fn check(&mut self, overlap: &Grid<f32>, cut: &[CutPixel], accepted: f32) -> Rect {

@@ -62,6 +62,14 @@ impl ContactProblem<'_> {
         for value in &mut pressure.data {
             *value = value.max(0.0) / self.softest;
         }
+        for pixel in &self.cut {
+            pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.of_the_rest(pixel);
+        }
+    }
+
+    /// The guess at a pixel that gives way, as a share of what it would be if it did not.
+    fn of_the_rest(&self, pixel: &CutPixel) -> f32 {
+        self.softest / (self.softest + pixel.compliance)
     }
 
     /// The displacement under a pressure, and what pixels give way.
@@ -153,6 +161,7 @@ impl ContactProblem<'_> {
         self.displace(pressure, memory, displacement);
         let mut outcome = Outcome { iterations: 0, residual_mm: f32::INFINITY };
         let (mut last_product, mut keeps_direction) = (1.0, false);
+        let mut free = Vec::<CutPixel>::new();
         loop {
             outcome.residual_mm = violation(pressure, displacement, &self.overlap, residual);
             if outcome.residual_mm <= NEARLY * self.tolerance_mm && self.stop(pressure) {
@@ -176,7 +185,13 @@ impl ContactProblem<'_> {
             let curvature = dot(direction, response);
             // No pixel may touch yet, as after a guess that missed all of them.
             let length = if curvature > 0.0 { (dot(residual, direction) / curvature) as f32 } else { 0.0 };
+            free.clear();
+            free.extend(self.cut.iter().copied().filter(|pixel| pressure.at(pixel.at[0], pixel.at[1]) <= 0.0));
             let changes = advance(pressure, direction, displacement, &self.overlap, length, 1.0 / self.softest);
+            // A guess for a stiff pixel takes one that gives way far beyond the object: it would leave and join for ever.
+            for pixel in &free {
+                pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.of_the_rest(pixel);
+            }
             if length == 0.0 && !changes.joined {
                 return outcome;
             }

@@ -15,6 +15,9 @@ use crate::core::base::view::SURFACE_BORDER;
 use crate::core::depth::Depth;
 use crate::core::gelpad::Contact;
 
+/// Share of the depth that the pad may be away from an object that it touches between the solver's pixels.
+const SHALLOW_CLOSE: f32 = 0.5;
+
 impl Pad {
     /// Takes a solution to the camera's grid: the object's own surface where they touch, the pad's elsewhere.
     pub(super) fn fill(
@@ -135,19 +138,20 @@ impl Pad {
         }
         let mut touching = solution.pressure.clone();
         touching.data.iter_mut().for_each(|p| *p = if *p > 0.0 { 1.0 } else { 0.0 });
-        // Where a wall leaves a pixel's centre out, the pad is not on the object.
+        // Where a wall leaves a pixel's centre out, the pad is on the object as far as that is pressed, too.
         let Rect { x0, y0, .. } = solution.contact_box;
-        for [x, y] in cut.iter().filter(|pixel| pixel.is_beside()).map(|pixel| pixel.at) {
-            if solution.contact_box.holds([x, y]) {
-                touching.row_mut(y - y0)[x - x0] = 0.0;
-            }
+        for pixel in cut.iter().filter(|pixel| solution.contact_box.holds(pixel.at)) {
+            let [x, y] = [pixel.at[0] - x0, pixel.at[1] - y0];
+            touching.row_mut(y)[x] *= pixel.pressed_centre(solution.pressure.at(x, y));
         }
         let rows = |values, part| lattice.rows(values, part, area);
         // A cubic overshoots beside a sharp edge, where a straight line does not.
         let straight = rows(&solution.displacement, solution.seen);
         let [pressures, inside, touching] =
             [&solution.pressure, &inside, &touching].map(|values| rows(values, solution.contact_box));
-        let (close, through) = (self.close_mm(), (self.elastic.tolerance_um * 1e-3) as f32);
+        // A flank that a shallow press shows is far from the pad in spite of being near by the grid's measure.
+        let close = self.close_mm().min(SHALLOW_CLOSE * depth.deepest_mm);
+        let through = (self.elastic.tolerance_um * 1e-3) as f32;
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
         let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
         let mut pressure = Grid::<f32>::new(area.width(), area.height());

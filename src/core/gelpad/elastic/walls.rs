@@ -21,14 +21,19 @@ const WALL: f32 = 2.0;
 /// How far an edge gives way, in pitches and 2 / E'.
 const EDGE: f32 = 0.911;
 
-/// Drop of the pad's surface from a wall to the pixel's border beyond it under pressure 1 on the pixel, in pitches and 2 / E':
-/// that much times sqrt(1 - c) / c. Fitted as the other, within 3 %.
-const DROP: f32 = 1.07;
-
 /// Displacement of the middle of a pixel under its own pressure in pitches and 2 / E': of a square one, and of one that is
 /// endless along one direction.
 const SQUARE: f32 = 0.561;
 const STRIP: f32 = 0.539;
+
+/// Steps to the pixels around one.
+const AROUND: [[isize; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
+
+/// Cosine of the largest angle between two directions that count as one.
+const TOWARDS: f32 = 0.64;
+
+/// Weight of what is at a pixel's centre in its overlap.
+const CENTRAL: f32 = 4.0;
 
 /// A pixel of the solver's grid that a wall cuts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,23 +42,38 @@ pub struct CutPixel {
     pub at: [usize; 2],
     /// By how much it gives way under pressure 1 at Young's modulus 1, mm.
     pub compliance: f32,
-    /// The pressure from which on what is beside the wall is pressed, too.
-    most: f32,
-    /// How much lower than the covered part the object is at the pixel's centre, mm: 0 if that is covered.
+    /// By how much at most, mm: then what is beside the wall is pressed, too, and the pixel as deep as the object on average.
+    most_mm: f32,
+    /// How much lower than the covered part the object is at the pixel's centre, mm.
     beside_mm: f32,
-    /// What is beside the wall is pressed, too: a pixel like any other, as deep as the object at its centre.
+    /// The covered fraction of what is at its centre.
+    centre_covered: f32,
+    /// It gives way no more.
     pub stopped: bool,
 }
 
 impl CutPixel {
-    /// How far below the overlap the pixel may be under a pressure, mm.
+    /// How far below the overlap the pixel is under a pressure, mm.
     pub fn gives_way(&self, pressure: f32) -> f32 {
-        if self.stopped { self.beside_mm } else { self.compliance * pressure }
+        if self.stopped { self.most_mm } else { self.compliance * pressure }
     }
 
-    /// Whether it is pressed beside its centre only.
-    pub fn is_beside(&self) -> bool {
-        self.beside_mm > 0.0 && !self.stopped
+    /// How much of what is at its centre is pressed under a pressure.
+    pub fn pressed_centre(&self, pressure: f32) -> f32 {
+        self.centre_covered + (1.0 - self.centre_covered) * self.pressed_beside(pressure)
+    }
+
+    /// How much of what is beside the wall is pressed: from 0, where the pixel just stops, to 1 at twice that pressure.
+    fn pressed_beside(&self, pressure: f32) -> f32 {
+        match self.stopped {
+            true => (self.compliance * pressure / self.most_mm - 1.0).clamp(0.0, 1.0),
+            false => 0.0,
+        }
+    }
+
+    /// How far below the overlap the pad is at a stopped pixel's centre, mm: as far as the object there, once that is pressed.
+    pub fn settles(&self, pressure: f32) -> f32 {
+        self.most_mm + self.pressed_beside(pressure) * (self.beside_mm - self.most_mm)
     }
 
     /// Its pressure as a share of the next pixel's, further from the wall: roughly, as beside the edge of a punch.
@@ -64,7 +84,7 @@ impl CutPixel {
 
     /// Stops if the pressure asks for it. Whether it does.
     pub fn stop(&mut self, pressure: f32) -> bool {
-        let stops = !self.stopped && pressure > self.most;
+        let stops = !self.stopped && self.compliance * pressure > self.most_mm;
         self.stopped |= stops;
         stops
     }
@@ -88,7 +108,7 @@ impl Thinned {
             self.overlap.reset(0, 0);
             return;
         }
-        lattice.thin_out(&depth.overlap, &mut self.overlap);
+        lattice.thin_out(&depth.overlap, mm_per_px[0].min(mm_per_px[1]) as f32, &mut self.overlap);
         if depth.touching.is_empty() {
             return;
         }
@@ -110,7 +130,7 @@ impl Thinned {
     }
 }
 
-/// The camera's pixels in each of the solver's: those around its centre up to half-way to the next, which count by half.
+/// The camera's pixels in each of the solver's; one that two of them share counts by half.
 struct Cells<'a> {
     lattice: Lattice,
     fine: &'a Grid<f32>,
@@ -119,18 +139,10 @@ struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// Fine columns (k = 0) or rows in a pixel.
-    fn along(&self, coarse: usize, k: usize) -> Range<usize> {
-        let half = self.lattice.factor / 2;
-        let middle = self.lattice.fine(coarse, k);
-        let count = if k == 0 { self.fine.width } else { self.fine.height };
-        middle.saturating_sub(half)..(middle + half + 1).min(count)
-    }
-
     /// The highest and lowest overlap of fine columns in a row of pixels.
     fn spans(&self, y: usize, part: Rect, [high, low]: &mut [Vec<f32>; 2]) {
-        let columns = self.along(part.x0, 0).start..self.along(part.x1 - 1, 0).end;
-        let rows = self.along(y, 1);
+        let columns = self.lattice.holds(part.x0, 0).0.start..self.lattice.holds(part.x1 - 1, 0).0.end;
+        let (rows, _) = self.lattice.holds(y, 1);
         let first = &self.fine.row(rows.start)[columns.clone()];
         let (high, low) = (&mut high[columns.clone()], &mut low[columns.clone()]);
         high.copy_from_slice(first);
@@ -149,12 +161,12 @@ impl Cells<'_> {
         );
     }
 
-    /// The object drops by a wall somewhere within the pixel, and presses there.
+    /// The object may drop by a wall within the pixel, and presses there.
     fn may_be_cut(&self, x: usize, [high, low]: &[Vec<f32>; 2]) -> bool {
-        let columns = self.along(x, 0);
+        let (columns, _) = self.lattice.holds(x, 0);
         let most = high[columns.clone()].iter().fold(f32::NEG_INFINITY, |most, g| most.max(*g));
         let least = low[columns].iter().fold(f32::INFINITY, |least, g| least.min(*g));
-        most > 0.0 && most - least.max(0.0) > self.step_mm[0].min(self.step_mm[1])
+        most > 0.0 && most - least.max(0.0) > (0.5 * most).min(self.step_mm[0].min(self.step_mm[1]))
     }
 
     /// How far the object reaches below the undeformed pad, mm. What is above is not known of every object alike.
@@ -162,72 +174,102 @@ impl Cells<'_> {
         self.fine.at(x, y).max(0.0)
     }
 
+    /// Whether there is a wall between a fine pixel and the next along axis `k`: from 0 to 1.
+    fn wall(&self, at: [usize; 2], k: usize) -> f32 {
+        let size = [self.fine.width, self.fine.height][k];
+        let moved = |by: isize| {
+            let mut to = at;
+            to[k] = at[k].saturating_add_signed(by).min(size - 1);
+            self.below(to)
+        };
+        let [here, next] = [moved(0), moved(1)];
+        let steep = (here - next).abs() / self.step_mm[k] - 1.0;
+        // A shallow press reaches its walls but a little way down: there is one where the object would go on by its slope and
+        // bend before, and more than half of its depth is missing.
+        let ([upper, lower], back) = if here > next { ([here, next], [-1, -2]) } else { ([next, here], [2, 3]) };
+        let [before, earlier] = back.map(moved);
+        let ahead = (3.0 * (upper - before) + earlier).min(upper);
+        let ends = if upper > 0.0 { 2.0 * (ahead - lower) / upper - 1.0 } else { 0.0 };
+        let wall = steep.max(ends);
+        if wall > 0.0 { wall.min(1.0) } else { 0.0 }
+    }
+
     /// How a wall cuts a pixel, if one does, and the overlap of what it leaves; `unit` is 2 / E' times the pitch.
     fn cut(&self, at: [usize; 2], unit: f32) -> Option<(CutPixel, f32)> {
-        let [columns, rows] = [0, 1].map(|k| self.along(at[k], k));
-        let (mut most, mut least, mut steepest) = (f32::NEG_INFINITY, f32::INFINITY, 0.0_f32);
+        let [(columns, halves_x), (rows, halves_y)] = [0, 1].map(|k| self.lattice.holds(at[k], k));
+        let (mut most, mut least, mut wall) = (f32::NEG_INFINITY, f32::INFINITY, 0.0_f32);
         for y in rows.clone() {
             for x in columns.clone() {
                 let g = self.below([x, y]);
                 (most, least) = (most.max(g), least.min(g));
                 if x + 1 < columns.end {
-                    steepest = steepest.max((g - self.below([x + 1, y])).abs() / self.step_mm[0]);
+                    wall = wall.max(self.wall([x, y], 0));
                 }
                 if y + 1 < rows.end {
-                    steepest = steepest.max((g - self.below([x, y + 1])).abs() / self.step_mm[1]);
+                    wall = wall.max(self.wall([x, y], 1));
                 }
             }
         }
-        let wall = (steepest - 1.0).clamp(0.0, 1.0);
         if wall == 0.0 {
             return None;
         }
-        // What is above the middle of the drop is the object's face, the rest is beside the wall.
-        let face = 0.5 * (most + least);
-        let [x, y] = [0, 1].map(|k| self.lattice.fine(at[k], k));
-        let half = self.lattice.factor / 2;
-        let share = |a: usize, b: usize| if a.abs_diff(b) == half { 0.5 } else { 1.0 };
-        let (mut whole, mut covered, mut sum, mut middle) = (0.0, 0.0, 0.0, [0.0; 2]);
-        for row in rows {
+        // What is above the middle of the drop is the object's face, the rest is beside the wall; in between, partly.
+        let per_drop = 2.0 / (most - least);
+        let on_face = |g: f32| (per_drop * (g - least) - 0.5).clamp(0.0, 1.0);
+        let [middle_x, middle_y] = [0, 1].map(|k| self.lattice.centre(at[k], k) as f32);
+        let [central_x, central_y] = [0, 1].map(|k| self.lattice.at_centre(at[k], k));
+        let border = |at: usize, of: &Range<usize>| at == of.start || at + 1 == of.end;
+        let (mut whole, mut covered, mut mean, mut middle) = (0.0, 0.0, 0.0, [0.0; 2]);
+        // Of the pixels at the centre, how many are on the face, and their overlap; then of all.
+        let (mut central_face, mut centre, mut sums) = (0.0, 0.0, [0.0; 2]);
+        for row in rows.clone() {
+            let share_y = if halves_y && border(row, &rows) { 0.5 } else { 1.0 };
             for column in columns.clone() {
-                let (share, g) = (share(column, x) * share(row, y), self.below([column, row]));
+                let share = if halves_x && border(column, &columns) { 0.5 * share_y } else { share_y };
+                let g = self.below([column, row]);
+                let face = on_face(g);
+                let central = central_x.contains(&column) && central_y.contains(&row);
                 whole += share;
-                if g > face {
-                    covered += share;
-                    sum += share * g;
-                    middle[0] += share * (column as f32 - x as f32);
-                    middle[1] += share * (row as f32 - y as f32);
+                mean += share * g;
+                covered += share * face;
+                middle[0] += share * face * (column as f32 - middle_x);
+                middle[1] += share * face * (row as f32 - middle_y);
+                let weight = share * face * if central { CENTRAL } else { 1.0 };
+                sums = [sums[0] + weight * g, sums[1] + weight];
+                if central {
+                    centre += g;
+                    central_face += face;
                 }
             }
         }
         if covered == whole {
             return None;
         }
+        let count = (central_x.len() * central_y.len()) as f32;
+        centre /= count;
         let c = covered / whole;
-        // Beyond the covered part's sides and corner, the next pixels' centres.
-        let next = |at: usize, middle: f32, size: usize| match middle < 0.0 {
-            true => at.saturating_sub(self.lattice.factor),
-            false => (at + self.lattice.factor).min(size - 1),
-        };
-        let (beside, below) = (next(x, middle[0], self.fine.width), next(y, middle[1], self.fine.height));
-        let goes_on = [[beside, y], [x, below], [beside, below]].into_iter().any(|next| self.below(next) > face);
-        let gives = match goes_on {
-            true => EDGE * (1.0 - c) / c,
-            // A ridge no wider than the pixel: a rigid strip instead of an even pressure.
-            false => ((4.0 / c).ln() / PI - STRIP).max(0.0),
-        };
-        let (centre, drop) = (self.below([x, y]), DROP * (1.0 - c).max(0.25).sqrt() / c);
-        // What is less than a wall, less of it.
-        let beside_mm = if centre > face { 0.0 } else { wall * (sum / covered - centre) };
+        // The pixels beside it that lie where the covered part does.
+        let mut goes_on = 0.0_f32;
+        let length = middle[0].hypot(middle[1]);
+        for [dx, dy] in AROUND {
+            let along = dx as f32 * middle[0] + dy as f32 * middle[1];
+            if along > TOWARDS * length * (dx as f32).hypot(dy as f32) {
+                let size = self.lattice.size();
+                let next = [(0, dx), (1, dy)].map(|(k, by)| at[k].saturating_add_signed(by).min(size[k] - 1));
+                let [columns, rows] = [0, 1].map(|k| self.lattice.at_centre(next[k], k));
+                let pixels = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));
+                goes_on = pixels.map(|px| on_face(self.below(px))).fold(goes_on, f32::max);
+            }
+        }
+        // A ridge no wider than the pixel is a rigid strip instead of an even pressure.
+        let [edge, ridge] = [EDGE * (1.0 - c) / c, ((4.0 / c).ln() / PI - STRIP).max(0.0)];
+        let compliance = wall * unit * (ridge + goes_on * (edge - ridge));
+        // As deep as its covered part, that at the centre first. What is less than a wall, less of it.
+        let beside_mm = wall * (sums[0] / sums[1] - centre);
         let overlap = centre + beside_mm;
-        let pixel = CutPixel {
-            at,
-            compliance: wall * unit * gives,
-            // The pad stays below its rest beside a wall, and so clear of what does.
-            most: if least > 0.0 { (overlap - least) / (unit * drop) } else { f32::INFINITY },
-            beside_mm,
-            stopped: false,
-        };
+        let most_mm = (overlap - mean / whole).max(0.0);
+        let centre_covered = 1.0 - wall * (1.0 - central_face / count);
+        let pixel = CutPixel { at, compliance, most_mm, beside_mm, centre_covered, stopped: false };
         Some((pixel, overlap))
     }
 }
