@@ -197,7 +197,7 @@ def sensors(punch):
     """A sensor makes of a job's depth maps what the job made, at every rung, and of an analytic ball nearly that."""
     camera = ["camera.read_noise_levels=1.0", "camera.exposure=[0.9, 1.1]"]
     sensor = gelsim.Sensor.preset("digit", set=camera)
-    assert (sensor.name, sensor.resolution_px, sensor.gelpad_thickness_mm) == ("digit", (240, 320), 2.0)
+    assert (sensor.name, sensor.resolution_px, sensor.gelpad_thickness_mm) == ("digit", (240, 320), 4.0)
     layers = ["depth", "surface", "contact", "normal"]
     for rung in RUNGS:
         flags = ["camera.distortion_k1=0.0", f"output.layers={json.dumps(layers)}"]
