@@ -221,7 +221,8 @@ def sensors(punch):
     # A ball of which all is known: also what is above the pad, which bulges up to it.
     ball = gelsim.Job.load(punch, samples=1, set=[f'object=[{{ path = "{objects}/sphere.obj" }}]', *BARE])
     label = ball[0]["label"]
-    x, y = np.meshgrid((np.arange(120) + 0.5 - 60) * 0.095, (np.arange(160) + 0.5 - 80) * 0.095)
+    pitch_mm = 16.0 / 120
+    x, y = np.meshgrid((np.arange(120) + 0.5 - 60) * pitch_mm, (np.arange(160) + 0.5 - 80) * pitch_mm)
     x0, y0, _ = label["pose"]["translation_mm"]
     across2 = (x - x0) ** 2 + (y - y0) ** 2
     with np.errstate(invalid="ignore"):

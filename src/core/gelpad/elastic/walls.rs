@@ -65,8 +65,11 @@ impl CutPixel {
 
     /// How much of what is beside the wall is pressed: from 0, where the pixel just stops, to 1 at twice that pressure.
     fn pressed_beside(&self, pressure: f32) -> f32 {
+        let past = self.compliance * pressure - self.most_mm;
         match self.stopped {
-            true => (self.compliance * pressure / self.most_mm - 1.0).clamp(0.0, 1.0),
+            // Of a wall of no height, too.
+            true if past >= self.most_mm => 1.0,
+            true => (past / self.most_mm).max(0.0),
             false => 0.0,
         }
     }
@@ -214,8 +217,7 @@ impl Cells<'_> {
             return None;
         }
         // What is above the middle of the drop is the object's face, the rest is beside the wall; in between, partly.
-        let per_drop = 2.0 / (most - least);
-        let on_face = |g: f32| (per_drop * (g - least) - 0.5).clamp(0.0, 1.0);
+        let on_face = |g: f32| (2.0 * (g - least) / (most - least) - 0.5).clamp(0.0, 1.0);
         let [middle_x, middle_y] = [0, 1].map(|k| self.lattice.centre(at[k], k) as f32);
         let [central_x, central_y] = [0, 1].map(|k| self.lattice.at_centre(at[k], k));
         let border = |at: usize, of: &Range<usize>| at == of.start || at + 1 == of.end;
