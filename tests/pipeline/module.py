@@ -324,7 +324,7 @@ def mistakes(mixed):
     said = refused(put(((1, 3, 4), np.nan), ((1, 3, 5), np.nan), ((0, 9, 0), np.inf)))
     assert "2 values that are not a number, the first in map 1, row 3, column 4" in said, said
     assert "infinite at 1 places, the first in map 0, row 9, column 0" in said and "-inf" in said, said
-    assert "all of map 1 of depth_mm goes through the pad, which is 2 mm thick" in refused(put((1, 25.0)))
+    assert "all of map 1 of depth_mm goes through the pad, which is 4 mm thick" in refused(put((1, 25.0)))
     assert "4 axes" in refused(lambda bad: bad[None])
     assert "empty" in refused(lambda bad: bad[:0])
     assert "9000 columns" in refused(lambda bad: np.zeros((1, 9000), np.float32))
