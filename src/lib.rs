@@ -21,8 +21,9 @@
 //! ```
 //!
 //! [`Press`] says more of a press: texture, motion in the pad's plane, markers and camera of its own. Lengths are
-//! millimetres, pressures kPa, forces N; x is to the right in the image, y down, z out of the pad towards the object; image
-//! arithmetic is f32. [`Simulator::press_next`] presses frame by frame, with friction that remembers. A press is a pure function of simulator and [`Press`]: the same bytes on any thread and CPU.
+//! millimetres, pressures kPa, forces N; x is to the right in the image, y down, z out of the pad towards the object;
+//! image arithmetic is f32. [`Simulator::press_next`] presses frame by frame, with friction that remembers. A press is
+//! a pure function of simulator and [`Press`]: the same bytes on any thread and CPU.
 //!
 //! # Features
 //!

@@ -236,8 +236,8 @@ fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {
     Ok(pathdiff::diff_paths(&path, root).unwrap_or(path))
 }
 
-/// What differs between the job of a dataset and the plan's, more samples aside, by dotted key and, where a file changed, by its name;
-/// folders aside, because contents have hashes.
+/// What differs between the job of a dataset and the plan's, more samples aside, by dotted key and, where a file
+/// changed, by its name; folders aside, because contents have hashes.
 fn differences(there: &str, plan: &Plan) -> Vec<String> {
     match version(there) {
         Some(env!("CARGO_PKG_VERSION")) => {}

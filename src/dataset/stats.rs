@@ -186,8 +186,8 @@ impl Stats {
         Ok(sealed(&(serde_json::to_string_pretty(&blank).map_err(io::Error::other)? + "\n"), SEAL))
     }
 
-    /// What the samples of the shard were counted to be otherwise than in this file, by key. `counted` has no rejected draws, only how
-    /// many.
+    /// What the samples of the shard were counted to be otherwise than in this file, by key. `counted` has no rejected
+    /// draws, only how many.
     pub fn differs(&self, counted: &Self) -> Option<String> {
         let numbers = [
             ("samples", self.samples, counted.samples),

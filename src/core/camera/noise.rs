@@ -1,9 +1,10 @@
 //! Noise of the camera: of reading a pixel, the same for all, and of counting light, larger where there is more.
 //!
 //! The variance of a value v is read^2 + shot^2 v (Janesick 2007, "Photon transfer"), its shape a normal curve, each
-//! value on its own, or correlated with its neighbours where demosaicing or compression smeared it. Valid while a pixel counts more than some ten photons. What a pixel gets is a pure function of
-//! key, channel, row and column: a counter is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly
-//! a normal curve, by the central limit), and a polynomial bends the sum the rest of the way.
+//! value on its own, or correlated with its neighbours where demosaicing or compression smeared it. Valid while a pixel
+//! counts more than some ten photons. What a pixel gets is a pure function of key, channel, row and column: a counter
+//! is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly a normal curve, by the central limit),
+//! and a polynomial bends the sum the rest of the way.
 
 use crate::core::base::simd::simd_dispatch;
 

@@ -44,7 +44,8 @@ pub struct Grain {
     pub size_mm: f64,
 }
 
-/// How far the surface of a curved pad lies below its highest point, mm, on the grid of [`crate::core::gelpad::Contact::surface`].
+/// How far the surface of a curved pad lies below its highest point, mm, on the grid of
+/// [`crate::core::gelpad::Contact::surface`].
 pub fn drop_mm(shape: &RestSurface, view: &View) -> Grid<f32> {
     let [width, height] = view.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
     let mut drop = Grid::new(width, height);

@@ -111,8 +111,8 @@ impl FramePad {
     }
 }
 
-/// Of the contact's tolerance (at most 1 um), the share to which tractions are solved: it is how far a pixel alone would go, of which
-/// many together make more.
+/// Of the contact's tolerance (at most 1 um), the share to which tractions are solved: it is how far a pixel alone
+/// would go, of which many together make more.
 const TOLERANCE: f64 = 0.1;
 
 /// Poses in the frame that differ by less are the same: mm, or parts of a rotation.

@@ -446,8 +446,8 @@ pub fn view(job: &Job) -> View {
 }
 
 /// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
-/// object's in the labels, as is that of a background; contents are known by their hashes. The number of samples decides no sample's bytes, so that
-/// it may be raised later.
+/// object's in the labels, as is that of a background; contents are known by their hashes. The number of samples
+/// decides no sample's bytes, so that it may be raised later.
 pub fn fingerprint(job: &Job) -> String {
     let mut job = job.clone();
     job.dataset.samples = None;

@@ -52,8 +52,8 @@ pub struct Accepted {
     pub effects: PerEffect<f64>,
 }
 
-/// Draws and renders sequence `index`, again if it is not sound and the plan wants that, and shows each frame to `each`, which is told
-/// when a sequence begins anew, and ends the work by an error.
+/// Draws and renders sequence `index`, again if it is not sound and the plan wants that, and shows each frame to
+/// `each`, which is told when a sequence begins anew, and ends the work by an error.
 pub fn accept<E: From<Unfit>>(
     plan: &Plan,
     index: u64,

@@ -5,8 +5,8 @@
 //! noise of both, whatever the pad's grain; its variance against the level tells shot from read noise (Janesick 2007,
 //! "Photon transfer"). Medians over blocks leave dust that moved out of it.
 //!
-//! Within a disc a block of image less background is noise, speckle, and light that varies smoothly: less a parabola, its variance
-//! beyond that of such blocks away from the disc is the speckle's.
+//! Within a disc a block of image less background is noise, speckle, and light that varies smoothly: less a parabola,
+//! its variance beyond that of such blocks away from the disc is the speckle's.
 
 use image::RgbImage;
 use rayon::prelude::*;

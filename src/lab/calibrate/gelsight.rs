@@ -1,10 +1,11 @@
 //! A calibration that GelSight publishes of a device (gelsightinc/gssim), made into a sensor of ours.
 //!
-//! Read are a YAML file and the image of the flat field that it names. Of the YAML: `nL`, `width`, `height`, `mmperpixel`; `quadfit`,
-//! a row for each term of the place (x^2, x y, y^2, x, y, 1) and ten columns for each lamp; the last row of `linfit`, where the
-//! lamps are; and `flatfield`. The published code adds up `quadfit` as [`crate::core::optics::lamps`] says, and divides by a
-//! correction, `scale` / flat field. The image holds the flat fields of the lamps as tiles, three beside each other. Here each is
-//! divided by its scale and fitted by a polynomial of fourth degree, so that a sensor file needs no image.
+//! Read are a YAML file and the image of the flat field that it names. Of the YAML: `nL`, `width`, `height`,
+//! `mmperpixel`; `quadfit`, a row for each term of the place (x^2, x y, y^2, x, y, 1) and ten columns for each lamp;
+//! the last row of `linfit`, where the lamps are; and `flatfield`. The published code adds up `quadfit` as
+//! [`crate::core::optics::lamps`] says, and divides by a correction, `scale` / flat field. The image holds the flat
+//! fields of the lamps as tiles, three beside each other. Here each is divided by its scale and fitted by a polynomial
+//! of fourth degree, so that a sensor file needs no image.
 //!
 //! The published code counts columns and rows from 0 and the middle from 1: its places are one pixel of the full image off. Ours
 //! are not; that changes grey levels by less than a tenth.

@@ -35,8 +35,8 @@ impl Banded {
         }
     }
 
-    /// Eliminates without exchanging rows, which is stable as long as displacements alone are (the matrix is then quasi-definite).
-    /// `None` where a pivot is nothing or no number.
+    /// Eliminates without exchanging rows, which is stable as long as displacements alone are (the matrix is then
+    /// quasi-definite). `None` where a pivot is nothing or no number.
     pub fn factor(mut self) -> Option<Factored> {
         let mut done = None;
         simd_dispatch(

@@ -85,7 +85,8 @@ fn upright(pose: &Pose) -> Pose {
     Pose { rotation: DMat3::from_quat(back) * pose.rotation, ..*pose }
 }
 
-/// The axis of what is below the undeformed pad at the origin: the middle of its area, looked at twice, the second time from nearer.
+/// The axis of what is below the undeformed pad at the origin: the middle of its area, looked at twice, the second time
+/// from nearer.
 fn centred(object: &Clusters, upright: Pose, depth_mm: f64, thickness_mm: f64) -> Pose {
     const PIXELS: usize = 401;
     let mut pose = upright.moved([0.0, 0.0], Anchor::Contact, -depth_mm, object);

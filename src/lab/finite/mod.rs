@@ -1,8 +1,8 @@
 //! The error of the linear elastic layer for presses of one's own, against finite elements at large strains.
 //!
-//! A body of revolution is pressed along its axis into a bonded layer of nearly incompressible neo-Hookean rubber, without friction
-//! or sticking (`press.rs`). The same body is pressed into the layer of the fidelity level `reference` (`linear.rs`), and the surfaces
-//! are compared in the ring outside the contact. Slow, and never part of a dataset.
+//! A body of revolution is pressed along its axis into a bonded layer of nearly incompressible neo-Hookean rubber,
+//! without friction or sticking (`press.rs`). The same body is pressed into the layer of the fidelity level `reference`
+//! (`linear.rs`), and the surfaces are compared in the ring outside the contact. Slow, and never part of a dataset.
 
 use serde::Serialize;
 

@@ -114,8 +114,8 @@ impl<'a> Press<'a> {
         self.surface.touching(self.layer, &self.state, self.object, self.depth)
     }
 
-    /// Points of the deformed surface from the axis outwards: radius, depth below the highest point of the layer at rest, and how far
-    /// they moved outwards, mm.
+    /// Points of the deformed surface from the axis outwards: radius, depth below the highest point of the layer at
+    /// rest, and how far they moved outwards, mm.
     pub fn line(&self) -> Vec<[f64; 3]> {
         let mut line = Vec::new();
         for column in 0..self.layer.mesh.columns {

@@ -3,8 +3,8 @@
 /// Between two control points of the curve, mm.
 const STEP_MM: f64 = 0.01;
 
-/// The lower side of a body of revolution in (r, z), its lowest point at z = 0, as a uniform cubic B-spline: normals and curvatures are
-/// continuous.
+/// The lower side of a body of revolution in (r, z), its lowest point at z = 0, as a uniform cubic B-spline: normals
+/// and curvatures are continuous.
 #[derive(Clone, Debug)]
 pub struct Profile {
     control: Vec<[f64; 2]>,
@@ -27,7 +27,8 @@ pub struct Beside {
 }
 
 impl Profile {
-    /// From heights at r = 0, `pitch`, 2 `pitch`, ..; `top` and higher is no object. Edges sharper than `rounding` get that radius.
+    /// From heights at r = 0, `pitch`, 2 `pitch`, ..; `top` and higher is no object. Edges sharper than `rounding` get
+    /// that radius.
     pub fn new(heights: &[f64], pitch: f64, rounding: f64, top: f64) -> Self {
         let lowest = heights.iter().copied().fold(top, f64::min);
         let heights: Vec<f64> = heights.iter().map(|z| (z - lowest).min(top)).chain([top]).collect();
@@ -131,7 +132,8 @@ fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
-/// What a ball of `reach` samples can roll over from below without touching more: morphological opening of the body above the heights.
+/// What a ball of `reach` samples can roll over from below without touching more: morphological opening of the body
+/// above the heights.
 fn opened(heights: &[f64], reach: usize, pitch: f64) -> Vec<f64> {
     let cap = |k: isize| pitch * libm::sqrt((reach * reach) as f64 - (k * k) as f64);
     let radius = reach as isize;

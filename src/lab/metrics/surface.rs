@@ -1,6 +1,7 @@
 //! How far two surfaces of the pad are apart: in height, and in the direction of their normals.
 //!
-//! Heights are compared in the view, normals in the contact and in the ring around it, where light shows them. Slopes are centred differences, as in [`crate::core::optics::normals`], but in f64.
+//! Heights are compared in the view, normals in the contact and in the ring around it, where light shows them. Slopes
+//! are centred differences, as in [`crate::core::optics::normals`], but in f64.
 
 use crate::core::base::grid::Grid;
 use crate::core::base::view::SURFACE_BORDER;

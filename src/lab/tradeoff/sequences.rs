@@ -1,5 +1,5 @@
-//! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference` at four times
-//! the frame rate, and time.
+//! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference`
+//! at four times the frame rate, and time.
 
 use std::convert::Infallible;
 use std::fmt::Write;

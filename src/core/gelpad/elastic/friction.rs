@@ -116,7 +116,8 @@ impl Pad {
         (0..=STEPS).map(share).fold(0.0, f64::max) * f64::from(deepest)
     }
 
-    /// What the tractions under an object displace, in a pad that loads beyond the window displace, too; `None` without friction, or where that is nothing.
+    /// What the tractions under an object displace, in a pad that loads beyond the window displace, too; `None` without
+    /// friction, or where that is nothing.
     pub fn drag(&self, depth: &Depth, beyond: Option<&Grid<f32>>) -> Option<Drag> {
         let friction = self.elastic.friction.filter(|_| !depth.touching.is_empty())?;
         if friction == (Friction::Coulomb { coefficient: 0.0 }) {

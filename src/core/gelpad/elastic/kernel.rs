@@ -2,8 +2,9 @@
 //!
 //! Near the pixel the layer gives like a half-space, whose answer to a uniformly pressed rectangle is known in closed
 //! form (Love 1929; Johnson 1985, equation 3.25). What the shell takes away from it is smooth and depends on the
-//! distance only: the Hankel transform of G(q) minus the half-space's G, one curve for each Poisson ratio. Where pixels are as coarse as the pad is thick the two cancel, and the kernel is the sum of G over
-//! the grid's frequencies instead.
+//! distance only: the Hankel transform of G(q) minus the half-space's G, one curve for each Poisson ratio. Where pixels
+//! are as coarse as the pad is thick the two cancel, and the kernel is the sum of G over the grid's frequencies
+//! instead.
 
 use std::f64::consts::{PI, TAU};
 

@@ -2,8 +2,9 @@
 //!
 //! From the overlap g come the pressure p >= 0 and the surface's displacement w >= g with p (w - g) = 0 (`solve`), w
 //! being p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur this bulges, leaves
-//! the object where it should, and knows forces. Friction adds tractions, and what they displace ([`friction`]). Linear theory holds for small strain; what it gets wrong: [`model_error`].
-//! Displacements do not depend on Young's modulus; pressures are proportional to it.
+//! the object where it should, and knows forces. Friction adds tractions, and what they displace ([`friction`]). Linear
+//! theory holds for small strain; what it gets wrong: [`model_error`]. Displacements do not depend on Young's modulus;
+//! pressures are proportional to it.
 
 use crate::core::base::grid::Resolution;
 use std::borrow::Cow;
@@ -306,8 +307,8 @@ impl Pad {
         (lattice.centre(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
     }
 
-    /// Solves for the contact within `overlap`, some of whose pixels are cut by walls, and for the displacement in `seen` at least,
-    /// beginning with the pressure of `like`, if there is one.
+    /// Solves for the contact within `overlap`, some of whose pixels are cut by walls, and for the displacement in
+    /// `seen` at least, beginning with the pressure of `like`, if there is one.
     fn solve(
         &self,
         workspace: &mut Workspace,

@@ -60,8 +60,8 @@ const CURVED: f64 = 1.2;
 /// Where the contact in view ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactEdge {
-    /// The steepest slope of the object from a pixel that touches to one beside it that does not. Beside a wall there is no object,
-    /// and the slope is as large as pixels are fine.
+    /// The steepest slope of the object from a pixel that touches to one beside it that does not. Beside a wall there
+    /// is no object, and the slope is as large as pixels are fine.
     pub slope: f64,
     /// The contact's area over its perimeter, mm: half the radius of a disc.
     pub area_over_perimeter_mm: f64,
@@ -139,7 +139,8 @@ pub fn force_over_linear(mean_mm: f64, thickness_mm: f64, edge: Option<ContactEd
     1.0 + STIFFER * strain * strain * confined
 }
 
-/// What is added on a curved pad, mm. `drop_mm` is how far it lies below its highest point, with [`SURFACE_BORDER`] around the mask.
+/// What is added on a curved pad, mm. `drop_mm` is how far it lies below its highest point, with [`SURFACE_BORDER`]
+/// around the mask.
 pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, mm_per_px: [f64; 2]) -> f64 {
     let per_px = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
     let mut steepest_squared = 0.0_f32;

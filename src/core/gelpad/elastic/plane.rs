@@ -120,8 +120,8 @@ impl Plane {
         symbol
     }
 
-    /// The response of which the fields under a unit vector along x and along y at the first place are known, divided by the number
-    /// of values.
+    /// The response of which the fields under a unit vector along x and along y at the first place are known, divided
+    /// by the number of values.
     pub fn response_to(&self, mut under_x: Values, mut under_y: Values) -> Response {
         self.forward(&mut under_x);
         self.forward(&mut under_y);

@@ -162,8 +162,8 @@ impl Lattice {
         (0..self.factor).map(|past| shape.basis((past as f32 + self.phase(k)) / self.factor as f32)).collect()
     }
 
-    /// For the fine pixels `from..to` of a line along axis `k`: how many whole fine pixels the first of them is past a coarse one,
-    /// and which coarse pixels, counted from `start` and kept within `count`, they lie between.
+    /// For the fine pixels `from..to` of a line along axis `k`: how many whole fine pixels the first of them is past a
+    /// coarse one, and which coarse pixels, counted from `start` and kept within `count`, they lie between.
     fn coarse_around(self, k: usize, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
         let (first, past) = self.before(from, k);
         let past = past / 2;

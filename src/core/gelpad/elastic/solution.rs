@@ -69,8 +69,8 @@ impl Solution {
         }
     }
 
-    /// Notes the largest violation of the contact conditions, where pixels that a wall cuts may give way; where, outside the contact's box, the object reaches through
-    /// the surface by more than `accepted`.
+    /// Notes the largest violation of the contact conditions, where pixels that a wall cuts may give way; where,
+    /// outside the contact's box, the object reaches through the surface by more than `accepted`.
     pub fn check(&mut self, overlap: &Grid<f32>, cut: &[CutPixel], accepted: f32) -> Rect {
         let Rect { x0, x1, .. } = self.seen;
         let mut missed = Rect::default();

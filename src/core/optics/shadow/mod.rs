@@ -89,9 +89,9 @@ pub fn visible(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect, sc
 }
 
 impl Caster {
-    /// An LED towards `azimuth_deg` (from +x towards +y), `elevation_deg` over the pad, seen from it under
-    /// angles of `angular_size_deg`: width along the pad, height over it. What of it lies below 0.5 or above 89.9 degrees is moved there; an LED smaller than 0.1
-    /// degrees is taken to be that large.
+    /// An LED towards `azimuth_deg` (from +x towards +y), `elevation_deg` over the pad, seen from it under angles of
+    /// `angular_size_deg`: width along the pad, height over it. What of it lies below 0.5 or above 89.9 degrees is
+    /// moved there; an LED smaller than 0.1 degrees is taken to be that large.
     pub fn new(azimuth_deg: f64, elevation_deg: f64, angular_size_deg: [f64; 2], mm_per_px: [f64; 2]) -> Self {
         let (sin, cos) = sin_cos_deg(azimuth_deg);
         let [half_width_deg, half_deg] = angular_size_deg.map(|size| 0.5 * size.max(SMALLEST_DEG));
