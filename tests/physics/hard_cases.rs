@@ -191,7 +191,7 @@ fn every_kind_of_overlap_is_solved_on_the_smallest_and_the_thinnest_grids() {
                         poisson_ratio: 0.4999,
                         ..Setup::default()
                     };
-                    // The second is as little as there is.
+                    // The second is no normal float any more.
                     for deep in [0.2 * thickness_mm.min(4.0 * pixel), 1e-40] {
                         match check(setup.solved(resolution, 1.0), kind, deep, 9) {
                             Ok(iterations) => most = most.max(iterations),

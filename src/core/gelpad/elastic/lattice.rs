@@ -27,23 +27,32 @@ impl Lattice {
 
     /// The fine column (k = 0) or row of a coarse pixel's centre, a whole number or one and a half.
     pub fn centre(self, coarse: usize, k: usize) -> f64 {
-        0.5 * (self.first_twice[k] + (2 * coarse * self.factor) as isize) as f64
+        0.5 * self.centre_twice(coarse, k) as f64
+    }
+
+    /// Twice that, a whole number.
+    fn centre_twice(self, coarse: usize, k: usize) -> isize {
+        self.first_twice[k] + (2 * coarse * self.factor) as isize
+    }
+
+    /// The fine columns or rows from half of one number to half of another, each rounded down.
+    fn halved(self, from: isize, to: isize, k: usize) -> Range<usize> {
+        let inside = |twice: isize| twice.div_euclid(2).clamp(0, self.fine[k] as isize - 1) as usize;
+        inside(from)..inside(to) + 1
     }
 
     /// The fine columns or rows at that centre: one, or the two beside it.
     pub fn at_centre(self, coarse: usize, k: usize) -> Range<usize> {
-        let twice = self.first_twice[k] + (2 * coarse * self.factor) as isize;
-        let inside = |at: isize| at.clamp(0, self.fine[k] as isize - 1) as usize;
-        inside(twice.div_euclid(2))..inside((twice + 1).div_euclid(2)) + 1
+        let twice = self.centre_twice(coarse, k);
+        self.halved(twice, twice + 1, k)
     }
 
     /// The fine columns or rows that a coarse pixel holds, and whether the first and last count by half.
     pub fn holds(self, coarse: usize, k: usize) -> (Range<usize>, bool) {
-        let twice = self.first_twice[k] + (2 * coarse * self.factor) as isize;
+        let twice = self.centre_twice(coarse, k);
         let halves = twice % 2 == 0 && self.factor > 1;
         let reach = self.factor as isize - isize::from(!halves);
-        let inside = |at: isize| at.clamp(0, self.fine[k] as isize - 1) as usize;
-        (inside((twice - reach).div_euclid(2))..inside((twice + reach).div_euclid(2)) + 1, halves)
+        (self.halved(twice - reach, twice + reach, k), halves)
     }
 
     /// Coarse columns and rows.

@@ -407,7 +407,7 @@ impl Pad {
     fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
         let mut thinned = std::mem::take(&mut workspace.coarse);
-        lattice.thin_out(fine, self.mm_per_px[0].min(self.mm_per_px[1]) as f32, &mut thinned.overlap);
+        lattice.thin_out(fine, self.mm_per_px, &mut thinned.overlap);
         let solution = self.solve(workspace, &thinned.overlap, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {

@@ -11,13 +11,14 @@ const ROUND: f32 = 0.5;
 
 impl Lattice {
     /// The overlap at the coarse pixels' centres: a fine pixel's, or what is between those around, of which only what is below
-    /// the pad's plane counts; where all are above it, the lowest. How high the object was captured does not matter. `step_mm`
-    /// is the size of a fine pixel.
-    pub fn thin_out(self, fine: &Grid<f32>, step_mm: f32, coarse: &mut Grid<f32>) {
+    /// the pad's plane counts; where all are above it, the lowest. How high the object was captured does not matter.
+    /// `mm_per_px` is the size of a fine pixel.
+    pub fn thin_out(self, fine: &Grid<f32>, mm_per_px: [f64; 2], coarse: &mut Grid<f32>) {
         let [width, height] = self.size();
-        let round = self.at_centre(0, 0).len() == 2 && self.at_centre(0, 1).len() == 2;
+        let between = self.at_centre(0, 0).len() == 2 && self.at_centre(0, 1).len() == 2;
+        let step_mm = mm_per_px[0].min(mm_per_px[1]) as f32;
         // At a fine pixel's own place nothing is added.
-        let per_step = if round { 1.0 / (ROUND * step_mm) } else { f32::INFINITY };
+        let per_step = if between { 1.0 / (ROUND * step_mm) } else { f32::INFINITY };
         self.centres(fine, Rect::whole(width, height), coarse, |inner, outer| {
             let [a, b, c, d] = inner.map(|g| if g > 0.0 { g } else { 0.0 });
             let mean = 0.25 * ((a + b) + (c + d));

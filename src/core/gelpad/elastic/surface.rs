@@ -149,7 +149,8 @@ impl Pad {
         let straight = rows(&solution.displacement, solution.seen);
         let [pressures, inside, touching] =
             [&solution.pressure, &inside, &touching].map(|values| rows(values, solution.contact_box));
-        // A flank that a shallow press shows is far from the pad in spite of being near by the grid's measure.
+        // A flank that a shallow press shows is far from the pad in spite of being near by the grid's measure. Gaps are
+        // divided by it: above 0 for the smallest depth, too.
         let close = self.close_mm().min(SHALLOW_CLOSE * depth.deepest_mm).max(f32::MIN_POSITIVE);
         let through = (self.elastic.tolerance_um * 1e-3) as f32;
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;

@@ -111,7 +111,7 @@ impl Thinned {
             self.overlap.reset(0, 0);
             return;
         }
-        lattice.thin_out(&depth.overlap, mm_per_px[0].min(mm_per_px[1]) as f32, &mut self.overlap);
+        lattice.thin_out(&depth.overlap, mm_per_px, &mut self.overlap);
         if depth.touching.is_empty() {
             return;
         }
@@ -250,19 +250,7 @@ impl Cells<'_> {
         let count = (central_x.len() * central_y.len()) as f32;
         centre /= count;
         let c = covered / whole;
-        // The pixels beside it that lie where the covered part does.
-        let mut goes_on = 0.0_f32;
-        let length = middle[0].hypot(middle[1]);
-        for [dx, dy] in AROUND {
-            let along = dx as f32 * middle[0] + dy as f32 * middle[1];
-            if along > TOWARDS * length * (dx as f32).hypot(dy as f32) {
-                let size = self.lattice.size();
-                let next = [(0, dx), (1, dy)].map(|(k, by)| at[k].saturating_add_signed(by).min(size[k] - 1));
-                let [columns, rows] = [0, 1].map(|k| self.lattice.at_centre(next[k], k));
-                let pixels = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));
-                goes_on = pixels.map(|px| on_face(self.below(px))).fold(goes_on, f32::max);
-            }
-        }
+        let goes_on = self.goes_on(at, middle, on_face);
         // A ridge no wider than the pixel is a rigid strip instead of an even pressure.
         let [edge, ridge] = [EDGE * (1.0 - c) / c, ((4.0 / c).ln() / PI - STRIP).max(0.0)];
         let compliance = wall * unit * (ridge + goes_on * (edge - ridge));
@@ -273,5 +261,21 @@ impl Cells<'_> {
         let centre_covered = 1.0 - wall * (1.0 - central_face / count);
         let pixel = CutPixel { at, compliance, most_mm, beside_mm, centre_covered, stopped: false };
         Some((pixel, overlap))
+    }
+
+    /// How far the object's face goes on in the pixels beside one that lie where its covered part does: from 0 to 1.
+    fn goes_on(&self, at: [usize; 2], middle: [f32; 2], on_face: impl Fn(f32) -> f32) -> f32 {
+        let (size, length) = (self.lattice.size(), middle[0].hypot(middle[1]));
+        let towards = |[dx, dy]: &[isize; 2]| {
+            let along = *dx as f32 * middle[0] + *dy as f32 * middle[1];
+            along > TOWARDS * length * (*dx as f32).hypot(*dy as f32)
+        };
+        let face = |step: [isize; 2]| {
+            let next = [0, 1].map(|k| at[k].saturating_add_signed(step[k]).min(size[k] - 1));
+            let [columns, rows] = [0, 1].map(|k| self.lattice.at_centre(next[k], k));
+            let pixels = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));
+            pixels.map(|px| on_face(self.below(px))).fold(0.0, f32::max)
+        };
+        AROUND.into_iter().filter(towards).map(face).fold(0.0, f32::max)
     }
 }
