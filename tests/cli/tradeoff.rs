@@ -146,8 +146,6 @@ fn errors_fall_from_level_to_level_on_a_smooth_object() {
     assert_eq!(rows[0]["force_error_percent"], "");
     let force: Vec<f64> = rows[1..].iter().map(|row| number(row, "force_error_percent")).collect();
     assert!(force.is_sorted_by(|a, b| a > b) && force[3] == 0.0, "{force:?}");
-    // Of the stages only the pad's differs by level, and it costs most where it is solved most exactly.
-    assert!(number(&rows[4], "gelpad_ms") > number(&rows[1], "gelpad_ms"));
 }
 
 #[test]
