@@ -1,16 +1,20 @@
 //! A sensor whose gel is not flat: the press happens on a chart of the gel, whose middle is near where the object comes
-//! closest to it, and a camera inside sees the gel through its lens.
+//! closest to it, and a camera inside sees the gel through its lens: its pins, or the light on its skin.
+
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
+use crate::core::base::chart::Chart;
 use crate::core::base::clock::{Clock, Seconds};
-use crate::core::base::gel::{Chart, GelShape};
-use crate::core::base::grid::Grid;
+use crate::core::base::gel::{GelShape, Site};
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::rng;
-use crate::core::base::view::View;
+use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::camera::gel_map::{GelMap, Slopes};
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
-use crate::core::camera::projection::{GelMap, Projection};
+use crate::core::camera::projection::Projection;
 use crate::core::depth::Depth;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::normals::Normals;
@@ -22,9 +26,15 @@ use crate::core::gelpad::sliding::Wrench;
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::whole::Whole;
 use crate::core::gelpad::{self, Contact, Pad};
+use crate::core::mesh::clusters::Clusters;
 use crate::core::mesh::nearest::nearest_point;
+use crate::core::optics::Illumination;
+use crate::core::optics::background::{BackgroundImage, RenderedBackground};
+use crate::core::optics::phong::Phong;
+use crate::core::optics::skin::{self, PressedSkin, Skin, SkinPoint};
+use crate::core::pose::Pose;
 
-/// How far from its chart's middle a contact may be, rad: lengths there are off by 0.7 %.
+/// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
 const NEAR: f64 = 0.2;
 
 /// A gel that is not flat and the camera inside it, made ready.
@@ -34,8 +44,18 @@ pub struct Curved {
     view: View,
     camera: Projection,
     /// What the pixels of the image show of the gel.
-    pixels: Vec<Option<DVec3>>,
+    sites: Arc<[Option<Site>]>,
     nodes: Normals,
+    seen: Seen,
+}
+
+/// What the camera sees.
+enum Seen {
+    Pins(PinPicture),
+    Skin(Box<Skin>, BackgroundImage),
+}
+
+struct PinPicture {
     pins: Pins,
     resting: Vec<Tip>,
     /// What the mount's ring covers of the image.
@@ -51,8 +71,8 @@ pub struct CurvedPress {
     pub contact: Contact,
     /// Where the image's pixels lie on the chart.
     pub map: GelMap,
-    /// The pins.
-    pub pins: PinPositions,
+    /// The pins, if it has any.
+    pub pins: Option<PinPositions>,
     /// What the object does to the gel, in the sensor's frame about the gel's tip.
     pub wrench: Option<Wrench>,
     /// The light that the camera receives.
@@ -79,21 +99,84 @@ pub struct PressedGel<'a> {
     pub material: &'a Material,
 }
 
+/// What lights a gel that is seen by its skin.
+pub struct SkinLight<'a> {
+    /// How the skin reflects.
+    pub phong: Phong,
+    /// The LEDs.
+    pub light: Illumination<'a>,
+    /// The picture of the untouched skin.
+    pub background: SkinPicture<'a>,
+    /// The image with pixels as large as they are at the gel's tip.
+    pub in_image: View,
+}
+
+/// See [`SkinLight::background`].
+pub enum SkinPicture<'a> {
+    /// Rendered, with the noise of its grain.
+    Rendered(&'a RenderedBackground, &'a Grid<f32>),
+    /// Taken by the camera itself.
+    Photograph(&'a BackgroundImage),
+}
+
 impl Curved {
-    /// Of a sensor with these pins, on a gel whose pad needs a margin of so many nodes.
-    pub fn new(shape: GelShape, camera: Projection, view: View, margin_px: usize, pins: Pins, dark: [f64; 3]) -> Self {
+    /// Of a sensor with these pins, on a gel whose pad needs a margin of so many nodes, over a picture of this colour.
+    pub fn with_pins(
+        shape: GelShape,
+        camera: Projection,
+        view: View,
+        margin_px: usize,
+        pins: Pins,
+        dark: [f64; 3],
+    ) -> Self {
+        let resting = pins.at_rest(&shape, &camera);
+        let ring = pins.ring(&camera, view.resolution_px);
+        Self::new(shape, camera, view, margin_px, |_| Seen::Pins(PinPicture { pins, resting, ring, dark }))
+    }
+
+    /// Of a sensor that sees the light on its skin.
+    pub fn with_skin(shape: GelShape, camera: Projection, view: View, margin_px: usize, look: &SkinLight<'_>) -> Self {
+        Self::new(shape, camera, view, margin_px, |sites| {
+            let point = |site: &Option<Site>| {
+                site.map(|site| SkinPoint { site, to_camera: camera.towards_camera(shape.point_mm(site)) })
+            };
+            let points: Vec<_> = sites.iter().map(point).collect();
+            let picture = match look.background {
+                SkinPicture::Rendered(look_of, noise) => {
+                    skin::rendered(look_of, noise, look.light.leds, &shape, &points, &look.in_image)
+                }
+                SkinPicture::Photograph(photograph) => photograph.clone(),
+            };
+            let skin = Skin::new(look.phong, &look.light, &shape, &points, view.resolution_px[0]);
+            Seen::Skin(Box::new(skin), picture)
+        })
+    }
+
+    fn new(
+        shape: GelShape,
+        camera: Projection,
+        view: View,
+        margin_px: usize,
+        seen: impl FnOnce(&[Option<Site>]) -> Seen,
+    ) -> Self {
         let [width, height] = view.resolution_px;
         let centre = |at: usize| [(at % width) as f64 + 0.5, (at / width) as f64 + 0.5];
-        let pixels = (0..width * height).map(|at| camera.normal(&shape, centre(at))).collect();
-        let resting = pins.at_rest(&shape, &camera);
-        let ring = pins.ring(&camera, [width, height]);
+        let sites: Arc<[Option<Site>]> = (0..width * height).map(|at| camera.site(&shape, centre(at))).collect();
+        let seen = seen(&sites);
         let nodes = Normals::new(&shape, &view, margin_px);
-        Self { shape, view, camera, pixels, nodes, pins, resting, ring, dark }
+        Self { shape, view, camera, sites, nodes, seen }
     }
 
     /// The light of the untouched gel.
     pub fn untouched(&self) -> Light {
-        self.pins.light(&self.resting, &[], &self.camera, self.dark, &self.ring)
+        match &self.seen {
+            Seen::Pins(PinPicture { pins, resting, ring, dark }) => pins.light(resting, &[], &self.camera, *dark, ring),
+            Seen::Skin(skin, picture) => {
+                let inwards = |site: &Option<Site>| site.map_or(DVec3::NEG_Z, |site| -site.normal).as_vec3().to_array();
+                let normals: Vec<[f32; 3]> = self.sites.iter().map(inwards).collect();
+                skin.untouched(picture, &normals)
+            }
+        }
     }
 
     /// Presses an object into the gel.
@@ -106,12 +189,8 @@ impl Curved {
         let Shape::Mesh(object) = &indenter.shape else { panic!("only meshes are pressed into a curved gel") };
         let mut clock = Clock::start();
         let pose = &indenter.pose;
-        let centre = self.shape.centre_mm();
-        let in_object = pose.rotation.transpose() * (centre - pose.translation_mm);
-        let nearest = pose.rotation * nearest_point(object, in_object) + pose.translation_mm - centre;
-        let (distance_mm, radius_mm) = (nearest.length(), self.shape.radius_mm());
-        // Below the ball's middle there is no gel; at the middle itself no direction.
-        let towards = if nearest.z > 0.0 { nearest } else { DVec3::Z };
+        let (towards, distance_mm) = self.closest_to_axis(object, pose);
+        let radius_mm = self.shape.radius_mm();
         let chart = self.chart(towards);
         let touches = distance_mm < radius_mm || effects.everywhere();
 
@@ -130,8 +209,8 @@ impl Curved {
             match pad.higher(window, &contact) {
                 Some(higher) => window = higher,
                 None => {
-                    let in_view = if depth.touching.is_empty() { 0.0 } else { 1.0 };
-                    contact.whole = Whole { in_view_fraction: Some(in_view), ..Whole::default() };
+                    let in_view_fraction = Some(self.share_in_view(&contact, &chart));
+                    contact.whole = Whole { in_view_fraction, ..Whole::default() };
                     break (depth, contact);
                 }
             }
@@ -147,41 +226,119 @@ impl Curved {
         }
         seconds.gelpad += clock.lap();
 
-        for effect in [Effect::Supersampling, Effect::Shading, Effect::Grain, Effect::Shadows, Effect::Darkening] {
-            effects.enable(effect, Requirement::Absent("the camera sees pins, not the skin's relief"));
+        for effect in [Effect::Supersampling, Effect::Grain, Effect::Shadows] {
+            effects.enable(effect, Requirement::Absent("a gel that has a shape is seen without it"));
         }
-        let pins = effects.timed(Effect::Markers, || {
-            let direction = match (self.pins.along, &wrench) {
-                (Along::Press, Some(wrench)) => DVec3::from_array(wrench.force_n).try_normalize().map(|into| -into),
-                _ => None,
-            };
-            let moved = match contact.region.is_empty() {
-                true => self.resting.clone(),
-                false => {
-                    let motion = SkinMotion::new(&contact, &chart, &self.view, direction, &self.pins);
-                    self.pins.moved(&self.shape, &motion, &self.camera)
+        let map = GelMap::new(&self.shape, &self.camera, Arc::clone(&self.sites), &chart, &self.view);
+        let (pins, light) = match &self.seen {
+            Seen::Pins(picture) => {
+                for effect in [Effect::Shading, Effect::Darkening] {
+                    effects.enable(effect, Requirement::Absent("the camera sees pins, not the skin's relief"));
                 }
-            };
-            PinPositions { rest: self.resting.clone(), moved }
-        });
-        let light = effects.timed(Effect::Markers, || {
-            let mut random = rng::stream(unit_key, "pins", 0);
-            let (tips, sizes) = self.pins.jittered(&pins.moved, &self.camera, &mut random);
-            self.pins.light(&tips, &sizes, &self.camera, self.dark, &self.ring)
-        });
-        let map = GelMap::new(&self.pixels, &chart, &self.view);
+                let (pins, light) = effects.timed(Effect::Markers, || {
+                    let pins = self.moved(picture, &contact, &chart, wrench.as_ref());
+                    let mut random = rng::stream(unit_key, "pins", 0);
+                    let (tips, sizes) = picture.pins.jittered(&pins.moved, &self.camera, &mut random);
+                    let light = picture.pins.light(&tips, &sizes, &self.camera, picture.dark, &picture.ring);
+                    (pins, light)
+                });
+                (Some(pins), light)
+            }
+            Seen::Skin(skin, picture) => (None, shaded(skin, picture, &map, &contact, &self.view, effects)),
+        };
         seconds.optics += clock.lap();
         CurvedPress { depth, contact, map, pins, wrench, light, above_mm: window.above_mm }
     }
 
-    /// With the gel's tip in its middle as long as a contact around this normal is near it; from there on it follows the
-    /// contact: charts are wider than the gel far from their middle.
-    fn chart(&self, normal: DVec3) -> Chart {
+    /// Where the pins are.
+    fn moved(&self, seen: &PinPicture, contact: &Contact, chart: &Chart, wrench: Option<&Wrench>) -> PinPositions {
+        let PinPicture { pins, resting, .. } = seen;
+        let direction = match (pins.along, wrench) {
+            (Along::Press, Some(wrench)) => DVec3::from_array(wrench.force_n).try_normalize().map(|into| -into),
+            _ => None,
+        };
+        let moved = match contact.region.is_empty() {
+            true => resting.clone(),
+            false => {
+                let motion = SkinMotion::new(contact, chart, &self.view, direction, pins);
+                pins.moved(&self.shape, &motion, &self.camera)
+            }
+        };
+        PinPositions { rest: resting.clone(), moved }
+    }
+
+    /// Share of the contact that the image shows, 0 without contact. A dome's chart ends where the image does.
+    fn share_in_view(&self, contact: &Contact, chart: &Chart) -> f64 {
+        let [width, height] = self.view.resolution_px;
+        let mask = &contact.mask;
+        let touched = (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).filter(|[x, y]| mask.at(*x, *y) > 0);
+        let (mut all, mut seen) = (0_u32, 0_u32);
+        // A share needs no more than some of the nodes.
+        for [x, y] in touched.step_by(1 + contact.region.area() / 2000) {
+            all += 1;
+            seen += u32::from(
+                self.shape.wall_mm().is_none() || {
+                    let point = chart.point_mm(self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]));
+                    let shown = |[x, y]: [f64; 2]| x >= 0.0 && y >= 0.0 && x <= width as f64 && y <= height as f64;
+                    self.camera.point_px(point).is_some_and(shown)
+                },
+            );
+        }
+        if all > 0 { f64::from(seen) / f64::from(all) } else { 0.0 }
+    }
+
+    /// Where the object comes closest to the gel's axis: the point of the gel that is on the way, and the distance from the axis,
+    /// mm.
+    fn closest_to_axis(&self, object: &Clusters, pose: &Pose) -> (Site, f64) {
+        let (centre, wall_mm) = (self.shape.centre_mm(), self.shape.wall_mm().unwrap_or(0.0));
+        let nearest = |below_mm: f64| {
+            let from = centre - DVec3::new(0.0, 0.0, below_mm);
+            let in_object = pose.rotation.transpose() * (from - pose.translation_mm);
+            pose.rotation * nearest_point(object, in_object) + pose.translation_mm - from
+        };
+        // From the best of several places, as an object may come close to the axis in more than one; then by turns the closest
+        // point of the object, and the point of the axis closest to that.
+        let starts = libm::ceil(2.0 * wall_mm / self.shape.radius_mm()).min(32.0) as usize;
+        let mut best = (0.0, nearest(0.0));
+        for start in 1..=starts {
+            let below_mm = wall_mm * start as f64 / starts as f64;
+            let at = nearest(below_mm);
+            if at.length_squared() < best.1.length_squared() {
+                best = (below_mm, at);
+            }
+        }
+        for _ in 0..20 {
+            let next_mm = (best.0 - best.1.z).clamp(0.0, wall_mm);
+            if (next_mm - best.0).abs() < 1e-6 * self.shape.radius_mm() {
+                break;
+            }
+            best = (next_mm, nearest(next_mm));
+        }
+        let (below_mm, at) = best;
+        // Below a dome's middle there is no gel; at the middle itself no direction.
+        let normal = match (below_mm > 0.0, at.z > 0.0) {
+            (true, _) => DVec3::new(at.x, at.y, 0.0).normalize_or(DVec3::X),
+            (false, true) => at,
+            (false, false) if wall_mm > 0.0 => DVec3::new(at.x, at.y, 0.0).normalize_or(DVec3::Z),
+            (false, false) => DVec3::Z,
+        };
+        (Site { normal, below_mm }, at.length())
+    }
+
+    /// With the gel's tip in its middle as long as a contact around this point of a dome is near it; from there on it follows
+    /// the contact: charts are wider than the gel far from their middle. On a capsule the one of the closest latitude.
+    fn chart(&self, site: Site) -> Chart {
+        if self.shape.wall_mm().is_some() {
+            return Chart::around(&self.shape, site);
+        }
         let tip = Chart::at_tip(&self.shape);
-        let at = DVec2::from(tip.at(normal));
+        let at = DVec2::from(tip.at(site));
         let follows_mm = at.length() - NEAR * tip.radius_mm();
         match follows_mm > 0.0 {
-            true => Chart::around(&self.shape, tip.rest((at.normalize() * follows_mm).to_array()).normal),
+            true => {
+                let normal = tip.rest((at.normalize() * follows_mm).to_array()).normal;
+                Chart::around(&self.shape, Site { normal, below_mm: 0.0 })
+            }
             false => tip,
         }
     }
@@ -194,7 +351,8 @@ impl Curved {
         let radius_mm = self.shape.radius_mm();
         let across = DVec2::from(motion.about_mm).clamp_length_max(radius_mm);
         let up = libm::sqrt((radius_mm * radius_mm - across.length_squared()).max(0.0));
-        Motion { shift_mm, about_mm: chart.at(across.extend(up)), ..motion }
+        let about_mm = chart.at(Site { normal: across.extend(up), below_mm: 0.0 });
+        Motion { shift_mm, about_mm, ..motion }
     }
 
     /// What the object does to the gel, if the pressure is known: in the sensor's frame, about the gel's tip.
@@ -228,4 +386,44 @@ impl Curved {
         wrench.torque_nmm = torque.to_array();
         Some(wrench)
     }
+}
+
+/// The light on a pressed skin, where it differs from that of the untouched one.
+fn shaded(
+    skin: &Skin,
+    picture: &BackgroundImage,
+    map: &GelMap,
+    contact: &Contact,
+    view: &View,
+    effects: &mut EffectLog,
+) -> Light {
+    let [width, height] = map.size_px();
+    let seen = map.around(contact.region);
+    let changed = if effects.everywhere() { Rect::whole(width, height) } else { seen };
+    let need = |why| match (contact.region.is_empty(), seen.is_empty()) {
+        (true, _) => Requirement::Unneeded("the skin is untouched"),
+        (false, true) => Requirement::Unneeded("the camera does not see what is pressed"),
+        (false, false) => Requirement::Needed(why),
+    };
+    let shades = effects.enable(Effect::Shading, need("the skin is pressed in"));
+    let darkens = match skin.darkens() {
+        true => need("the skin is pressed in"),
+        false => Requirement::Absent("the optics model has no darkening"),
+    };
+    let darkens = effects.enable(Effect::Darkening, darkens);
+    if !shades {
+        return Light::default();
+    }
+    effects.timed(Effect::Shading, || {
+        let slopes = Slopes::new(&contact.surface, view);
+        let mut normals = Vec::with_capacity(changed.area());
+        let displaced_mm = map.plane(&contact.surface.inner(SURFACE_BORDER)).crop(changed).data;
+        for y in changed.y0..changed.y1 {
+            for x in changed.x0..changed.x1 {
+                let normal = map.normal(&slopes, y * width + x).unwrap_or(DVec3::NEG_Z);
+                normals.push(normal.as_vec3().to_array());
+            }
+        }
+        skin.shade(&PressedSkin { region: changed, normals: &normals, displaced_mm: &displaced_mm }, picture, darkens)
+    })
 }

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use crate::core::base::clock::Seconds;
 use crate::core::base::grid::Grid;
 use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::camera::gel_map::GelMap;
 use crate::core::camera::lens::Lens;
 use crate::core::camera::markers::MarkerPositions;
 use crate::core::camera::pins::PinPositions;
-use crate::core::camera::projection::GelMap;
 use crate::core::camera::{CameraParams, Image};
 use crate::core::depth::Depth;
 use crate::core::effects::EffectLog;
@@ -134,12 +134,10 @@ impl Impression {
 
     /// Unit normals of the pad's surface, towards the camera: a flat pad is (0, 0, -1).
     pub fn normals(&self) -> Vec<[f32; 3]> {
-        let mut normals = normals(&self.contact, &self.view);
         if let Some(map) = &self.gel_map {
-            let [width, height] = self.view.resolution_px;
-            let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();
-            return map.directions([0, 1, 2].map(|k| Grid { width, height, data: plane(k) }));
+            return map.normals(&self.contact.surface);
         }
+        let mut normals = normals(&self.contact, &self.view);
         if self.lens.is_some() {
             let [width, height] = self.view.resolution_px;
             let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();

@@ -186,6 +186,12 @@ impl Pose {
         centre.z - object.extreme((self.rotation.transpose() * DVec3::NEG_Z).to_array())
     }
 
+    /// The same in a frame whose axes and origin lie so in the sensor's; it keeps the angles that it has in that frame.
+    pub fn within(self, rotation: DMat3, origin_mm: DVec3) -> Self {
+        let translation_mm = rotation * self.translation_mm + origin_mm;
+        Self { rotation: rotation * self.rotation, translation_mm, ..self }
+    }
+
     /// The rotation as a unit quaternion x, y, z, w with w >= 0.
     pub fn quaternion_xyzw(&self) -> [f64; 4] {
         let q = DQuat::from_mat3(&self.rotation).normalize();

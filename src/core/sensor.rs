@@ -123,9 +123,6 @@ pub enum SensorError {
     /// It has pins, and a flat gel.
     #[error("a sensor with pins needs the shape of its gel")]
     Pins,
-    /// Its gel is not flat, and has no pins.
-    #[error("a gel that is not flat is seen by its pins: the sensor has none")]
-    Shape,
     /// The camera looks past the gel.
     #[error("the camera sees no gel: move it, or turn it towards the gel")]
     NoGelInView,
@@ -221,8 +218,7 @@ impl Sensor {
         }
         match (&self.shape, &self.pins) {
             (None, Some(_)) => return Err(SensorError::Pins),
-            (Some(_), None) => return Err(SensorError::Shape),
-            (Some(shape), Some(_)) if self.projection().chart_view(shape).is_none() => {
+            (Some(shape), _) if self.projection().chart_view(shape).is_none() => {
                 return Err(SensorError::NoGelInView);
             }
             _ => {}

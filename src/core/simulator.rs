@@ -11,7 +11,7 @@ use crate::core::base::view::View;
 use crate::core::camera::markers::MarkerPattern;
 use crate::core::camera::pins::Pins;
 use crate::core::camera::{Camera, CameraParams, Image};
-use crate::core::curved::{Curved, CurvedPress, PressedGel};
+use crate::core::curved::{Curved, CurvedPress, PressedGel, SkinLight, SkinPicture};
 use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::{Laid, Texture};
@@ -119,6 +119,9 @@ impl Simulator {
     /// Takes from `like`, of the same models and policy, all that is the same in `sensor`.
     fn make(sensor: Sensor, models: Models, policy: EffectPolicy, like: Option<&Self>) -> Self {
         let view = sensor.view();
+        // A chart's pixels are not the image's.
+        let at_tip = sensor.shape.and_then(|_| sensor.projection().view_at_tip());
+        let in_image = at_tip.unwrap_or(view);
         let like = like.filter(|like| {
             let (a, b) = (&like.sensor, &sensor);
             let same_gel = a.shape == b.shape && a.lens == b.lens && a.pins == b.pins;
@@ -135,14 +138,14 @@ impl Simulator {
             Background::Rendered(_) if !sensor.lamps.is_empty() => None,
             Background::Rendered(look) => {
                 let known = like.filter(|like| like.sensor.background.grain_size_mm() == Some(look.grain_size_mm));
-                Some(known.and_then(|like| like.noise.clone()).unwrap_or_else(|| Arc::new(look.noise(&view))))
+                Some(known.and_then(|like| like.noise.clone()).unwrap_or_else(|| Arc::new(look.noise(&in_image))))
             }
         };
         let background = match (same_background, &sensor.background, &noise) {
             (Some(like), ..) => Arc::clone(&like.background),
             (None, Background::Rendered(look), Some(noise)) => {
                 let (leds, field_of_view_mm) = (&sensor.leds, sensor.field_of_view_mm);
-                Arc::new(BackgroundImage::rendered_with(noise, look, leds, field_of_view_mm, &view))
+                Arc::new(BackgroundImage::rendered_with(noise, look, leds, field_of_view_mm, &in_image))
             }
             _ => sensor.background(),
         };
@@ -231,11 +234,22 @@ impl Simulator {
             _ if markers.is_none() && !flow && sensor.pins.is_none() => None,
             _ => pad.in_plane(&sensor.gelpad, sensor.window_mm(), &view).map(Arc::new),
         };
-        let curved = sensor.shape.zip(sensor.pins.as_ref()).map(|(shape, pins)| {
-            let known = like
-                .filter(|like| Arc::ptr_eq(&like.pad, &pad) && like.sensor.background.looks_like(&sensor.background));
+        let curved = sensor.shape.map(|shape| {
+            let known = like.filter(|like| Arc::ptr_eq(&like.pad, &pad)).filter(|like| match sensor.pins {
+                Some(_) => like.sensor.background.looks_like(&sensor.background),
+                None => Arc::ptr_eq(&like.shader, &shader) && Arc::ptr_eq(&like.background, &background),
+            });
             let make = || {
-                let margin_px = pad.window(0.0).margin_px;
+                let (camera, margin_px) = (sensor.projection(), pad.window(0.0).margin_px);
+                let Some(pins) = &sensor.pins else {
+                    let picture = match (&sensor.background, &noise) {
+                        (Background::Rendered(look), Some(noise)) => SkinPicture::Rendered(look, noise),
+                        _ => SkinPicture::Photograph(&background),
+                    };
+                    let phong = models.optics.phong().copied().unwrap_or_default();
+                    let look = SkinLight { phong, light, background: picture, in_image };
+                    return Arc::new(Curved::with_skin(shape, camera, view, margin_px, &look));
+                };
                 let dark = match &sensor.background {
                     Background::Rendered(look) => look.color,
                     Background::Photograph(_) => [0.0; 3],
@@ -246,7 +260,7 @@ impl Simulator {
                     _ => pins.at_mm.clone(),
                 };
                 let pins = Pins { at_mm, ..pins.clone() };
-                Arc::new(Curved::new(shape, sensor.projection(), view, margin_px, pins, dark))
+                Arc::new(Curved::with_pins(shape, camera, view, margin_px, pins, dark))
             };
             known.and_then(|like| like.curved.clone()).unwrap_or_else(make)
         });
@@ -263,7 +277,7 @@ impl Simulator {
                     None => shader.untouched(&background),
                 };
                 let resting = sensor.camera.under(policy);
-                Arc::new(Camera::new(&view, untouched, sensor.has_photograph(), resting, printed))
+                Arc::new(Camera::new(&in_image, untouched, sensor.has_photograph(), resting, printed))
             }
         };
         let background = match &curved {
@@ -411,6 +425,7 @@ impl Simulator {
         let image = self.camera.expose(light, Some(&touched), None, &camera, &mut effects);
         let differ = self.sensor.pins.as_ref().is_some_and(|pins| pins.size_jitter > 0.0 || pins.place_jitter_mm > 0.0);
         let need = match (contact.region.is_empty(), differ) {
+            _ if pins.is_none() => Requirement::Absent("the sensor has none"),
             (false, _) => Requirement::Needed("the skin carries the pins along"),
             (true, true) => Requirement::Needed("the pins differ from sample to sample"),
             (true, false) => Requirement::Unneeded("nothing moves them"),
@@ -423,7 +438,7 @@ impl Simulator {
             contact,
             sliding: None,
             markers: None,
-            pins: Some(pins),
+            pins,
             wrench,
             lens: None,
             gel_map: Some(map),

@@ -430,7 +430,8 @@ fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
 
 impl LedLabel {
     fn new(led: &Led) -> Self {
-        let Led { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity } = led.clone();
+        let Led { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity, position_mm: _ } =
+            led.clone();
         Self { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity }
     }
 }

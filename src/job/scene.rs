@@ -132,6 +132,16 @@ impl Scene {
             _ => Some(pose),
         };
         let (beside_axis, pose) = (on_axis.is_none(), on_axis.unwrap_or(pose));
+        let place = &plan.job.pose;
+        let pose = match (&plan.job.sensor.shape, &place.from_tip_mm, &place.around_deg) {
+            (None, _, _) | (_, None, None) => pose,
+            (Some(shape), from_tip, around) => {
+                let [from_tip_mm, around_deg] = [("from tip", from_tip), ("around", around)]
+                    .map(|(name, quantity)| quantity.as_ref().map_or(0.0, |quantity| draw(name, quantity)));
+                let (rotation, translation_mm) = shape.frame_at(from_tip_mm, around_deg);
+                pose.within(rotation, translation_mm)
+            }
+        };
         let indentation_depth_mm = if touches { depth_mm } else { 0.0 };
         let press = KnownPress { split, pressed: Pressed::Object(object), pose, indentation_depth_mm };
         let mut scene = Self::given(plan, index, attempt, press);

@@ -6,7 +6,7 @@ use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
 use crate::core::base::grid::Grid;
-use crate::core::impression::Impression;
+use crate::core::camera::Image;
 use crate::dataset::archive::{Files, Member};
 use crate::dataset::decode;
 use crate::dataset::encode::{frame, make_shown};
@@ -35,10 +35,13 @@ impl Tile {
         if plan.job().sequence.is_some() {
             return Self::read(&sequence_files(plan, index)).expect("files that were made just now");
         }
-        let Sample { impression: Impression { image, depth, contact, .. }, label, .. } = shown(plan, index);
-        let mut tactile = RgbImage::new(image.width as u32, image.height as u32);
-        tactile.copy_from_slice(&image.rgb);
-        let panels = panels(tactile, Some(&depth.below_pad()), Some(&contact.mask));
+        let Sample { impression, label, .. } = shown(plan, index);
+        let Image { width, height, .. } = impression.image;
+        let mut tactile = RgbImage::new(width as u32, height as u32);
+        tactile.copy_from_slice(&impression.image.rgb);
+        let depth = Grid { width, height, data: impression.depth_mm() };
+        let mask = Grid { width, height, data: impression.contact_mask() };
+        let panels = panels(tactile, Some(&depth), Some(&mask));
         Self { panels, caption: caption(&label) }
     }
 

@@ -117,6 +117,76 @@ fn without_jitter_noise_and_threshold_an_untouched_gel_is_its_reference() {
     assert!(folder.labels("out").values().all(|label| label["effects"]["markers"]["reason"] == "nothing moves them"));
 }
 
+const FINGER: &str = r#"
+[dataset]
+name = "finger"
+samples = 8
+seed = 5
+samples_per_shard = 4
+[sensor]
+preset = "geltip"
+resolution_px = [120, 90]
+[[object]]
+path = "cube.obj"
+[[object]]
+path = "sphere.obj"
+[pose]
+from_tip_mm = [0.0, 30.0]
+around_deg = [0.0, 360.0]
+yaw_deg = [0.0, 360.0]
+[indentation]
+depth_mm = [0.3, 1.0]
+no_contact = 0.2
+[output]
+layers = ["depth", "surface", "contact", "normal", "pressure", "reference"]
+"#;
+
+#[test]
+fn a_finger_lit_along_its_gel_gives_a_whole_dataset_and_skipping_changes_no_byte_of_it() {
+    let folder = folder(FINGER);
+    folder.succeed("generate job.toml --quiet --out one --threads 1");
+    folder.succeed("generate job.toml --quiet --out four --threads 4");
+    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("four"));
+    folder.succeed("generate job.toml --quiet --out all --all-effects");
+    folder.succeed("verify one");
+    folder.succeed("reproduce one 5");
+    folder.succeed("report one");
+    folder.succeed("preview one --out strip.png");
+    let (samples, all) = (folder.samples("one"), folder.samples("all"));
+    let mut touching = 0;
+    for (key, files) in &samples {
+        for (name, bytes) in files.iter().filter(|(name, _)| *name != "json") {
+            assert!(all[key][name] == *bytes, "{key}.{name}");
+        }
+        let label: Value = serde_json::from_slice(&files["json"]).expect("JSON");
+        let in_contact = label["contact"]["in_contact"] == true;
+        touching += u32::from(in_contact);
+        assert_eq!(label["effects"]["shading"]["ran"], label["indentation_depth_mm"] != 0.0, "{label}");
+        let changed = files["tactile.png"] != files["reference.png"];
+        assert!(changed || !in_contact, "{key}");
+        // Into the gel: towards its axis, and up from below.
+        let place = [0, 1, 2].map(|k| label["pose"]["translation_mm"][k].as_f64().expect("a number"));
+        let force = [0, 1, 2].map(|k| label["contact"]["force_vector_n"][k].as_f64().expect("a number"));
+        let towards_axis = -(place[0] * force[0] + place[1] * force[1]);
+        assert!(!in_contact || towards_axis + 10.0 * force[2].abs() > 0.0, "{key}: {force:?}");
+    }
+    assert!((4..8).contains(&touching), "{touching}");
+}
+
+#[test]
+fn a_photograph_of_a_finger_is_the_image_where_nothing_touches() {
+    let folder = folder(FINGER);
+    folder.succeed("generate job.toml --quiet --out one --set dataset.samples=2");
+    let first = folder.samples("one").into_values().next().expect("a sample");
+    folder.write("photograph.png", first["reference.png"].clone());
+    let sets = "--set dataset.samples=1 --set sensor.background=\"photograph.png\" --set indentation.no_contact=1.0 \
+                --set sensor.camera.read_noise_levels=0.0";
+    folder.succeed(&format!("generate job.toml --quiet --out two {sets}"));
+    let second = folder.samples("two").into_values().next().expect("a sample");
+    let pixels = |bytes: &[u8]| image::load_from_memory(bytes).expect("a PNG").into_rgb8().into_raw();
+    assert!(pixels(&second["tactile.png"]) == pixels(&first["reference.png"]));
+}
+
 #[test]
 fn depth_on_the_axis_is_independent_of_the_tilt_and_draws_beside_it_are_rejected() {
     let job = edited(

@@ -554,7 +554,7 @@ fn a_mesh_that_cannot_be_read_is_named_with_its_line() {
 fn a_sensor_preset_that_does_not_exist_is_shown_with_the_nearest() {
     let title = "no sensor preset is called `gelsight-2015`";
     one_mistake("[sensor]", "[sensor]\npreset = «\"gelsight-2015\"»", title, "did you mean `gelsight-2014`?");
-    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`gelsight-series2` or `tactip`");
+    one_mistake("[sensor]", "[sensor]\npreset = «\"nonsense\"»", "`nonsense`", "`tactip`, `geltip` or `allsight`");
     one_mistake("[sensor]", "[sensor]\npreset = «5»", "expected text in quotes, found 5", "");
 }
 
@@ -819,7 +819,52 @@ fn gels_lenses_and_pins_that_make_no_sense_are_refused() {
         "has no shape",
         "add [sensor.shape]",
     );
-    one_mistake("[sensor]", "[sensor]\n«shape» = { dome = { radius_mm = 20.0 } }", "is seen by its pins", "rest_shape");
+    mistake(
+        "shape = { capsule = { radius_mm = 10.0, length_mm = «8.0» } }",
+        "8 mm long, and its cap alone 30",
+        "from the tip",
+    );
+    mistake(
+        "shape = { capsule = { radius_mm = 2.0, length_mm = «80.0» } }",
+        "40 times as long as its radius",
+        "up to 20 times",
+    );
+    mistake("background = «\"a.png\"»", "`background` does not go with pins", "leave one of the two out");
+    let finger = |written: &str, title: &str, help: &str| {
+        one_mistake("[sensor]", &format!("[sensor]\npreset = \"geltip\"\n{written}"), title, help);
+    };
+    finger("lens.pinhole.position_mm = «[0.0, 9.5, -20.0]»", "the camera stands in the gel", "2.5 mm thick");
+    finger("led = [{ position_mm = «[0.0, 0.0, 3.0]» }]", "the LED is outside of the gel", "below 0 inside");
+    one_mistake(
+        "[sensor]",
+        "[sensor]\nled = [{ position_mm = «[0.0, 0.0, -3.0]» }]",
+        "places an LED in a gel that has a shape",
+        "add [sensor.shape]",
+    );
+}
+
+#[test]
+fn places_on_a_gel_are_on_it() {
+    let tilt = "tilt_deg = { uniform = [0.0, 8.0] }";
+    one_mistake(tilt, "from_tip_mm = «3.0»", "and this one is flat", "write x_mm and y_mm");
+    let folder = Folder::new();
+    folder.write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n");
+    let job = |pose: &str, more: &str| {
+        format!(
+            "dataset = {{ name = \"a\", samples = 1 }}\nsensor.preset = \"geltip\"\nobject = [{{ path = \"a.obj\" }}]\n\
+             indentation.depth_mm = 0.5\n{more}\n[pose]\n{pose}\n"
+        )
+    };
+    for (pose, more, said) in [
+        ("from_tip_mm = [0.0, 80.0]", "", "the gel ends 56.6 mm from its tip"),
+        ("from_tip_mm = -1.0", "", "from_tip_mm = -1"),
+        ("around_deg = 5000.0", "", "around_deg = 5000"),
+        ("from_tip_mm = 3.0", "shear.x_mm = 0.5", "shear that no pins show"),
+    ] {
+        folder.write("job.toml", job(pose, more));
+        let found = folder.fail("plan job.toml", 2);
+        assert!(found.contains(said), "{pose} {more}: {found}");
+    }
 }
 
 #[test]

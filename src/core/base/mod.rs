@@ -1,6 +1,7 @@
 //! What every stage of the simulator stands on.
 
 pub mod angle;
+pub mod chart;
 pub mod clock;
 pub mod cubic;
 pub mod gel;

@@ -13,6 +13,7 @@ use crate::core::effects::{Effect, EffectLog, Requirement};
 
 pub mod defocus;
 mod dots;
+pub mod gel_map;
 mod image;
 pub mod lens;
 pub mod markers;

@@ -8,8 +8,10 @@ use std::ops::Range;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use super::defocus;
-use super::projection::{Projection, bilinear};
-use crate::core::base::gel::{Chart, GelShape};
+use super::gel_map::bilinear;
+use super::projection::Projection;
+use crate::core::base::chart::{Chart, Rest};
+use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::rng::Stream;
@@ -112,13 +114,12 @@ impl SkinMotion {
         let pitch_mm = [0, 1].map(|k| view.mm_per_px[k] * factor[k] as f64);
         let first_px = factor.map(|factor| factor as f64 / 2.0);
         let origin_mm = view.point_mm(first_px);
-        let local = chart.local();
-        let press = direction.map(|direction| chart.axes().transpose() * direction);
+        let back = chart.axes().transpose();
         let mut planes = [(); 3].map(|()| Vec::with_capacity(width * height));
         for y in 0..height {
             for x in 0..width {
                 let at = [origin_mm[0] + x as f64 * pitch_mm[0], origin_mm[1] + y as f64 * pitch_mm[1]];
-                let rest = local.rest(at);
+                let rest = chart.rest(at);
                 let block = Block::new([x, y], factor, view.resolution_px);
                 let depth_mm = f64::from(block.mean(&contact.surface, SURFACE_BORDER));
                 let [along, down] = contact
@@ -126,11 +127,11 @@ impl SkinMotion {
                     .as_ref()
                     .map_or([0.0; 2], |tangential| tangential.field.at(at).map(|mm| pins.in_plane * f64::from(mm)));
                 // What sticks to the object comes to where it was pushed to; the rest moves along its normal.
-                let into = press.map_or(rest.normal, |press| {
+                let into = direction.map_or(rest.normal, |press| {
                     let sticks = f64::from(block.mean(&contact.mask, 0)) / 255.0;
                     rest.normal + sticks * (press * press.dot(rest.normal) - rest.normal)
                 });
-                let moved = along * rest.tangents[0] + down * rest.tangents[1] - depth_mm * into;
+                let moved = back * (along * rest.tangents[0] + down * rest.tangents[1] - depth_mm * into);
                 planes.iter_mut().zip(moved.to_array()).for_each(|(plane, value)| plane.push(value as f32));
             }
         }
@@ -172,7 +173,8 @@ impl Pins {
     pub fn moved(&self, shape: &GelShape, motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
         let tip_chart = Chart::at_tip(shape);
         let tip = |at: &[f64; 2]| {
-            let (skin, axis) = motion.skin(motion.chart.at(tip_chart.rest(*at).normal));
+            let Rest { normal, below_mm, .. } = tip_chart.rest(*at);
+            let (skin, axis) = motion.skin(motion.chart.at(Site { normal, below_mm }));
             self.tip(skin, axis, camera)
         };
         self.at_mm.iter().map(tip).collect()

@@ -1,12 +1,12 @@
 //! A camera inside a curved gel: which point of the gel a pixel shows, and which pixel shows a point.
 
-use std::sync::OnceLock;
+use std::f64::consts::FRAC_PI_2;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::gel::{Chart, GelShape};
-use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::core::base::chart::Chart;
+use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::view::View;
 
 /// How the camera's lens takes directions to the image.
@@ -139,10 +139,18 @@ impl Projection {
         }
     }
 
-    /// The normal of the gel where a point of the image shows it; `None` where it shows none.
-    pub fn normal(&self, shape: &GelShape, px: [f64; 2]) -> Option<DVec3> {
+    /// The point of the gel that a point of the image shows; `None` where it shows none.
+    pub fn site(&self, shape: &GelShape, px: [f64; 2]) -> Option<Site> {
         let (from, direction) = self.line(px);
         shape.left_by(from, direction)
+    }
+
+    /// Towards the camera from a point of the gel, or from far below under an orthographic lens.
+    pub fn towards_camera(&self, point_mm: DVec3) -> DVec3 {
+        match &self.lens {
+            LensModel::Orthographic => DVec3::NEG_Z,
+            LensModel::Pinhole(_) | LensModel::Fisheye(_) => (self.from_mm - point_mm).normalize_or(DVec3::NEG_Z),
+        }
     }
 
     /// Where the image shows a point, px; the first pixel's centre is at (0.5, 0.5). `None` of what is behind the camera.
@@ -166,8 +174,22 @@ impl Projection {
         })
     }
 
-    /// The view in which a chart around the gel's tip holds all that the image shows: as many nodes as the image has pixels.
-    /// `None` if the image shows no gel.
+    /// The image with pixels as large as they are at the gel's tip; `None` if the camera does not see it.
+    pub fn view_at_tip(&self) -> Option<View> {
+        const STEP_MM: f64 = 1e-3;
+        let px = |x: f64, y: f64| self.point_px(DVec3::new(x, y, 0.0)).map(DVec2::from_array);
+        let steps = [(STEP_MM, 0.0), (0.0, STEP_MM)];
+        let [Some(along), Some(down)] = steps.map(|(x, y)| Some((px(x, y)? - px(-x, -y)?).length())) else {
+            return None;
+        };
+        let scale = libm::sqrt(along * down) / (2.0 * STEP_MM);
+        (scale.is_finite() && scale > 0.0)
+            .then_some(View { resolution_px: self.resolution_px, mm_per_px: [1.0 / scale; 2] })
+    }
+
+    /// The view in which charts are computed: as many nodes as the image has pixels. Around a dome's tip they hold all that the
+    /// image shows; on a capsule they reach a quarter of the way around it on both sides, and as far along it or, if that is more,
+    /// half of its length. `None` if the image shows no gel.
     pub fn chart_view(&self, shape: &GelShape) -> Option<View> {
         const STEPS: usize = 32;
         let chart = Chart::at_tip(shape);
@@ -176,126 +198,18 @@ impl Projection {
         for y in 0..=STEPS {
             for x in 0..=STEPS {
                 let along = |k: usize, at: usize| (at * self.resolution_px[k]) as f64 / STEPS as f64;
-                if let Some(normal) = self.normal(shape, [along(0, x), along(1, y)]) {
+                if let Some(site) = self.site(shape, [along(0, x), along(1, y)]) {
                     shown = true;
-                    let at = chart.at(normal);
+                    let at = chart.at(site);
                     (0..2).for_each(|k| farthest[k] = farthest[k].max(at[k].abs()));
                 }
             }
         }
+        if let Some(wall_mm) = shape.wall_mm() {
+            let quarter_mm = FRAC_PI_2 * shape.radius_mm();
+            farthest = [quarter_mm.max(0.5 * (quarter_mm + wall_mm)), quarter_mm];
+        }
         let mm_per_px = std::array::from_fn(|k| 2.0 * farthest[k] / self.resolution_px[k] as f64);
         (shown && farthest.iter().all(|mm| *mm > 0.0)).then_some(View { resolution_px: self.resolution_px, mm_per_px })
     }
-}
-
-/// Step of the table of [`angles`].
-const STEP: f64 = 1.0 / 4096.0;
-
-/// An angle over its sine, for 1 less its cosine in steps from 0 to 1.5.
-fn angles() -> &'static [f64] {
-    static TABLE: OnceLock<Vec<f64>> = OnceLock::new();
-    TABLE.get_or_init(|| {
-        let of = |step: usize| {
-            let versine = step as f64 * STEP;
-            let sin = libm::sqrt(versine * (2.0 - versine));
-            if step == 0 { 1.0 } else { libm::atan2(sin, 1.0 - versine) / sin }
-        };
-        (0..=6144).map(of).collect()
-    })
-}
-
-/// Where the pixels of an image lie on a chart.
-#[derive(Clone, Debug)]
-pub struct GelMap {
-    view: View,
-    chart: Chart,
-    /// Column and row on the chart, in pixels of `view`; no numbers where the image shows no gel.
-    at: Vec<[f32; 2]>,
-}
-
-impl GelMap {
-    /// Of the gel's points that an image's pixels show, as normals; `None` where one shows no gel.
-    pub fn new(normals: &[Option<DVec3>], chart: &Chart, view: &View) -> Self {
-        let per_mm: [f64; 2] = std::array::from_fn(|k| 1.0 / view.mm_per_px[k]);
-        let middle = view.resolution_px.map(|px| px as f64 / 2.0);
-        let back = chart.axes().transpose();
-        let table = angles();
-        let at = normals.iter().map(|normal| {
-            let Some(normal) = normal else { return [f32::NAN; 2] };
-            let DVec3 { x, y, z } = back * *normal;
-            // What a look into a table does not know, beyond it.
-            let place = (1.0 - z) / STEP;
-            let at = match table.get(place as usize..place as usize + 2) {
-                Some([here, next]) => {
-                    let per = chart.radius_mm() * (here + (place - libm::floor(place)) * (next - here));
-                    [per * x, per * y]
-                }
-                _ => chart.at(*normal),
-            };
-            std::array::from_fn(|k| (at[k] * per_mm[k] + middle[k]) as f32)
-        });
-        Self { view: *view, chart: *chart, at: at.collect() }
-    }
-
-    /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
-    pub fn plane(&self, from: &Grid<f32>) -> Grid<f32> {
-        self.layer(|at| bilinear(from, at).unwrap_or(0.0))
-    }
-
-    /// A mask of the chart as the image shows it: the nearest node's value, 0 where there is no gel.
-    pub fn mask(&self, from: &Grid<u8>) -> Grid<u8> {
-        self.layer(|[x, y]| match x >= 0.0 && y >= 0.0 {
-            true if (x as usize) < from.width && (y as usize) < from.height => from.at(x as usize, y as usize),
-            _ => 0,
-        })
-    }
-
-    /// The smallest rectangle around the image's pixels that show a marked node.
-    pub fn box_of(&self, mask: &Grid<u8>) -> Rect {
-        bounding_box(&self.mask(mask), |value| value > 0)
-    }
-
-    /// Where a point of the chart is from the sensor's axis, mm.
-    pub fn place_mm(&self, at: [f64; 2]) -> [f64; 2] {
-        let DVec3 { x, y, .. } = self.chart.point_mm(at);
-        [x, y]
-    }
-
-    /// Directions along the chart's x and y and into the gel as the image shows them, in the sensor's frame.
-    pub fn directions(&self, planes: [Grid<f32>; 3]) -> Vec<[f32; 3]> {
-        let planes = planes.map(|plane| self.plane(&plane).data);
-        let direction = |(k, at): (usize, &[f32; 2])| {
-            let [x, y, z] = planes.each_ref().map(|plane| f64::from(plane[k]));
-            let rest = self.chart.rest(self.view.point_mm(at.map(f64::from)));
-            let [along, down] = rest.tangents;
-            let direction = (x * along + y * down + z * rest.normal).try_normalize();
-            let away = if at[0].is_finite() { -rest.normal } else { DVec3::NEG_Z };
-            direction.unwrap_or(away).as_vec3().to_array()
-        };
-        self.at.iter().enumerate().map(direction).collect()
-    }
-
-    fn layer<T: Copy + Default>(&self, value: impl Fn([f32; 2]) -> T) -> Grid<T> {
-        let [width, height] = self.view.resolution_px;
-        let data = self.at.iter().map(|at| if at[0].is_finite() { value(*at) } else { T::default() }).collect();
-        Grid { width, height, data }
-    }
-}
-
-/// The value between the nodes around a place; the first node's centre is at (0.5, 0.5). `None` beyond the outermost
-/// nodes.
-pub fn bilinear(from: &Grid<f32>, [x, y]: [f32; 2]) -> Option<f32> {
-    let (x, y) = (x - 0.5, y - 0.5);
-    let (last_x, last_y) = ((from.width - 1) as f32, (from.height - 1) as f32);
-    // Half a pixel beyond the outermost nodes is still theirs.
-    if !(x >= -0.5 && y >= -0.5 && x <= last_x + 0.5 && y <= last_y + 0.5) {
-        return None;
-    }
-    let (x, y) = (x.clamp(0.0, last_x), y.clamp(0.0, last_y));
-    let (column, row) = (x as usize, y as usize);
-    let (next, below) = ((column + 1).min(from.width - 1), (row + 1).min(from.height - 1));
-    let (right, down) = (x - column as f32, y - row as f32);
-    let line = |y: usize| from.at(column, y) + right * (from.at(next, y) - from.at(column, y));
-    let (upper, lower) = (line(row), line(below));
-    Some(upper + down * (lower - upper))
 }

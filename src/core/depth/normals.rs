@@ -1,12 +1,16 @@
 //! Capture along the normals of a curved gel: how far the object reaches below its surface, on a chart of it.
 //!
 //! All normals of a ball come from its centre, so that a triangle is met by the normals between three planes through its
-//! edges and that centre. Two triangles that share an edge share its plane, to the bit: there is no gap between them.
+//! edges and that centre. Two triangles that share an edge share its plane, to the bit: there is no gap between them. Normals of
+//! a cylinder come from its axis; what a plane is then moved by along that is the same for both triangles, too.
+
+use std::sync::OnceLock;
 
 use glam::DVec3;
 
 use super::{Depth, Window, limited};
-use crate::core::base::gel::{Chart, GelShape};
+use crate::core::base::chart::{Chart, Latitude};
+use crate::core::base::gel::GelShape;
 use crate::core::base::grid::Grid;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
@@ -17,82 +21,218 @@ use crate::core::pose::Pose;
 /// How far from its middle a chart is used, rad: beyond, it is wider than the gel three times over.
 const MOST_TURN: f64 = 2.3;
 
-/// The normals of the gel at the nodes of a chart: the same wherever the chart's middle lies.
-#[derive(Clone, Debug)]
+/// Nodes on a side of the blocks in which the normals of a capsule are looked through.
+const BLOCK: usize = 16;
+/// Blocks that are passed over at once.
+const GROUP: usize = 8;
+
+/// The normals of the gel at the nodes of charts.
+#[derive(Debug)]
 pub struct Normals {
+    shape: GelShape,
+    view: View,
     width: usize,
     height: usize,
     margin_px: usize,
+    /// Of each latitude, once it is asked for: the same all around the gel. A dome has one, the same everywhere.
+    latitudes: Vec<OnceLock<Nodes>>,
+}
+
+/// The nodes of the charts of one latitude, before their turn about the gel's middle.
+#[derive(Debug)]
+struct Nodes {
+    width: usize,
     mm_per_px: [f64; 2],
     radius_mm: f64,
-    /// In the chart's axes: x, y and z of each node.
+    /// x, y and z of each node's normal.
     planes: [Vec<f64>; 3],
+    /// How far below the ball's middle they are, mm; empty on a dome.
+    below_mm: Vec<f64>,
+    blocks: Vec<Block>,
+}
+
+/// Some nodes of a capsule.
+#[derive(Debug)]
+struct Block {
+    columns_and_rows: [[usize; 2]; 2],
+    /// Of their normals.
+    normals: [DVec3; 2],
+    /// Of how far they are below the ball's middle.
+    below_mm: [f64; 2],
 }
 
 impl Normals {
-    /// Of a chart with the nodes of `view` and so many more on every side.
+    /// Of charts with the nodes of `view` and so many more on every side.
     pub fn new(shape: &GelShape, view: &View, margin_px: usize) -> Self {
         let [width, height] = view.resolution_px.map(|px| px + 2 * margin_px);
-        let chart = Chart::at_tip(shape);
-        let radius_mm = chart.radius_mm();
-        let mut planes = [(); 3].map(|()| Vec::with_capacity(width * height));
-        for y in 0..height {
-            for x in 0..width {
-                let px = [x, y].map(|at| at as f64 + 0.5 - margin_px as f64);
-                let at = view.point_mm(px);
-                // No comparison is true of what is no number.
-                let known = libm::hypot(at[0], at[1]) < MOST_TURN * radius_mm;
-                let normal = if known { chart.rest(at).normal.to_array() } else { [f64::NAN; 3] };
-                planes.iter_mut().zip(normal).for_each(|(plane, value)| plane.push(value));
-            }
-        }
-        Self { width, height, margin_px, mm_per_px: view.mm_per_px, radius_mm, planes }
+        let latitudes = shape.wall_mm().map_or(1, |_| Latitude::count(shape));
+        let latitudes = (0..latitudes).map(|_| OnceLock::new()).collect();
+        Self { shape: *shape, view: *view, width, height, margin_px, latitudes }
     }
 
     /// How far `object` reaches below the gel along the normals of a chart, limited to `thickness_mm`.
     pub fn capture(&self, object: &Clusters, pose: &Pose, chart: &Chart, window: Window, thickness_mm: f64) -> Depth {
-        let farthest = self.radius_mm + window.above_mm;
-        // Relative to the ball's centre, in the chart's axes.
-        let turn = chart.axes().transpose() * pose.rotation;
+        let number = chart.latitude().number();
+        let nodes = self.latitudes[number].get_or_init(|| self.nodes(number));
+        let farthest = nodes.radius_mm + window.above_mm;
+        // Relative to the ball's centre, before the chart's turn.
+        let back = chart.turn().transpose();
+        let turn = back * pose.rotation;
         let centre = DVec3::from_array(object.centre_mm());
-        let shift = chart.axes().transpose()
-            * (pose.rotation * centre + pose.translation_mm + DVec3::new(0.0, 0.0, self.radius_mm));
+        let shift = back * (pose.rotation * centre + pose.translation_mm + DVec3::new(0.0, 0.0, nodes.radius_mm));
         let from = turn.transpose() * -shift;
         let mut distances = vec![farthest; self.width * self.height];
-        object.query(
-            |min, max| from.distance_squared(nearest_of_box(from, min, max)) <= farthest * farthest,
-            |part| {
-                for triangle in triangles(part) {
-                    let corners = triangle.map(|corner| turn * corner + shift);
-                    let [a, b, c] = corners;
-                    let nearest = nearest_of_triangle(DVec3::ZERO, a, b, c).length();
-                    let box_px = self.around(corners);
-                    if nearest > farthest {
-                        continue;
+        match self.shape.wall_mm() {
+            None => object.query(
+                |min, max| from.distance_squared(nearest_of_box(from, min, max)) <= farthest * farthest,
+                |part| {
+                    for triangle in triangles(part) {
+                        let corners = triangle.map(|corner| turn * corner + shift);
+                        let [a, b, c] = corners;
+                        let nearest = nearest_of_triangle(DVec3::ZERO, a, b, c).length();
+                        let box_px = nodes.around(corners);
+                        if nearest > farthest {
+                            continue;
+                        }
+                        // Of a triangle that is seen edge on, rounding decides where along a normal it is met.
+                        let range = [nearest, a.length().max(b.length()).max(c.length())];
+                        simd_dispatch(
+                            #[inline(always)]
+                            || nodes.meet::<false>(corners, range, box_px, &mut distances),
+                        );
                     }
-                    // Of a triangle that is seen edge on, rounding decides where along a normal it is met.
-                    let range = [nearest, a.length().max(b.length()).max(c.length())];
-                    simd_dispatch(
-                        #[inline(always)]
-                        || self.meet(corners, range, box_px, &mut distances),
-                    );
-                }
-            },
-        );
-        // Below the ball's middle there is no gel.
-        let up = chart.axes().transpose() * DVec3::Z;
-        let [nx, ny, nz] = &self.planes;
+                },
+            ),
+            Some(wall_mm) => {
+                let boxes: Vec<[DVec3; 2]> = nodes.blocks.iter().map(|block| block.reach(farthest)).collect();
+                let around = |boxes: &[[DVec3; 2]]| {
+                    let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+                    boxes
+                        .iter()
+                        .fold(none, |[low, high], [other_low, other_high]| [low.min(*other_low), high.max(*other_high)])
+                };
+                let groups: Vec<[DVec3; 2]> = boxes.chunks(GROUP).map(around).collect();
+                let least = DVec3::new(-farthest, -farthest, -wall_mm - farthest);
+                let most = DVec3::splat(farthest);
+                object.query(
+                    |min, max| {
+                        let [min, max] = [min, max].map(|side| DVec3::from_array(side.map(f64::from)));
+                        let (middle, half) = (turn * (0.5 * (min + max)) + shift, (0.5 * (max - min)).length());
+                        middle.cmpge(least - half).all() && middle.cmple(most + half).all()
+                    },
+                    |part| {
+                        for triangle in triangles(part) {
+                            let corners = triangle.map(|corner| turn * corner + shift);
+                            let [a, b, c] = corners;
+                            let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+                            // A ball around it that stays away from the axis is met by no normal in reach.
+                            let (middle, half) = (0.5 * (min + max), 0.5 * (max - min).length());
+                            let from_axis = middle - DVec3::new(0.0, 0.0, middle.z.clamp(-wall_mm, 0.0));
+                            if from_axis.length() - half > farthest {
+                                continue;
+                            }
+                            let apart = |[low, high]: [DVec3; 2]| min.cmpgt(high).any() || max.cmplt(low).any();
+                            let near = groups.iter().enumerate().filter(|(_, group)| !apart(**group));
+                            for number in near.flat_map(|(group, _)| group * GROUP..(group + 1) * GROUP) {
+                                let Some(block) = nodes.blocks.get(number) else { break };
+                                if !apart(boxes[number]) {
+                                    let box_px = block.columns_and_rows;
+                                    simd_dispatch(
+                                        #[inline(always)]
+                                        || nodes.meet::<true>(corners, [0.0, farthest], box_px, &mut distances),
+                                    );
+                                }
+                            }
+                        }
+                    },
+                );
+            }
+        }
+        // Below the ball's middle a dome has no gel.
+        let up = back * DVec3::Z;
+        let [nx, ny, nz] = &nodes.planes;
         let heights = distances.into_iter().zip(nx).zip(ny).zip(nz).map(|(((distance, x), y), z)| {
             let on_gel = up.x * x + up.y * y + up.z * z >= 0.0;
-            (if on_gel { distance } else { farthest } - self.radius_mm) as f32
+            (if on_gel { distance } else { farthest } - nodes.radius_mm) as f32
         });
         let data = heights.collect();
         limited(Grid { width: self.width, height: self.height, data }, self.margin_px, thickness_mm)
     }
 
+    /// The nodes of a latitude.
+    fn nodes(&self, number: usize) -> Nodes {
+        let Self { shape, view, width, height, margin_px, .. } = self;
+        let (width, height) = (*width, *height);
+        let radius_mm = shape.radius_mm();
+        let wall_mm = shape.wall_mm();
+        let chart = match wall_mm {
+            None => Chart::at_tip(shape),
+            Some(_) => Chart::of_latitudes(shape).nth(number).expect("as many as there are latitudes"),
+        };
+        let mut planes = [(); 3].map(|()| Vec::with_capacity(width * height));
+        let mut below_mm = Vec::with_capacity(if wall_mm.is_some() { width * height } else { 0 });
+        for y in 0..height {
+            for x in 0..width {
+                let px = [x, y].map(|at| at as f64 + 0.5 - *margin_px as f64);
+                let at = view.point_mm(px);
+                let rest = chart.rest(at);
+                // No comparison is true of what is no number.
+                let known = libm::hypot(at[0], at[1]) < MOST_TURN * radius_mm || wall_mm.is_some();
+                let known = known && rest.below_mm <= wall_mm.unwrap_or(0.0);
+                let normal = if known { rest.normal.to_array() } else { [f64::NAN; 3] };
+                planes.iter_mut().zip(normal).for_each(|(plane, value)| plane.push(value));
+                if wall_mm.is_some() {
+                    below_mm.push(rest.below_mm);
+                }
+            }
+        }
+        let mut nodes = Nodes { width, mm_per_px: view.mm_per_px, radius_mm, planes, below_mm, blocks: Vec::new() };
+        if wall_mm.is_some() {
+            nodes.blocks = nodes.in_blocks();
+        }
+        nodes
+    }
+}
+
+impl Block {
+    /// A box around what the normals of its nodes pass up to so far from the axis.
+    fn reach(&self, farthest: f64) -> [DVec3; 2] {
+        let [low, high] = self.normals.map(|side| farthest * side);
+        let [least, most] = self.below_mm;
+        let axis = |below_mm: f64| DVec3::new(0.0, 0.0, -below_mm);
+        [low.min(DVec3::ZERO) + axis(most), high.max(DVec3::ZERO) + axis(least)]
+    }
+}
+
+impl Nodes {
+    fn height(&self) -> usize {
+        self.planes[0].len() / self.width
+    }
+
+    fn in_blocks(&self) -> Vec<Block> {
+        let mut blocks = Vec::new();
+        for y0 in (0..self.height()).step_by(BLOCK) {
+            for x0 in (0..self.width).step_by(BLOCK) {
+                let (x1, y1) = ((x0 + BLOCK).min(self.width), (y0 + BLOCK).min(self.height()));
+                let infinite = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+                let (mut normals, mut below_mm) = (infinite, [f64::INFINITY, f64::NEG_INFINITY]);
+                let nodes = (y0..y1).flat_map(|y| (y * self.width + x0)..(y * self.width + x1));
+                for at in nodes.filter(|at| !self.planes[0][*at].is_nan()) {
+                    let normal = DVec3::from_array(self.planes.each_ref().map(|plane| plane[at]));
+                    normals = [normals[0].min(normal), normals[1].max(normal)];
+                    below_mm = [below_mm[0].min(self.below_mm[at]), below_mm[1].max(self.below_mm[at])];
+                }
+                if below_mm[0] <= below_mm[1] {
+                    blocks.push(Block { columns_and_rows: [[x0, x1], [y0, y1]], normals, below_mm });
+                }
+            }
+        }
+        blocks
+    }
+
     /// Columns and rows of the nodes whose normals may meet a triangle, half open.
     fn around(&self, corners: [DVec3; 3]) -> [[usize; 2]; 2] {
-        let everywhere = [[0, self.width], [0, self.height]];
+        let everywhere = [[0, self.width], [0, self.height()]];
         let directions = corners.map(|corner| corner.normalize_or_zero());
         let middle = (directions[0] + directions[1] + directions[2]).normalize_or_zero();
         let angle = |direction: &DVec3| libm::atan2(middle.cross(*direction).length(), middle.dot(*direction));
@@ -114,13 +254,13 @@ impl Normals {
             let clamped = |px: f64| px.clamp(0.0, count as f64) as usize;
             [clamped(libm::floor(px(at - reach_mm))), clamped(libm::ceil(px(at + reach_mm)) + 1.0)]
         };
-        [side(0, self.width), side(1, self.height)]
+        [side(0, self.width), side(1, self.height())]
     }
 
-    /// Keeps the distances from the centre, all of which are in a range, at which normals meet a triangle, where it is closer
+    /// Keeps the distances from the axis, all of which are in a range, at which normals meet a triangle, where it is closer
     /// than what was there.
     #[inline(always)]
-    fn meet(
+    fn meet<const WALLED: bool>(
         &self,
         [a, b, c]: [DVec3; 3],
         [least, most]: [f64; 2],
@@ -130,15 +270,30 @@ impl Normals {
         let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)];
         let normal = ab + bc + ca;
         let volume = a.dot(bc);
+        let edges = [b - a, c - b, a - c];
         for y in y0..y1 {
             let row = y * self.width + x0..y * self.width + x1;
             let [nx, ny, nz] = [0, 1, 2].map(|k| &self.planes[k][row.clone()]);
-            for (((to, x), y), z) in distances[row].iter_mut().zip(nx).zip(ny).zip(nz) {
+            let below = if WALLED { &self.below_mm[row.clone()] } else { nx };
+            let nodes = distances[row].iter_mut().zip(nx).zip(ny).zip(nz).zip(below);
+            for ((((to, x), y), z), below) in nodes {
                 let along = |side: DVec3| side.x * x + side.y * y + side.z * z;
-                let (p, q, r) = (along(ab), along(bc), along(ca));
+                // What the plane through an edge and the ball's centre gets by going down the axis.
+                let lowered = |edge: DVec3| if WALLED { below * (edge.x * y - edge.y * x) } else { 0.0 };
+                let side = |side: DVec3, edge: DVec3| if WALLED { along(side) + lowered(edge) } else { along(side) };
+                let (p, q, r) = (side(ab, edges[0]), side(bc, edges[1]), side(ca, edges[2]));
                 let within = (p.min(q).min(r) >= 0.0) | (p.max(q).max(r) <= 0.0);
-                let distance = (volume / along(normal)).clamp(least, most);
-                let ahead = (volume > 0.0) == (along(normal) > 0.0);
+                let volume = if WALLED { volume + below * normal.z } else { volume };
+                let distance = volume / along(normal);
+                let distance = match WALLED {
+                    // No farther along the normal than the farthest corner, and no nearer than the nearest one.
+                    true => {
+                        let [a, b, c] = [along(a), along(b), along(c)];
+                        distance.max(a.min(b).min(c)).min(a.max(b).max(c))
+                    }
+                    false => distance.clamp(least, most),
+                };
+                let ahead = if WALLED { distance >= 0.0 } else { (volume > 0.0) == (along(normal) > 0.0) };
                 let closer = within & ahead & (distance < *to);
                 *to = if closer { distance } else { *to };
             }

@@ -87,16 +87,31 @@ impl BackgroundImage {
         field_of_view_mm: [f64; 2],
         view: &View,
     ) -> Self {
+        let half = field_of_view_mm.map(|mm| mm / 2.0);
+        let towards: Vec<(f64, f64)> = leds.iter().map(|led| sin_cos_deg(led.azimuth_deg)).collect();
+        let glow = |led: usize, _: usize, [x, y]: [f64; 2]| {
+            let (sin, cos) = towards[led];
+            let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
+            let distance = edge - (x * cos + y * sin);
+            libm::exp(-distance / look.glow_reach_mm)
+        };
+        Self::glowing(grain, look, leds, field_of_view_mm, view, glow)
+    }
+
+    /// The same of a pad on which an LED glows as strongly as its number, a pixel's and the pixel's place in mm from the
+    /// image's middle say, 1 at the LED.
+    pub fn glowing(
+        grain: &Grid<f32>,
+        look: &RenderedBackground,
+        leds: &[Led],
+        field_of_view_mm: [f64; 2],
+        view: &View,
+        strength: impl Fn(usize, usize, [f64; 2]) -> f64,
+    ) -> Self {
         let [width, height] = view.resolution_px;
         let half = field_of_view_mm.map(|mm| mm / 2.0);
         let corner = half[0] * half[0] + half[1] * half[1];
-        let glowing = leds.iter().filter(|_| look.glow != 0.0);
-        let leds: Vec<(&Led, f64, f64)> = glowing
-            .map(|led| {
-                let (sin, cos) = sin_cos_deg(led.azimuth_deg);
-                (led, sin, cos)
-            })
-            .collect();
+        let leds = if look.glow == 0.0 { &[] } else { leds };
         let dust = look.dust(field_of_view_mm, view);
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
@@ -108,10 +123,8 @@ impl BackgroundImage {
                     let factors = pattern.at(x / half[0], y / half[1]);
                     color.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
                 }
-                for &(led, sin, cos) in &leds {
-                    let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
-                    let distance = edge - (x * cos + y * sin);
-                    let glow = look.glow * led.intensity * libm::exp(-distance / look.glow_reach_mm);
+                for (number, led) in leds.iter().enumerate() {
+                    let glow = look.glow * led.intensity * strength(number, j * width + i, [x, y]);
                     for (value, share) in color.iter_mut().zip(led.color) {
                         // Light that is added to a bright pad saturates softly, and never beyond white.
                         *value += (glow * share).min(1.0) * (1.0 - *value);

@@ -29,6 +29,10 @@ pub struct Led {
     pub angular_size_deg: [f64; 2],
     /// Distance from the middle of the image, mm; used by the optics model `led`.
     pub distance_mm: f64,
+    /// Where it is, on a gel that has a shape, mm in the sensor's frame: its light comes straight from there. Without it the
+    /// light runs along the gel from its rim at `azimuth_deg`, and comes `elevation_deg` out of the skin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_mm: Option<[f64; 3]>,
     /// Red, green and blue share of the light, 0 to 1.
     pub color: [f64; 3],
     /// Brightness that a surface facing the LED gains, as a share of full scale before k_d and k_s; 0 or more.
@@ -45,6 +49,7 @@ impl Default for Led {
             elevation_deg,
             angular_size_deg: [40.0, 10.0],
             distance_mm: 20.0,
+            position_mm: None,
             color: [1.0; 3],
             intensity: 1.0,
         }
@@ -218,6 +223,6 @@ fn cosines(to_led: [f32; 3], normal: [f32; 3]) -> [f32; 2] {
 
 /// Phong's reflection towards the camera.
 #[inline(always)]
-fn reflected([along, mirrored]: [f32; 2], diffuse: f32, specular: f32, power: impl Fn(f32) -> f32) -> f32 {
+pub(super) fn reflected([along, mirrored]: [f32; 2], diffuse: f32, specular: f32, power: impl Fn(f32) -> f32) -> f32 {
     diffuse * along.max(0.0) + specular * power(mirrored.max(0.0))
 }

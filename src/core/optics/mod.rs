@@ -11,6 +11,7 @@ use crate::core::gelpad::Contact;
 pub mod background;
 pub mod calibrated;
 pub mod coarse;
+mod heat;
 pub mod lamps;
 pub mod led;
 mod led_shader;
@@ -18,6 +19,7 @@ pub mod normals;
 pub mod phong;
 pub mod residual;
 pub mod shadow;
+pub mod skin;
 mod visible;
 
 use background::BackgroundImage;

@@ -103,13 +103,13 @@ impl Default for Soft {
 }
 
 /// Something to be computed with a power function that is chosen once, outside the loop over pixels.
-trait WithPower {
+pub(super) trait WithPower {
     type Output;
     fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Self::Output;
 }
 
 /// Runs `task` with x -> x^exponent for x >= 0. Small whole exponents are products; others go through `libm`.
-fn with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
+pub(super) fn with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
     if exponent == 5.0 {
         task.run(
             #[inline(always)]

@@ -258,11 +258,18 @@ fn parsing(byte: u8) -> usize {
     }
 }
 
+/// Tables that name one choice of several: another choice takes the place of all of it.
+const CHOICES: [&str; 3] = ["shape", "lens", "rest_shape"];
+
 fn lay_under(above: &mut Vec<Entry>, below: Entry) {
     match above.iter_mut().find(|known| known.key == below.key) {
         Some(Entry { node: Node { value: Value::Table(above), .. }, .. }) => {
             if let Value::Table(entries) = below.node.value {
-                entries.into_iter().for_each(|entry| lay_under(above, entry));
+                let chosen: Vec<String> = above.iter().map(|entry| entry.key.clone()).collect();
+                let another = |entry: &Entry| !chosen.is_empty() && !chosen.contains(&entry.key);
+                let choice = CHOICES.contains(&below.key.as_str());
+                let kept = entries.into_iter().filter(|entry| !(choice && another(entry)));
+                kept.for_each(|entry| lay_under(above, entry));
             }
         }
         Some(_) => {} // the value above wins; if it should be a table, reading it reports that

@@ -26,6 +26,13 @@ pub struct Pose {
     /// Then one about the sensor's y, degrees, -90 to 90.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pitch_deg: Option<Quantity>,
+    /// On a gel that has a shape: the place at which the object is pressed, mm over the gel from its tip. The object is then
+    /// posed as on a flat pad that touches the gel there, its x away from the tip and its y around the gel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from_tip_mm: Option<Quantity>,
+    /// The direction from the tip to that place, degrees from the sensor's x towards its y.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub around_deg: Option<Quantity>,
     /// Position along x, mm from the middle of the image.
     pub x_mm: Quantity,
     /// Position along y, mm from the middle of the image.
@@ -43,6 +50,8 @@ impl Default for Pose {
             tilt_azimuth_deg: Quantity::uniform(0.0, 360.0),
             roll_deg: None,
             pitch_deg: None,
+            from_tip_mm: None,
+            around_deg: None,
             x_mm: Quantity::default(),
             y_mm: Quantity::default(),
             anchor: Anchor::default(),

@@ -1,8 +1,10 @@
 //! `[sensor.shape]`, `[sensor.lens]` and `[sensor.pins]`: their ranges, and what of a job does not go with them.
 
+use glam::DVec3;
+
 use super::Scope;
 use super::check::Check;
-use crate::core::base::gel::{GelDome, GelShape};
+use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
 use crate::core::camera::projection::{Fisheye, LensModel, Pinhole};
 use crate::core::gelpad;
 use crate::files::sensor::Sensor;
@@ -10,10 +12,31 @@ use crate::files::sensor::pins::PinDistribution;
 use crate::job::config::Job;
 use crate::job::layers::OutputLayer;
 
+/// Longest capsule, in radii of it.
+const LONGEST_CAPSULE: f64 = 20.0;
+
 /// The sensor's own tables.
 pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
-    if let Some(GelShape::Dome(GelDome { radius_mm })) = &sensor.shape {
-        check.number("sensor.shape.dome.radius_mm", *radius_mm, 1.0..=1e6, "mm");
+    match &sensor.shape {
+        None => {}
+        Some(GelShape::Dome(GelDome { radius_mm })) => {
+            check.number("sensor.shape.dome.radius_mm", *radius_mm, 1.0..=1e6, "mm");
+        }
+        Some(GelShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
+            check.number("sensor.shape.capsule.radius_mm", *radius_mm, 1.0..=1e3, "mm");
+            check.number("sensor.shape.capsule.length_mm", *length_mm, 1.0..=1e3, "mm");
+            let longest_mm = LONGEST_CAPSULE * radius_mm;
+            if length_mm < radius_mm && check.sound("sensor.shape") {
+                let message = format!("the capsule is {length_mm} mm long, and its cap alone {radius_mm}");
+                check.error("sensor.shape.capsule.length_mm", message, "count it from the tip to the end of the gel");
+            } else if *length_mm > longest_mm && check.sound("sensor.shape") {
+                let message = format!("the capsule is {:.0} times as long as its radius", length_mm / radius_mm);
+                let help = format!(
+                    "allowed: up to {LONGEST_CAPSULE:.0} times, {longest_mm} mm; name the part that the camera sees"
+                );
+                check.error("sensor.shape.capsule.length_mm", message, help);
+            }
+        }
     }
     match &sensor.lens {
         None | Some(LensModel::Orthographic) => {}
@@ -33,7 +56,7 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
     let known = [("shape", sensor.shape.is_some()), ("lens", sensor.lens.is_some()), ("pins", sensor.pins.is_some())];
     let has = |name: &str| known.iter().any(|(known, has)| *known == name && *has);
     for name in ["lens", "pins"] {
-        if has(name) && !has("shape") {
+        if has(name) && !has("shape") && check.sound("sensor.shape") {
             let message = format!("`{name}` belongs to a gel that is not flat, and this one has no shape");
             check.error(
                 &format!("sensor.{name}"),
@@ -42,21 +65,36 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
             );
         }
     }
-    if has("shape") && !has("pins") {
-        let message = "the light on a gel that is not flat is not simulated yet: it is seen by its pins";
-        let help = "add [sensor.pins]; or write [sensor.rest_shape] for a gel that is nearly flat";
-        check.error("sensor.shape", message, help);
-    }
     for (key, wrong) in [
         ("rest_shape", sensor.rest_shape.is_some()),
         ("grain", sensor.grain.is_some()),
-        ("background", sensor.background.is_some()),
+        ("background", sensor.background.is_some() && has("pins")),
         ("calibration", sensor.calibration.is_some()),
+        ("light_residual", sensor.light_residual.is_some()),
         ("lamp", !sensor.lamp.is_empty()),
     ] {
         if has("shape") && wrong {
-            let message = format!("`{key}` does not go with a gel that has a shape");
+            let with = if key == "background" { "pins" } else { "a gel that has a shape" };
+            let message = format!("`{key}` does not go with {with}");
             check.error(&format!("sensor.{key}"), message, "leave one of the two out");
+        }
+    }
+    for (number, led) in sensor.led.iter().enumerate() {
+        let Some(position_mm) = led.position_mm else { continue };
+        let at = format!("sensor.led.{number}.position_mm");
+        for (k, mm) in position_mm.iter().enumerate() {
+            check.number(&format!("{at}.{k}"), *mm, -1e4..=1e4, "mm");
+        }
+        match sensor.shape.filter(|_| check.sound("sensor.shape")) {
+            None if !has("shape") && check.sound("sensor.shape") => {
+                let message = "`position_mm` places an LED in a gel that has a shape, and this one has none";
+                check.error(&at, message, "write azimuth_deg, elevation_deg and distance_mm; or add [sensor.shape]");
+            }
+            Some(shape) if !inside(&shape, position_mm, 0.0) => {
+                let message = "the LED is outside of the gel, whose skin is opaque";
+                check.error(&at, message, "z is 0 at the gel's tip and below 0 inside");
+            }
+            _ => {}
         }
     }
     if let Some(shape) = sensor.shape.filter(|_| check.sound("sensor")) {
@@ -86,15 +124,20 @@ fn place(check: &mut Check<'_>, at: &str, sensor: &Sensor, position_mm: [f64; 3]
         );
     }
     let Some(shape) = sensor.shape.filter(|_| check.sound("sensor.shape")) else { return };
-    // From the ball's middle; a camera inside the skin, or beyond it, sees no picture of the skin from within.
-    let [x, y, z] = position_mm;
-    let radius_mm = shape.radius_mm();
-    let outside_mm = libm::sqrt(x * x + y * y + (z + radius_mm) * (z + radius_mm)) - radius_mm;
-    if outside_mm > -sensor.gelpad_thickness_mm && z > -radius_mm {
+    // A camera inside the skin, or beyond it, sees no picture of the skin from within.
+    if !inside(&shape, position_mm, sensor.gelpad_thickness_mm) {
         let message = "the camera stands in the gel, or outside of it";
         let help = format!("the gel is {} mm thick, with its tip at z = 0", sensor.gelpad_thickness_mm);
         check.error(&format!("{at}.position_mm"), message, help);
     }
+}
+
+/// True of a place so far from the inside of a gel, or anywhere beyond its base.
+fn inside(shape: &GelShape, place_mm: [f64; 3], from_skin_mm: f64) -> bool {
+    let to = DVec3::from_array(place_mm) - shape.centre_mm();
+    let wall_mm = shape.wall_mm().unwrap_or(0.0);
+    let out = DVec3::new(to.x, to.y, to.z - to.z.clamp(-wall_mm, 0.0));
+    to.z < -wall_mm || out.length() <= shape.radius_mm() - from_skin_mm
 }
 
 fn folded(check: &mut Check<'_>, fisheye: &Fisheye) {
@@ -121,7 +164,7 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
     }
     let sound = check.sound("sensor.pins") && check.sound("sensor.shape");
     let Some(shape) = sensor.shape.filter(|_| sound) else { return };
-    let most_mm = shape.radius_mm() * std::f64::consts::FRAC_PI_2;
+    let most_mm = shape.radius_mm() * std::f64::consts::FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0);
     if pins.reach_mm() > most_mm {
         let message = format!("the outermost pins stand {:.1} mm from the tip, over the rim", pins.reach_mm());
         let help = format!("the gel ends after {most_mm:.1} mm: lower count or spacing_mm");
@@ -135,8 +178,30 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
 
 /// What of a job does not go with a gel that has a shape.
 pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
-    if job.sensor.shape.is_none() {
+    let pose = &job.pose;
+    let place = [("from_tip_mm", &pose.from_tip_mm, 2e6), ("around_deg", &pose.around_deg, 3600.0)];
+    let Some(shape) = &job.sensor.shape else {
+        for (key, _, _) in place.iter().filter(|(_, place, _)| place.is_some()) {
+            let message = format!("`{key}` is a place on a gel that has a shape, and this one is flat");
+            check.error(&format!("pose.{key}"), message, "write x_mm and y_mm; or take a sensor that has a shape");
+        }
         return;
+    };
+    for (key, quantity, most) in place {
+        if let Some(quantity) = quantity {
+            let (least, unit) = if key == "from_tip_mm" { (0.0, "mm") } else { (-most, "degrees") };
+            check.quantity(&format!("pose.{key}"), quantity, least..=most, unit);
+        }
+    }
+    if let Some(from_tip) = &pose.from_tip_mm
+        && check.sound("sensor.shape")
+    {
+        let end_mm = shape.radius_mm() * std::f64::consts::FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0);
+        let farthest_mm = from_tip.support().1;
+        if farthest_mm > end_mm && farthest_mm <= 2e6 {
+            let message = format!("from_tip_mm may be {farthest_mm}, and the gel ends {end_mm:.1} mm from its tip");
+            check.error("pose.from_tip_mm", message, "it is counted over the gel, along its curve");
+        }
     }
     if scope != Scope::Dataset {
         let message = "this looks at flat pads, and the sensor's gel has a shape";
@@ -153,6 +218,12 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     refuse(job.sequence.is_some(), "sequence", "a sequence");
     refuse(job.texture.amplitude_mm.support() != (0.0, 0.0), "texture.amplitude_mm", "texture");
     refuse(job.markers.is_some(), "markers", "print");
+    let placed = pose.from_tip_mm.is_some() || pose.around_deg.is_some();
+    let moved =
+        [&job.shear.x_mm, &job.shear.y_mm, &job.shear.twist_deg].map(|quantity| quantity.support() != (0.0, 0.0));
+    let sheared = moved.iter().any(|moved| *moved);
+    refuse(sheared && job.sensor.pins.is_none(), "shear", "shear that no pins show");
+    refuse(sheared && placed, "shear", "shear beside from_tip_mm or around_deg");
     let camera = &job.camera;
     for (name, quantity) in [("distortion_k1", &camera.distortion_k1), ("distortion_k2", &camera.distortion_k2)] {
         refuse(quantity.support() != (0.0, 0.0), &format!("camera.{name}"), "distortion by [camera]");

@@ -1,0 +1,385 @@
+//! Charts of a gel that is not flat: a plane into which the part around a contact is unrolled.
+//!
+//! A chart is the gel as its geodesics leave the chart's middle: a point of it is as far from the middle, and in the same
+//! direction, as the geodesic to that point is long and starts (the exponential map; azimuthal equidistant on a ball, a plain
+//! unrolling on a cylinder). Both pieces of a capsule have geodesics in closed form, and where ball and cylinder meet, these go
+//! on in their direction.
+
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::gel::{GelShape, Site};
+
+/// A map of the gel that keeps distances from its middle. Points of it are in mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chart {
+    radius_mm: f64,
+    /// There is a cylinder below the ball.
+    walled: bool,
+    /// From the chart's axes to the sensor's: the third is the gel's normal in the middle.
+    axes: DMat3,
+    /// Of the middle.
+    below_mm: f64,
+    /// The middle's, on a gel with a cylinder.
+    latitude: Latitude,
+}
+
+/// How far the middle of a chart is from a capsule's tip, in steps of [`Latitude::STEP`]: few, so that what depends on it is
+/// computed once for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Latitude(usize);
+
+/// Where a point of a chart is on the gel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rest {
+    /// Out of the gel.
+    pub normal: DVec3,
+    /// How far below the middle of the tip's ball it is, mm.
+    pub below_mm: f64,
+    /// Along the chart's x and y, as they go over the gel from its middle without a turn: unit vectors across the normal.
+    pub tangents: [DVec3; 2],
+}
+
+impl Latitude {
+    /// Of the radius.
+    const STEP: f64 = 0.2;
+
+    /// How many there are on a gel.
+    pub fn count(shape: &GelShape) -> usize {
+        let length = FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0) / shape.radius_mm();
+        libm::round(length / Self::STEP) as usize + 1
+    }
+
+    /// Its number, from the tip on.
+    pub fn number(self) -> usize {
+        self.0
+    }
+}
+
+impl Chart {
+    /// With the gel's tip in its middle.
+    pub fn at_tip(shape: &GelShape) -> Self {
+        let (radius_mm, walled) = (shape.radius_mm(), shape.wall_mm().is_some());
+        Self { radius_mm, walled, axes: DMat3::IDENTITY, below_mm: 0.0, latitude: Latitude::default() }
+    }
+
+    /// With a point of a dome in its middle; its axes are the tip's, taken there without a turn. On a capsule with a point of the
+    /// same meridian in its middle, no more than half a step of [`Latitude`] away; its x then goes along the meridian, away
+    /// from the tip.
+    pub fn around(shape: &GelShape, site: Site) -> Self {
+        let tip = Self::at_tip(shape);
+        let normal = site.normal.normalize();
+        if !tip.walled {
+            return Self { axes: DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, normal)), ..tip };
+        }
+        let from_tip = libm::acos(normal.z.clamp(0.0, 1.0)) + site.below_mm / tip.radius_mm;
+        let number = libm::round(from_tip / Latitude::STEP) as usize;
+        let azimuth = if from_tip > 1e-9 { libm::atan2(normal.y, normal.x) } else { 0.0 };
+        tip.on_meridian(Latitude(number.min(Latitude::count(shape) - 1)), azimuth)
+    }
+
+    /// That of a capsule around each of its latitudes, on the meridian through x.
+    pub fn of_latitudes(shape: &GelShape) -> impl Iterator<Item = Self> {
+        let tip = Self::at_tip(shape);
+        (0..Latitude::count(shape)).map(move |number| tip.on_meridian(Latitude(number), 0.0))
+    }
+
+    fn on_meridian(self, latitude: Latitude, azimuth: f64) -> Self {
+        let from_tip = latitude.0 as f64 * Latitude::STEP;
+        let axes = DMat3::from_rotation_z(azimuth) * DMat3::from_rotation_y(from_tip.min(FRAC_PI_2));
+        Self { axes, below_mm: (from_tip - FRAC_PI_2).max(0.0) * self.radius_mm, latitude, ..self }
+    }
+
+    /// From the chart's axes to the sensor's.
+    pub fn axes(&self) -> DMat3 {
+        self.axes
+    }
+
+    /// The middle's latitude.
+    pub fn latitude(&self) -> Latitude {
+        self.latitude
+    }
+
+    /// Charts of a dome differ only in their axes, those of one latitude of a capsule by a turn about z: that which takes the
+    /// chart around the tip, or on the meridian through x, to this one.
+    pub fn turn(&self) -> DMat3 {
+        match self.walled {
+            false => self.axes,
+            // Its y goes around the sensor's axis.
+            true => DMat3::from_cols(self.axes.y_axis.cross(DVec3::Z), self.axes.y_axis, DVec3::Z),
+        }
+    }
+
+    /// Radius of the gel, mm.
+    pub fn radius_mm(&self) -> f64 {
+        self.radius_mm
+    }
+
+    /// The gel at a point of the chart.
+    pub fn rest(&self, at: [f64; 2]) -> Rest {
+        match self.walled {
+            false => self.rest_on_ball(at),
+            true => self.walk(at).rest(at),
+        }
+    }
+
+    fn rest_on_ball(&self, [u, v]: [f64; 2]) -> Rest {
+        let angle = libm::hypot(u, v) / self.radius_mm;
+        let (sin, cos) = libm::sincos(angle);
+        let half = libm::sin(0.5 * angle);
+        // sin / angle and (1 - cos) / angle^2, per mm and mm^2 of the chart.
+        let (s, k) = match angle > 1e-9 {
+            true => (sin / angle, 2.0 * half * half / (angle * angle)),
+            false => (1.0, 0.5),
+        };
+        let [x, y] = [u, v].map(|mm| mm / self.radius_mm);
+        let along = [DVec3::new(1.0 - k * x * x, -k * x * y, -s * x), DVec3::new(-k * x * y, 1.0 - k * y * y, -s * y)];
+        let normal = self.axes * DVec3::new(s * x, s * y, cos);
+        Rest { normal, below_mm: 0.0, tangents: along.map(|tangent| (self.axes * tangent).normalize()) }
+    }
+
+    /// Goes along the geodesic to a point of the chart.
+    fn walk(&self, [u, v]: [f64; 2]) -> Walk {
+        let length = libm::hypot(u, v);
+        let direction = if length > 0.0 { [u / length, v / length] } else { [1.0, 0.0] };
+        let towards = self.axes * DVec3::new(direction[0], direction[1], 0.0);
+        let mut walk =
+            Walk { normal: self.axes.z_axis, below_mm: self.below_mm, towards, width: 0.0, widening: self.radius_mm };
+        let mut left = length / self.radius_mm;
+        // Ball and cylinder by turns: a geodesic meets either no more than twice.
+        for _ in 0..4 {
+            if left <= 0.0 {
+                break;
+            }
+            let on_wall = walk.below_mm > 0.0 || (walk.normal.z <= 0.0 && walk.towards.z < 0.0);
+            left -= if on_wall { walk.along_wall(left, self.radius_mm) } else { walk.along_ball(left) };
+        }
+        walk
+    }
+
+    /// The point of the gel's surface at a point of the chart, in the sensor's frame, mm.
+    pub fn point_mm(&self, at: [f64; 2]) -> DVec3 {
+        let Rest { normal, below_mm, .. } = self.rest(at);
+        self.radius_mm * normal - DVec3::new(0.0, 0.0, self.radius_mm + below_mm)
+    }
+
+    /// The gel at a point of the chart, and what slopes of 1 along x and along y of the chart are there: slopes on the gel.
+    pub fn rest_with_gradients(&self, at: [f64; 2]) -> (Rest, [DVec3; 2]) {
+        let (rest, area) = match self.walled {
+            false => (self.rest_on_ball(at), self.area(at)),
+            true => {
+                let walk = self.walk(at);
+                (walk.rest(at), walk.area(at))
+            }
+        };
+        let [x, y] = rest.tangents;
+        let outwards = DVec2::from_array(at).normalize_or(DVec2::X);
+        // Across its geodesics the chart is wider than the gel, or narrower.
+        let gradient = |slope: DVec2| {
+            let (along, across) = (outwards.dot(slope), outwards.perp_dot(slope) / area.max(0.05));
+            (outwards.x * along - outwards.y * across) * x + (outwards.y * along + outwards.x * across) * y
+        };
+        (rest, [gradient(DVec2::X), gradient(DVec2::Y)])
+    }
+
+    /// The point of the chart that lies at a point of the gel, whose normal need not be of length 1.
+    pub fn at(&self, site: Site) -> [f64; 2] {
+        let DVec3 { x, y, z } = self.axes.transpose() * site.normal;
+        let across = libm::hypot(x, y);
+        let per = match across > 0.0 {
+            true => self.radius_mm * libm::atan2(across, z) / across,
+            false => 0.0,
+        };
+        let at = [per * x, per * y];
+        if self.walled { self.refined(at, site) } else { at }
+    }
+
+    /// The same of a capsule, found by Newton's method.
+    fn refined(&self, first: [f64; 2], site: Site) -> [f64; 2] {
+        let normal = site.normal.normalize_or(DVec3::Z);
+        let point = |normal: DVec3, below_mm: f64| self.radius_mm * normal - DVec3::new(0.0, 0.0, below_mm);
+        let goal = point(normal, site.below_mm);
+        let off = |rest: &Rest| goal - point(rest.normal, rest.below_mm);
+        // Where the cylinder lets a point be far from the middle, begin with the unrolled one.
+        let along = self.axes.x_axis.z.abs().min(1.0);
+        let mut at = [first[0] + along * (site.below_mm - self.below_mm), first[1]];
+        for _ in 0..30 {
+            let rest = self.rest(at);
+            let off = off(&rest);
+            let step = DVec3::new(rest.tangents[0].dot(off), rest.tangents[1].dot(off), 0.0).truncate();
+            let step = step.clamp_length_max(0.5 * self.radius_mm);
+            if step.length() < 1e-12 * self.radius_mm {
+                break;
+            }
+            // Along the geodesic as it is, across it by as much as the chart is wider than the gel.
+            let outwards = DVec2::from_array(at).normalize_or(DVec2::X);
+            let (along, across) = (step.dot(outwards), step.dot(outwards.perp()));
+            let moved = along * outwards + across / self.area(at).max(0.2) * outwards.perp();
+            at = [at[0] + moved.x, at[1] + moved.y];
+        }
+        at
+    }
+
+    /// Area on the gel of a mm^2 of the chart.
+    pub fn area(&self, at: [f64; 2]) -> f64 {
+        if self.walled {
+            return self.walk(at).area(at);
+        }
+        let angle = libm::hypot(at[0], at[1]) / self.radius_mm;
+        if angle > 1e-9 { libm::sin(angle) / angle } else { 1.0 }
+    }
+}
+
+/// A geodesic on the way. Lengths of arc are in radii.
+struct Walk {
+    normal: DVec3,
+    below_mm: f64,
+    /// The way it goes: a unit vector across the normal.
+    towards: DVec3,
+    /// Distance of the geodesics beside it, per angle between them in the middle, and how that grows (the Jacobi field), mm and mm
+    /// per radius of length.
+    width: f64,
+    widening: f64,
+}
+
+impl Walk {
+    /// Goes on by `left` at most, to the end of the ball; returns how far it went.
+    fn along_ball(&mut self, left: f64) -> f64 {
+        let to_rim = libm::atan2(self.normal.z, -self.towards.z);
+        let to_rim = if to_rim <= 0.0 { std::f64::consts::PI } else { to_rim };
+        let length = left.min(to_rim);
+        let (sin, cos) = libm::sincos(length);
+        (self.normal, self.towards) = (cos * self.normal + sin * self.towards, cos * self.towards - sin * self.normal);
+        if length == to_rim {
+            self.normal.z = 0.0;
+        }
+        (self.width, self.widening) = (cos * self.width + sin * self.widening, cos * self.widening - sin * self.width);
+        length
+    }
+
+    /// The same to the upper end of the cylinder.
+    fn along_wall(&mut self, left: f64, radius_mm: f64) -> f64 {
+        let rising = self.towards.z;
+        let to_rim = if rising > 0.0 { self.below_mm / (radius_mm * rising) } else { f64::INFINITY };
+        let length = left.min(to_rim);
+        let around = DVec3::Z.cross(self.normal);
+        let turn = DMat3::from_rotation_z(length * self.towards.dot(around));
+        (self.normal, self.towards) = (turn * self.normal, turn * self.towards);
+        self.below_mm = if length == to_rim { 0.0 } else { self.below_mm - length * rising * radius_mm };
+        self.width += length * self.widening;
+        length
+    }
+
+    /// Area on the gel of a mm^2 of a chart, at the end of the geodesic to a point of it.
+    fn area(&self, [u, v]: [f64; 2]) -> f64 {
+        let length = libm::hypot(u, v);
+        if length > 1e-9 * self.widening.abs() { (self.width / length).abs() } else { 1.0 }
+    }
+
+    /// The gel at that point.
+    fn rest(&self, [u, v]: [f64; 2]) -> Rest {
+        let length = libm::hypot(u, v);
+        let [cos, sin] = if length > 0.0 { [u / length, v / length] } else { [1.0, 0.0] };
+        let across = self.normal.cross(self.towards);
+        let tangents = [cos * self.towards - sin * across, sin * self.towards + cos * across];
+        Rest { normal: self.normal, below_mm: self.below_mm, tangents }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::core::base::gel::{GelCapsule, GelDome};
+
+    fn normal() -> impl Strategy<Value = DVec3> {
+        let normal = prop::array::uniform3(-1.0..1.0_f64).prop_map(DVec3::from_array);
+        normal.prop_filter("of some length", |normal| normal.length() > 0.1)
+    }
+
+    fn chart() -> impl Strategy<Value = Chart> {
+        let site = normal().prop_map(|normal| Site { normal, below_mm: 0.0 });
+        let dome = (1.0..100.0_f64, site)
+            .prop_map(|(radius_mm, site)| Chart::around(&GelShape::Dome(GelDome { radius_mm }), site));
+        let capsule =
+            (1.0..100.0_f64, 0.0..4.0_f64, normal(), 0.0..4.0_f64).prop_map(|(radius_mm, wall, to, below)| {
+                let shape = GelShape::Capsule(GelCapsule { radius_mm, length_mm: (1.0 + wall) * radius_mm });
+                let to = DVec3::new(to.x, to.y, if below > 2.0 { -(below - 2.0) * wall } else { to.z.abs() });
+                Chart::around(&shape, shape.closest(radius_mm * to + shape.centre_mm()))
+            });
+        prop_oneof![dome, capsule]
+    }
+
+    proptest! {
+        #[test]
+        fn a_chart_goes_to_the_gel_and_back(chart in chart(), at in prop::array::uniform2(-2.0..2.0_f64)) {
+            let at = at.map(|angle| angle * chart.radius_mm());
+            let rest = chart.rest(at);
+            let back = chart.at(Site { normal: rest.normal, below_mm: rest.below_mm });
+            // On a capsule two geodesics may lead to one point.
+            let [there, here] = [back, at].map(|at| chart.point_mm(at));
+            prop_assert!(there.abs_diff_eq(here, 1e-6 * chart.radius_mm()), "{back:?} {at:?}");
+            let at = if libm::hypot(at[0], at[1]) < chart.radius_mm() { at } else { back };
+            prop_assert!((0..2).all(|k| (back[k] - at[k]).abs() < 1e-6 * chart.radius_mm()), "{back:?} {at:?}");
+            let frame = DMat3::from_cols(rest.tangents[0], rest.tangents[1], rest.normal);
+            prop_assert!((frame.determinant() - 1.0).abs() < 1e-9 && (frame.transpose() * frame).abs_diff_eq(DMat3::IDENTITY, 1e-9));
+        }
+
+        /// Outwards the chart keeps lengths.
+        #[test]
+        fn tangents_are_where_points_go(chart in chart(), at in prop::array::uniform2(-1.0..1.0_f64)) {
+            let step = 1e-5 * chart.radius_mm();
+            let at = at.map(|angle| angle * chart.radius_mm());
+            let towards = |k: usize, by: f64| {
+                let mut there = at;
+                there[k] += by;
+                chart.point_mm(there)
+            };
+            let slopes = [0, 1].map(|k| (towards(k, step) - towards(k, -step)) / (2.0 * step));
+            let area = slopes[0].cross(slopes[1]);
+            prop_assert!((area.length() - chart.area(at)).abs() < 1e-6);
+            prop_assert!(area.normalize().abs_diff_eq(chart.rest(at).normal, 1e-6));
+        }
+    }
+
+    #[test]
+    fn a_capsules_charts_unroll_its_cylinder_and_go_over_its_rim() {
+        let shape = GelShape::Capsule(GelCapsule { radius_mm: 10.0, length_mm: 60.0 });
+        let site = Site { normal: DVec3::Y, below_mm: 24.0 };
+        let chart = Chart::around(&shape, site);
+        let middle = chart.rest([0.0; 2]);
+        assert!((middle.below_mm - 24.0).abs() <= 1.0 && middle.normal.abs_diff_eq(DVec3::Y, 1e-12), "{middle:?}");
+        assert!(
+            middle.tangents[0].abs_diff_eq(DVec3::NEG_Z, 1e-12) && middle.tangents[1].abs_diff_eq(DVec3::NEG_X, 1e-12)
+        );
+        let turned = chart.rest([3.0, 5.0]);
+        assert!((turned.below_mm - middle.below_mm - 3.0).abs() < 1e-9);
+        assert!((turned.normal.angle_between(DVec3::Y) - 0.5).abs() < 1e-9);
+        // Straight up the meridian, over the rim, to the tip and down on the other side.
+        let to_tip = middle.below_mm + 10.0 * FRAC_PI_2;
+        assert!(chart.point_mm([-to_tip, 0.0]).abs_diff_eq(DVec3::ZERO, 1e-9));
+        let beyond = chart.point_mm([-to_tip - 10.0 * FRAC_PI_2 - 7.0, 0.0]);
+        assert!(beyond.abs_diff_eq(DVec3::new(0.0, -10.0, -17.0), 1e-9), "{beyond}");
+        assert_eq!(chart.area([-5.0, 5.0]), 1.0);
+        assert!(chart.turn().abs_diff_eq(DMat3::from_rotation_z(FRAC_PI_2), 1e-12));
+    }
+
+    #[test]
+    fn charts_of_one_latitude_differ_by_a_turn() {
+        let shape = GelShape::Capsule(GelCapsule { radius_mm: 10.0, length_mm: 40.0 });
+        for base in Chart::of_latitudes(&shape) {
+            let rest = base.rest([0.0; 2]);
+            let turn = DMat3::from_rotation_z(2.0);
+            let site = Site { normal: turn * rest.normal, below_mm: rest.below_mm };
+            let chart = Chart::around(&shape, site);
+            assert_eq!(chart.latitude(), base.latitude());
+            for at in [[0.0, 0.0], [6.0, -3.0], [-20.0, 8.0], [12.0, 15.0]] {
+                let (here, there) = (chart.rest(at), base.rest(at));
+                assert!(here.normal.abs_diff_eq(chart.turn() * there.normal, 1e-9), "{at:?}");
+                assert!((here.below_mm - there.below_mm).abs() < 1e-9, "{at:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,312 @@
+//! Where the pixels of an image lie on a chart of a curved gel, and the chart's layers as the image shows them.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::{DVec2, DVec3};
+
+use super::projection::Projection;
+use crate::core::base::chart::{Chart, Rest};
+use crate::core::base::gel::{GelShape, Site};
+use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::core::base::view::{SURFACE_BORDER, View};
+
+/// Step of the table of [`angles`].
+const STEP: f64 = 1.0 / 4096.0;
+
+/// An angle over its sine, for 1 less its cosine in steps from 0 to 1.5.
+fn angles() -> &'static [f64] {
+    static TABLE: OnceLock<Vec<f64>> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        let of = |step: usize| {
+            let versine = step as f64 * STEP;
+            let sin = libm::sqrt(versine * (2.0 - versine));
+            if step == 0 { 1.0 } else { libm::atan2(sin, 1.0 - versine) / sin }
+        };
+        (0..=6144).map(of).collect()
+    })
+}
+
+/// Where the pixels of an image lie on a chart.
+#[derive(Clone, Debug)]
+pub struct GelMap {
+    view: View,
+    chart: Chart,
+    /// What the pixels show of the gel.
+    sites: Arc<[Option<Site>]>,
+    /// Column and row on the chart, in pixels of `view`; no numbers where the image shows no gel, or one that is beyond
+    /// the chart.
+    at: Vec<[f32; 2]>,
+    lattice: OnceLock<Lattice>,
+}
+
+/// The gel at every [`CELL`]th node of a chart, between which it is straight.
+#[derive(Clone, Debug)]
+struct Lattice {
+    columns: usize,
+    rests: Vec<Rest>,
+    /// Slopes on the gel of slopes of 1 on the chart, along x and y.
+    gradients: Vec<[DVec3; 2]>,
+}
+
+impl GelMap {
+    /// Of the points of a gel that the pixels of this camera show; `None` where one shows no gel.
+    pub fn new(shape: &GelShape, camera: &Projection, sites: Arc<[Option<Site>]>, chart: &Chart, view: &View) -> Self {
+        let lattice = OnceLock::new();
+        let at = match shape.wall_mm() {
+            None => on_dome(&sites, chart, view),
+            Some(wall_mm) => {
+                let lattice = lattice.get_or_init(|| Lattice::new(chart, view));
+                on_capsule(wall_mm, camera, &sites, chart, view, lattice)
+            }
+        };
+        Self { view: *view, chart: *chart, sites, at, lattice }
+    }
+
+    /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
+    pub fn plane(&self, from: &Grid<f32>) -> Grid<f32> {
+        self.layer(|at| bilinear(from, at).unwrap_or(0.0))
+    }
+
+    /// A mask of the chart as the image shows it: the nearest node's value, 0 where there is no gel.
+    pub fn mask(&self, from: &Grid<u8>) -> Grid<u8> {
+        self.layer(|[x, y]| match x >= 0.0 && y >= 0.0 {
+            true if (x as usize) < from.width && (y as usize) < from.height => from.at(x as usize, y as usize),
+            _ => 0,
+        })
+    }
+
+    /// The smallest rectangle around the image's pixels that show a marked node.
+    pub fn box_of(&self, mask: &Grid<u8>) -> Rect {
+        bounding_box(&self.mask(mask), |value| value > 0)
+    }
+
+    /// The smallest rectangle around the image's pixels that show a part of the chart, or are next to one that does.
+    pub fn around(&self, part: Rect) -> Rect {
+        let [left, top, right, bottom] = [part.x0, part.y0, part.x1, part.y1].map(|side| side as f32);
+        let shown = self.layer(|[x, y]| {
+            let inside = x >= left - 1.0 && x <= right + 1.0 && y >= top - 1.0 && y <= bottom + 1.0;
+            u8::from(inside)
+        });
+        if part.is_empty() { Rect::default() } else { bounding_box(&shown, |value| value > 0) }
+    }
+
+    /// Where a point of the chart is from the sensor's axis, mm.
+    pub fn place_mm(&self, at: [f64; 2]) -> [f64; 2] {
+        let DVec3 { x, y, .. } = self.chart.point_mm(at);
+        [x, y]
+    }
+
+    /// The image's size.
+    pub fn size_px(&self) -> [usize; 2] {
+        self.view.resolution_px
+    }
+
+    /// Which point of the gel pixel `index` shows.
+    pub fn site(&self, index: usize) -> Option<Site> {
+        self.sites[index]
+    }
+
+    /// Unit normals of a pressed gel whose displacement on the chart is `surface`, as the image shows them: towards the inside of
+    /// the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
+    pub fn normals(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
+        let slopes = Slopes::new(surface, &self.view);
+        let normal =
+            |index: usize| self.normal(&slopes, index).map_or([0.0, 0.0, -1.0], |normal| normal.as_vec3().to_array());
+        (0..self.at.len()).map(normal).collect()
+    }
+
+    /// The same at one pixel; `None` where there is no gel.
+    pub fn normal(&self, slopes: &Slopes<'_>, index: usize) -> Option<DVec3> {
+        let site = self.sites[index]?;
+        let at = self.at[index];
+        let (Some([down, x, y]), true) = (slopes.at(at), at[0].is_finite()) else { return Some(-site.normal) };
+        if x == 0.0 && y == 0.0 {
+            return Some(-site.normal);
+        }
+        let [along_x, along_y] = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view)).gradients_at(at);
+        let gradient = f64::from(x) * along_x + f64::from(y) * along_y;
+        // A gel that is pressed in has shrunk around its axis, on the ball along it, too.
+        let shrunk = 1.0 - f64::from(down) / self.chart.radius_mm();
+        let along = if site.below_mm > 0.0 { DVec3::new(0.0, 0.0, gradient.z) } else { DVec3::ZERO };
+        let slope = along + (gradient - along) / shrunk.max(0.05);
+        // A dent leans the gel's inside towards where it is deeper.
+        Some(-(site.normal + slope).normalize())
+    }
+
+    fn layer<T: Copy + Default>(&self, value: impl Fn([f32; 2]) -> T) -> Grid<T> {
+        let [width, height] = self.view.resolution_px;
+        let data = self.at.iter().map(|at| if at[0].is_finite() { value(*at) } else { T::default() }).collect();
+        Grid { width, height, data }
+    }
+}
+
+/// Displacement and slopes of a pressed gel on a chart.
+pub struct Slopes<'a> {
+    surface: &'a Grid<f32>,
+    per_slope: [f32; 2],
+}
+
+impl<'a> Slopes<'a> {
+    /// Of a displacement, with its border, on the nodes of `view`.
+    pub fn new(surface: &'a Grid<f32>, view: &View) -> Self {
+        Self { surface, per_slope: view.mm_per_px.map(|pitch| (0.5 / pitch) as f32) }
+    }
+
+    /// Between the nodes around a place, the displacement, mm, and its slopes along x and y; `None` beyond the outermost nodes.
+    fn at(&self, [x, y]: [f32; 2]) -> Option<[f32; 3]> {
+        let border = SURFACE_BORDER;
+        let (width, height) = (self.surface.width - 2 * border, self.surface.height - 2 * border);
+        let (x, y) = (x - 0.5, y - 0.5);
+        let (last_x, last_y) = ((width - 1) as f32, (height - 1) as f32);
+        if !(x >= -0.5 && y >= -0.5 && x <= last_x + 0.5 && y <= last_y + 0.5) {
+            return None;
+        }
+        let (x, y) = (x.clamp(0.0, last_x), y.clamp(0.0, last_y));
+        let (column, row) = (x as usize, y as usize);
+        let (right, down) = (x - column as f32, y - row as f32);
+        let node = |column: usize, row: usize| {
+            let (column, row) = (column.min(width - 1), row.min(height - 1));
+            let at = |x: usize, y: usize| self.surface.at(x, y);
+            let (x, y) = (column + border, row + border);
+            [
+                at(x, y),
+                (at(x + 1, y) - at(x - 1, y)) * self.per_slope[0],
+                (at(x, y + 1) - at(x, y - 1)) * self.per_slope[1],
+            ]
+        };
+        let between = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|k| a[k] + share * (b[k] - a[k]));
+        let line = |row: usize| between(node(column, row), node(column + 1, row), right);
+        Some(between(line(row), line(row + 1), down))
+    }
+}
+
+/// Of each pixel of a dome's image.
+fn on_dome(sites: &[Option<Site>], chart: &Chart, view: &View) -> Vec<[f32; 2]> {
+    let per_mm: [f64; 2] = std::array::from_fn(|k| 1.0 / view.mm_per_px[k]);
+    let middle = view.resolution_px.map(|px| px as f64 / 2.0);
+    let back = chart.axes().transpose();
+    let table = angles();
+    let at = sites.iter().map(|site| {
+        let Some(site) = site else { return [f32::NAN; 2] };
+        let DVec3 { x, y, z } = back * site.normal;
+        // What a look into a table does not know, beyond it.
+        let place = (1.0 - z) / STEP;
+        let at = match table.get(place as usize..place as usize + 2) {
+            Some([here, next]) => {
+                let per = chart.radius_mm() * (here + (place - libm::floor(place)) * (next - here));
+                [per * x, per * y]
+            }
+            _ => chart.at(*site),
+        };
+        std::array::from_fn(|k| (at[k] * per_mm[k] + middle[k]) as f32)
+    });
+    at.collect()
+}
+
+/// Nodes of a chart on a side of the cells of a [`Lattice`].
+const CELL: usize = 4;
+
+impl Lattice {
+    fn new(chart: &Chart, view: &View) -> Self {
+        let [columns, rows] = view.resolution_px.map(|px| px.div_ceil(CELL) + 1);
+        let node = |at: usize| {
+            let place = [at % columns, at / columns].map(|at| (at * CELL) as f64);
+            chart.rest_with_gradients(view.point_mm(place))
+        };
+        let (rests, gradients) = (0..columns * rows).map(node).unzip();
+        Self { columns, rests, gradients }
+    }
+
+    /// Between its nodes, bilinear.
+    fn gradients_at(&self, at: [f32; 2]) -> [DVec3; 2] {
+        let rows = self.rests.len() / self.columns;
+        let [x, y] = at.map(|px| f64::from(px.max(0.0)) / CELL as f64);
+        let (column, row) = ((x as usize).min(self.columns - 2), (y as usize).min(rows - 2));
+        let (right, down) = (x - column as f64, y - row as f64);
+        let node = |dx: usize, dy: usize, k: usize| self.gradients[(row + dy) * self.columns + column + dx][k];
+        [0, 1].map(|k| node(0, 0, k).lerp(node(1, 0, k), right).lerp(node(0, 1, k).lerp(node(1, 1, k), right), down))
+    }
+}
+
+/// Of each pixel of a capsule's image: the chart is drawn into the image as triangles, on which places are linear. Where it
+/// covers a part of the gel twice, the place nearer to its middle counts.
+fn on_capsule(
+    wall_mm: f64,
+    camera: &Projection,
+    sites: &[Option<Site>],
+    chart: &Chart,
+    view: &View,
+    lattice: &Lattice,
+) -> Vec<[f32; 2]> {
+    let [width, height] = view.resolution_px;
+    let (columns, rows) = (lattice.columns, lattice.rests.len() / lattice.columns);
+    let middle = view.resolution_px.map(|px| px as f64 / 2.0);
+    let node = |column: usize, row: usize| {
+        let place = [column, row].map(|at| (at * CELL) as f64);
+        let rest = lattice.rests[row * columns + column];
+        let on_gel = rest.below_mm <= wall_mm + CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
+        let point = chart.radius_mm() * rest.normal - DVec3::new(0.0, 0.0, chart.radius_mm() + rest.below_mm);
+        let px = camera.point_px(point).filter(|_| on_gel)?;
+        Some((DVec2::from_array(px), DVec2::from_array(place)))
+    };
+    let nodes: Vec<_> = (0..rows).flat_map(|row| (0..columns).map(move |column| node(column, row))).collect();
+    let mut at = vec![[f32::NAN; 2]; width * height];
+    let mut away = vec![f32::INFINITY; width * height];
+    let pitch = DVec2::from_array(view.mm_per_px);
+    let mut draw = |corners: [(DVec2, DVec2); 3]| {
+        let [(a, _), (b, _), (c, _)] = corners;
+        let area = (b - a).perp_dot(c - a);
+        if !(area.abs() > 1e-9 && area.abs() < 1e6) {
+            return;
+        }
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let span = |low: f64, high: f64, count: usize| {
+            let first = libm::ceil(low - 0.5 - 1e-6).clamp(0.0, count as f64) as usize;
+            first..libm::floor(high + 0.5 + 1e-6).clamp(0.0, count as f64) as usize
+        };
+        for y in span(low.y, high.y, height) {
+            for x in span(low.x, high.x, width) {
+                let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let shares = [(c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a)];
+                let shares = shares.map(|share| share / area);
+                if shares.iter().all(|share| *share >= -1e-6) {
+                    let place: DVec2 = corners.iter().zip(shares).map(|((_, place), share)| share * *place).sum();
+                    let from_middle = ((place - DVec2::from_array(middle)) * pitch).length() as f32;
+                    let index = y * width + x;
+                    if from_middle < away[index] && sites[index].is_some() {
+                        away[index] = from_middle;
+                        at[index] = place.as_vec2().to_array();
+                    }
+                }
+            }
+        }
+    };
+    for row in 1..rows {
+        for column in 1..columns {
+            let corner = |dx: usize, dy: usize| nodes[(row - dy) * columns + column - dx];
+            if let [Some(a), Some(b), Some(c), Some(d)] = [corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)] {
+                draw([a, b, c]);
+                draw([a, c, d]);
+            }
+        }
+    }
+    at
+}
+
+/// The value between the nodes around a place; the first node's centre is at (0.5, 0.5). `None` beyond the outermost
+/// nodes.
+pub fn bilinear(from: &Grid<f32>, [x, y]: [f32; 2]) -> Option<f32> {
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (last_x, last_y) = ((from.width - 1) as f32, (from.height - 1) as f32);
+    // Half a pixel beyond the outermost nodes is still theirs.
+    if !(x >= -0.5 && y >= -0.5 && x <= last_x + 0.5 && y <= last_y + 0.5) {
+        return None;
+    }
+    let (x, y) = (x.clamp(0.0, last_x), y.clamp(0.0, last_y));
+    let (column, row) = (x as usize, y as usize);
+    let (next, below) = ((column + 1).min(from.width - 1), (row + 1).min(from.height - 1));
+    let (right, down) = (x - column as f32, y - row as f32);
+    let line = |y: usize| from.at(column, y) + right * (from.at(next, y) - from.at(column, y));
+    let (upper, lower) = (line(row), line(below));
+    Some(upper + down * (lower - upper))
+}
