@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Optional, SupportsIndex, Union, cast
 
-from gelsim import shards
+from gelsim import shards, vectors
 from gelsim._native import UsageError
 from gelsim.needed import need
 from gelsim.shards import Entry, Files, Index, damaged
@@ -91,11 +91,11 @@ class Dataset:
         text = files.read("json")
         try:
             label = json.loads(text)
-            complete = label["key"] == files.key and label["sensor"].keys() >= {"height_px", "width_px"}
+            if (its := str(label["key"])) != files.key:
+                raise ValueError(f"it is the label of sample {its}")
+            sound(label)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise damaged(of.path, f"{files.key}.json is no label: {error!r}") from None
-        if not complete:
-            raise damaged(of.path, f"{files.key}.json is the label of another sample")
+            raise damaged(of.path, f"{files.key}.json is not its label: {error!r}") from None
         return Raw(of.path, files, text, label, self.manifest["layers"])
 
 
@@ -137,7 +137,9 @@ class Raw:
         data = self.data(suffix, number)
         try:
             return decode(suffix.split(".", 1)[0], suffix, data, self.label)
-        except (ValueError, OSError, KeyError, TypeError, EOFError, SyntaxError, AttributeError) as error:
+        except ImportError:
+            raise
+        except Exception as error:  # decoders raise what they please for damaged files
             where = f"frame {number} of " if "sequence" in self.label else ""
             raise damaged(self.shard, f"{where}{self.files.key}: {suffix}: {error}") from None
 
@@ -167,6 +169,22 @@ def read_manifest(path: Path) -> dict[str, Any]:
             raise
         verify = f"`gelsim verify {path}` says what is wrong"
         raise UsageError(f"{file} is no manifest of a dataset ({error!r}): {verify}") from None
+
+
+def sound(label: dict[str, Any]) -> None:
+    """Raises if a label lacks what this package reads of it."""
+    for part in vectors.parts(label):
+        vectors.pose(part)
+        vectors.wrench(part)
+    if "sequence" in label and not 0 < int(label["sequence"]["frames"]) == len(label["frames"]):
+        raise ValueError("it has not as many frames as it says")
+    float(label["sequence"]["frame_rate_hz"] if "sequence" in label else 1)
+    for number in [label["index"], label["object"]["class_index"], *map(label["sensor"].get, ["height_px", "width_px"])]:
+        if not isinstance(number, int):
+            raise TypeError(f"{number!r} is no whole number")
+    for text in [label["split"], label["object"]["class"], label["object"]["id"], label["sensor"]["name"]]:
+        if not isinstance(text, str):
+            raise TypeError(f"{text!r} is no text")
 
 
 def entry(path: Path, shard: dict[str, Any]) -> Entry:

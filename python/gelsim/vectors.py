@@ -21,7 +21,7 @@ def parts(label: dict[str, Any]) -> list[dict[str, Any]]:
 def pose(part: dict[str, Any]) -> list[float]:
     """Translation (mm) and quaternion x, y, z, w of the object in the sensor's frame; NaN where the label knows none."""
     known = part.get("pose")
-    return [NAN] * 7 if not known else [*known["translation_mm"], *known["quaternion_xyzw"]]
+    return [NAN] * 7 if not known else numbers([*known["translation_mm"], *known["quaternion_xyzw"]], 7)
 
 
 def wrench(part: dict[str, Any]) -> list[float]:
@@ -31,14 +31,16 @@ def wrench(part: dict[str, Any]) -> list[float]:
     and the torque is not known.
     """
     if "wrench" in part:
-        return numbers([*part["wrench"]["force_n"], *part["wrench"]["torque_nmm"]])
+        return numbers([*part["wrench"]["force_n"], *part["wrench"]["torque_nmm"]], 6)
     contact = part["contact"]
     if contact.get("force_vector_n"):
-        return numbers([*contact["force_vector_n"], *contact["torque_nmm"]])
+        return numbers([*contact["force_vector_n"], *contact["torque_nmm"]], 6)
     total, along = contact["total_force_n"], part["shear"]["force_n"]
-    return numbers([*(along or [None, None]), None if total is None else 0.0 - total, None, None, None])
+    return numbers([*(along or [None, None]), None if total is None else 0.0 - total, None, None, None], 6)
 
 
-def numbers(values: Sequence[Optional[float]]) -> list[float]:
-    """The same with NaN in place of null."""
+def numbers(values: Sequence[Optional[float]], count: int) -> list[float]:
+    """The same with NaN in place of null; ValueError if there are not `count`."""
+    if len(values) != count:
+        raise ValueError(f"{len(values)} numbers instead of {count}")
     return [NAN if value is None else float(value) for value in values]

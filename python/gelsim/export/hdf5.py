@@ -28,7 +28,7 @@ def source(out: Path) -> Any:
     try:
         with need("h5py", "export").File(out, "r") as file:
             return json.loads(file.attrs["gelsim"])
-    except (OSError, KeyError, ValueError):
+    except (OSError, KeyError, TypeError, ValueError):
         return None
 
 

@@ -235,7 +235,7 @@ def rgb(data: bytes, pixels: Any) -> tuple[bytes, Any]:
     if pixels.ndim == 3:
         return data, pixels
     file = BytesIO()
-    need("PIL.Image", "export").fromarray(coloured(pixels)).save(file, "PNG")
+    need("PIL.Image", "export").fromarray(coloured(pixels)).save(file, "PNG", compress_level=1)
     return file.getvalue(), coloured(pixels)
 
 

@@ -101,7 +101,7 @@ def held(partial: Path, out: Path, identity: dict[str, Any]) -> Iterator[None]:
             except BlockingIOError:
                 raise UsageError(f"{partial}: another process is writing it") from None
             yield
-    except (FileNotFoundError, NotADirectoryError, json.JSONDecodeError):
+    except (FileNotFoundError, NotADirectoryError, json.JSONDecodeError, UnicodeDecodeError):
         raise UsageError(f"{partial} is in the way and is nothing that an export left: move it away") from None
 
 

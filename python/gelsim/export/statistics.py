@@ -61,14 +61,17 @@ def of_histograms(counted: Any, frames: int) -> dict[str, Any]:
 def of_numbers(rows: Any) -> dict[str, Any]:
     """Of vectors (T, K); of a component that no row knows, NaN."""
     numpy = need("numpy", "export")
+    if len(rows) == 1:
+        return {**{name: rows[0].tolist() for name in ["min", "max", "mean", *QUANTILES]}, "std": [0.0] * rows.shape[1], "count": [1]}
     columns = [column[numpy.isfinite(column)] for column in rows.T]
     columns = [column if len(column) else numpy.array([numpy.nan]) for column in columns]
+    quantiles = numpy.array([numpy.quantile(column, list(QUANTILES.values())) for column in columns]).T
     found = {
         "min": [column.min() for column in columns],
         "max": [column.max() for column in columns],
         "mean": [column.mean() for column in columns],
         "std": [column.std() for column in columns],
-        **{name: [numpy.quantile(column, share) for column in columns] for name, share in QUANTILES.items()},
+        **dict(zip(QUANTILES, quantiles)),
     }
     return {**{name: [float(value) for value in values] for name, values in found.items()}, "count": [len(rows)]}
 

@@ -47,7 +47,7 @@ def source(out: Path) -> Any:
             return json.loads((out / ".zattrs").read_bytes())["gelsim"]
         with zipfile.ZipFile(out) as file:
             return json.loads(file.read(".zattrs"))["gelsim"]
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
         return None
 
 
