@@ -24,7 +24,8 @@ def decode(name: str, suffix: str, data: bytes, label: dict[str, Any]) -> Any:
     ending = suffix.rsplit(".", 1)[-1]
     if ending == "json":
         return positions(data)
-    decoders: dict[str, Callable[[bytes], Any]] = {"png": png, "npy": npy, "exr": exr, "png16": partial(png16, name, label["png16"])}
+    steps = partial(png16, name, label["png16"])
+    decoders: dict[str, Callable[[bytes], Any]] = {"png": png, "npy": npy, "exr": exr, "png16": steps}
     if ending not in decoders:
         raise ValueError(f"layers that end in .{ending} are of another version of gelsim")
     found = decoders[ending](data)

@@ -11,6 +11,7 @@ import sys
 import time
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -19,7 +20,8 @@ import zarr
 from gelsim.export import command
 from PIL import Image
 
-COMMAND = [sys.executable, "-m", "gelsim.export.command"]
+INSTALLED = Path(sys.executable).with_name("gelsim-export")
+COMMAND = [INSTALLED] if INSTALLED.exists() else [sys.executable, "-m", "gelsim.export.command"]
 KINDS = {"lerobot": "lerobot", "zarr": "zarr", "zip": "zarr", "hdf5": "hdf5"}
 """Formats by what their copies are called."""
 
@@ -98,7 +100,8 @@ def lerobot(dataset, out):
             assert (episode["data/chunk_index"], episode["data/file_index"]) == (0, number)
             begin = episode["dataset_to_index"]
             tactile = np.stack([frame["tactile"] for frame, _ in frames(sample)]) / 255
-            for name, ours in {"mean": tactile.mean((0, 1, 2)), "std": tactile.std((0, 1, 2)), "max": tactile.max((0, 1, 2))}.items():
+            known = {"mean": tactile.mean((0, 1, 2)), "std": tactile.std((0, 1, 2)), "max": tactile.max((0, 1, 2))}
+            for name, ours in known.items():
                 assert np.allclose(np.ravel(episode[f"stats/observation.images.tactile/{name}"]), ours, atol=1e-6), name
     assert len(rows) == len(every) and begin == len(every)
     for index, (row, (sample, number, frame, part)) in enumerate(zip(rows, every)):
@@ -290,8 +293,37 @@ def refused(dataset, other, folder):
         assert content(out) == content(place(folder, dataset.path.name, kind))
 
 
-def check(made, folder):
-    """Every dataset in every format."""
+LEROBOT = """
+import sys
+try:
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+except ImportError:
+    sys.exit("no lerobot: its own class is not tried")
+for root, frames in zip(sys.argv[1::2], map(int, sys.argv[2::2])):
+    dataset = LeRobotDataset("local/copy", root=root)
+    assert len(dataset) == frames == sum(dataset.meta.episodes["length"]) and dataset.num_episodes == len(dataset.meta.episodes)
+    for index in range(frames):
+        item = dataset[index]
+        assert item["observation.images.tactile"].shape[0] == 3 and item["observation.state"].shape == (7,)
+        assert item["index"] == index and item["task"] in dataset.meta.tasks.index
+    part = LeRobotDataset("local/copy", root=root, episodes=[1])
+    assert len(part) == dataset.meta.episodes[1]["length"] and part[0]["episode_index"] == 1
+print(f"exports: {len(sys.argv[1::2])} copies opened by LeRobot")
+"""
+
+
+def own_class(made, folder, python):
+    """LeRobot reads what is written for it."""
+    arguments = []
+    for name in ["halves", "tactip", "frames"]:
+        arguments += [place(folder, name, "lerobot"), sum(len(frames(sample)) for sample in made[name])]
+    done = subprocess.run([python, "-c", LEROBOT, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 0 or done.stderr.startswith("no lerobot"), done.stderr
+    print(done.stdout.strip() or done.stderr.strip(), flush=True)
+
+
+def check(made, folder, python=None):
+    """Every dataset in every format; `python` may have lerobot."""
     folder.mkdir()
     os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
 
@@ -305,6 +337,8 @@ def check(made, folder):
             assert status == 0 and word in said.getvalue() and bool(word) == bool(said.getvalue()), (name, kind, said.getvalue())
         READERS[kind](made[name], out)
     print(f"exports: {len(work)} copies, read by pyarrow, datasets, zarr and h5py", flush=True)
+    if python:
+        own_class(made, folder, python)
     # Two shards and more, of presses and of sequences.
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda kind: killed(made["halves"].path, kind, place(folder, "halves", kind)), KINDS))

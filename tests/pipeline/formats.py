@@ -1,23 +1,27 @@
 """Datasets loaded in Python and exported: what comes is what the job renders, and nothing ends in a traceback.
 
-    python formats.py GELSIM [PYTHON_WITH_TORCH]       from the project's root, where the wheel, OpenEXR, pillow, pyarrow, zarr and
-                                                       h5py are installed
+    python formats.py GELSIM [PYTHON_WITH_TORCH]    from the project's root, where the wheel, OpenEXR, pillow, datasets, zarr and
+                                                    h5py are installed; the second interpreter may have lerobot
+    python formats.py GELSIM --speed DIR            how quickly a dataset is loaded and exported
 """
 
 import hashlib
 import json
 import multiprocessing
+import os
 import pickle
 import random
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import exports
 import gelsim
 import numpy as np
+from snippet import snippets
 
 LAYERS = ["depth", "surface", "contact", "normal", "pressure", "gap", "markers", "reference", "flow"]
 
@@ -35,6 +39,7 @@ indentation = { depth_mm = [0.3, 1.0], no_contact = 0.3 }
 """
 EVERY_LAYER = f"output.layers={json.dumps(LAYERS)}"
 NPY, FOLDER, PNG16 = 'output.depth_format="npy"', 'output.container="folder"', 'output.depth_format="png16"'
+LAMPS = 'sensor={ preset = "gelsight-series2", resolution_px = [48, 36] }'
 SMALL = "sensor.resolution_px=[40, 30]"
 HALVES = {"depth", "surface", "normal", "gap", "flow", "lamps"}
 
@@ -52,7 +57,7 @@ def datasets():
         "npy": (presses, [EVERY_LAYER, NPY], None),
         "steps": (presses, [EVERY_LAYER, PNG16, FOLDER], None),
         "forceless": (presses, [*forceless, 'fidelity="paper"'], 4),
-        "lamps": (presses, ['sensor={ preset = "gelsight-series2", resolution_px = [48, 36] }', 'output.layers=["lamps"]', "markers={}"], 2),
+        "lamps": (presses, [LAMPS, 'output.layers=["lamps"]', "markers={}"], 2),
         "tactip": (tactip, ["dataset.samples_per_shard=1"], 3),
         "sequences": (sequences, [SMALL, shards], 3),
         "frames": (sequences, [SMALL, shards, NPY, FOLDER], 3),
@@ -260,7 +265,56 @@ def damage(tars, folders):
     assert 20 < tries, "most changes are found"
 
 
+def docs(python):
+    """Commands and snippets of docs/formats.md as they stand; those with torch or lerobot where `python` has them."""
+    page = project / "docs/formats.md"
+    folder = Path(root) / "docs"
+    small = ["--samples", "16", "--set", SMALL, "--quiet", "--out", folder / "out/quickstart"]
+    subprocess.run([native, "generate", "configs/quickstart.toml", *small], check=True)
+    lines = [line.strip() for line in page.read_text().splitlines() if line.startswith("    gelsim-export ")]
+    for to, out in [("zarr", "quickstart.zarr.zip"), ("hdf5", "quickstart.h5")]:
+        lines.append(f"gelsim-export out/quickstart --to {to} --out {out}")
+    for line in lines:
+        subprocess.run([*exports.COMMAND, *line.split()[1:], "--quiet"], cwd=folder, check=True)
+    ran = 0
+    for code in snippets(page):
+        needed = "lerobot" if "import LeRobot" in code else "torch" if "import DataLoader" in code else None
+        with_it = python if needed else sys.executable
+        if with_it and subprocess.run([with_it, "-c", f"import {needed or 'gelsim'}"], capture_output=True).returncode == 0:
+            subprocess.run([with_it, "-c", code], cwd=folder, check=True, capture_output=True)
+            ran += 1
+        else:
+            print(f"no {needed}: its snippet is not tried")
+    assert ran >= 3
+    print(f"docs: {len(lines)} commands, {ran} snippets", flush=True)
+
+
+def speed(folder):
+    """Prints how many samples a second are loaded, in order and at random, and what each export says of itself."""
+    dataset = gelsim.load(folder)
+    order = list(range(len(dataset)))
+    for how in ["in order", "at random"]:
+        start = time.monotonic()
+        for index in order:
+            dataset[index]
+        print(f"load {how}: {len(dataset) / (time.monotonic() - start):.0f} samples/s on one core", flush=True)
+        random.Random(1).shuffle(order)
+    for kind in exports.KINDS:
+        with tempfile.TemporaryDirectory() as temporary:
+            out = exports.place(Path(temporary), "copy", kind)
+            for more in [[], ["--check"]]:
+                arguments = [*exports.COMMAND, folder, "--to", exports.KINDS[kind], "--out", out, *more]
+                process = subprocess.Popen(list(map(str, arguments)), stderr=subprocess.PIPE, text=True)
+                said = process.stderr.read().rsplit(": ", 1)[-1].strip()
+                _, status, used = os.wait4(process.pid, 0)
+                assert status == 0, said
+                print(f"{kind} {' '.join(more) or 'export'}: {said}, {used.ru_maxrss / 1e3:.0f} MB of memory", flush=True)
+
+
 if __name__ == "__main__":
+    if sys.argv[2:3] == ["--speed"]:
+        speed(sys.argv[3])
+        sys.exit()
     native, project = Path(sys.argv[1]).resolve(), Path.cwd()
     torch = sys.argv[2] if len(sys.argv) > 2 else None
     with tempfile.TemporaryDirectory() as root:
@@ -279,4 +333,5 @@ if __name__ == "__main__":
             print("no torch: its DataLoader is not tried")
         damage(made["halves"].path, made["floats"].path)
         print("load: processes, batches, damage", flush=True)
-        exports.check(made, Path(root) / "copies")
+        docs(torch)
+        exports.check(made, Path(root) / "copies", torch)

@@ -15,6 +15,8 @@ from gelsim.export.parts import Place
 from gelsim.needed import need
 from gelsim.vectors import POSE, WRENCH
 
+VERSIONS = ("v110", "v110")
+"""HDF5 1.10 or later: before it each array, also one of a single chunk, had a tree of chunks, which takes 18 kB of memory."""
 POSE_UNIT = "mm (x, y, z) and quaternion (x, y, z, w): p = R q + t takes a point of the mesh to the sensor's frame"
 
 
@@ -43,7 +45,7 @@ class Writer:
         """Writes shard `number`."""
         path = self.folder / f"parts/{number:06}.h5"
         fresh = path.with_suffix(".tmp")
-        with self.h5py.File(fresh, "w") as file:
+        with self.h5py.File(fresh, "w", libver=VERSIONS) as file:
             for raw in samples:
                 write(file.create_group(raw.files.key), raw)
         os.replace(fresh, path)
@@ -52,7 +54,7 @@ class Writer:
     def finish(self, parts: list[dict[str, Any]]) -> Path:
         """Copies all groups into one file."""
         path = self.folder / "whole.h5"
-        with self.h5py.File(path, "w") as file:
+        with self.h5py.File(path, "w", libver=VERSIONS) as file:
             file.attrs["frame"] = content.FRAME
             file.attrs["classes"] = self.dataset.classes
             file.attrs["splits"] = json.dumps(self.dataset.splits)
@@ -75,7 +77,8 @@ def write(group: Any, raw: Raw) -> None:
     group.attrs["object"] = raw.label["object"]["id"]
     if sequence:
         group.attrs["frame_rate_hz"] = content.frame_rate_hz(raw)
-    group.create_dataset("label", data=raw.label_json.decode()).attrs["unit"] = "JSON"
+    text = need("h5py", "export").string_dtype("utf-8", len(raw.label_json))
+    group.create_dataset("label", data=raw.label_json, dtype=text).attrs["unit"] = "JSON"
     for name, rows, parts, unit in [
         ("pose", content.poses(raw), POSE, POSE_UNIT),
         ("wrench", content.wrenches(raw), WRENCH, content.UNITS["wrench"]),
@@ -121,7 +124,7 @@ def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
     with need("h5py", "export").File(out, "r") as file:
         splits = {split: number for number, split in enumerate(json.loads(file.attrs["splits"]))}
         for key in sorted(file, key=lambda key: (splits[file[key].attrs["split"]], key)):
-            yield file[key]["label"][()], frames(file[key])
+            yield bytes(file[key]["label"][()]), frames(file[key])
 
 
 def frames(group: Any) -> Iterator[Arrays]:

@@ -62,7 +62,8 @@ def of_numbers(rows: Any) -> dict[str, Any]:
     """Of vectors (T, K); of a component that no row knows, NaN."""
     numpy = need("numpy", "export")
     if len(rows) == 1:
-        return {**{name: rows[0].tolist() for name in ["min", "max", "mean", *QUANTILES]}, "std": [0.0] * rows.shape[1], "count": [1]}
+        same = {name: rows[0].tolist() for name in ["min", "max", "mean", *QUANTILES]}
+        return {**same, "std": [0.0] * rows.shape[1], "count": [1]}
     columns = [column[numpy.isfinite(column)] for column in rows.T]
     columns = [column if len(column) else numpy.array([numpy.nan]) for column in columns]
     quantiles = numpy.array([numpy.quantile(column, list(QUANTILES.values())) for column in columns]).T
