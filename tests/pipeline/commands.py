@@ -35,7 +35,7 @@ INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|gelsim-export|cargo|pip
 SMALL = "--set 'sensor.resolution_px=[160, 120]'"
 CALIBRATION = "gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml"
 SHORTER = {
-    "gelsim generate configs/quickstart.toml --samples 3000 --set 'sensor.resolution_px=[320, 240]'": "--set dataset.samples=40",
+    "gelsim generate configs/quickstart.toml --set dataset.samples=3000 --set 'sensor.resolution_px=[320, 240]'": "--samples 8",
     "gelsim generate job.toml": "--samples 4",
     "gelsim generate job.toml --all-effects": "--samples 4",
     "gelsim generate job.toml --set 'sensor.resolution_px=[320, 240]' --set 'object.0.path=\"other.stl\"'": "--samples 4",
