@@ -1,6 +1,7 @@
 """Copies by `gelsim-export`: opened with the readers of their formats, killed and continued, compared, refused."""
 
 import contextlib
+import fcntl
 import io
 import json
 import os
@@ -203,6 +204,9 @@ def killed(source, kind, out):
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, "it was done before it could be killed"
         assert not again.exists() and len(list(partial.glob("parts/0*.json"))) >= parts
+    with open(partial / "export.json") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert "another process is writing it" in export(source, kind, again, status=2)
     # What a kill in the middle of a file leaves.
     for torn in [*partial.glob("parts/*.tmp"), *partial.glob("out/**/*.tmp")]:
         torn.write_bytes(b"torn")
