@@ -58,6 +58,8 @@ class Sample(TypedDict, total=False):
     """Of a sequence: its frames, each with `tactile` and the layers; the sequence itself has `frames` and `label` only."""
     label: dict[str, Any]
     """The label's JSON; `gelsim schema label` prints its schema."""
+    key: str
+    """Name of its files, of samples that are loaded: nine digits of its index."""
 
 
 class Batch(TypedDict, total=False):

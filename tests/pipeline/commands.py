@@ -29,12 +29,13 @@ CARGO = {
     "test": tomllib.loads((REPOSITORY / "Cargo.toml").read_text())["test"],
     "bench": tomllib.loads((REPOSITORY / "tests/bench/Cargo.toml").read_text())["bench"],
 }
-INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|cargo|pip|python3?|bash|sh|sbatch|kubectl|npm|docker|make) .*)$")
+INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|gelsim-export|cargo|pip|python3?|bash|sh|sbatch|kubectl|npm|docker|make) .*)$")
 
 # Options of the documentation that make a run shorter.
 SMALL = "--set 'sensor.resolution_px=[160, 120]'"
 CALIBRATION = "gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml"
 SHORTER = {
+    "gelsim generate configs/quickstart.toml --set dataset.samples=3000 --set 'sensor.resolution_px=[320, 240]'": "--samples 8",
     "gelsim generate job.toml": "--samples 4",
     "gelsim generate job.toml --all-effects": "--samples 4",
     "gelsim generate job.toml --set 'sensor.resolution_px=[320, 240]' --set 'object.0.path=\"other.stl\"'": "--samples 4",
@@ -56,6 +57,13 @@ ELSEWHERE = {
     "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/transfer.md"),
     "python tests/bench/others.py GELSIM": ("numpy, OpenCV and 400 MB", ".ci/run"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/pipeline/install.py"),
+    "pip install '.[load]'": ("a compiler; there without extras", "tests/pipeline/install.py"),
+    "pip install '.[export]'": ("a compiler; there without extras", "tests/pipeline/install.py"),
+    "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot": ("the wheel", "tests/pipeline/formats.py"),
+    "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot --check": ("the wheel", "tests/pipeline/formats.py"),
+    "python tests/pipeline/formats.py target/release/gelsim": ("the wheel", ".ci/run"),
+    "python tests/pipeline/formats.py target/release/gelsim --speed out/quickstart": ("minutes", "docs/formats.md"),
+    "python tests/pipeline/notebook.py": ("the wheel", ".ci/run"),
     "python tests/pipeline/attack.py": ("the wheel", ".ci/run"),
     "python tests/pipeline/workers.py target/release/gelsim --speed": ("the wheel", ".ci/run"),
     "bash gelsim.sbatch": ("Slurm", "tests/pipeline/slurm.py"),

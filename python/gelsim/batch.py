@@ -1,0 +1,91 @@
+"""Batches of samples, for PyTorch's DataLoader or plain loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from gelsim import vectors
+from gelsim._native import UsageError
+from gelsim.needed import need
+
+if TYPE_CHECKING:
+    from gelsim.sample import Sample
+
+
+def collate(samples: Sequence[Sample]) -> dict[str, Any]:
+    """Makes one batch of samples of `Job` or `load`: tensors of torch, or arrays of numpy where torch is not installed.
+
+    Images and layers get the samples as first axis and keep their types. `pose` is float32 (N, 7), `wrench` float32 (N, 6)
+    (`gelsim.vectors`; NaN is what a label does not know). `label`, `key`, `markers` and `pins` are lists.
+    Sequences are padded with zeros to the longest: arrays are (N, T, ...), bool `mask` (N, T) is true for a frame that is
+    there. Layers of different sizes stay lists.
+    """
+    if len(samples) == 0:
+        raise UsageError("no samples: a batch needs at least one")
+    numpy = need("numpy", "load")
+    tensor = converter()
+    names = list(samples[0])
+    for sample in samples:
+        if set(sample) != set(names):
+            raise UsageError(f"samples of one batch have the same layers: one has {sorted(names)}, one {sorted(sample)}")
+    each: list[dict[str, Any]] = [dict(sample) for sample in samples]
+    rows = [vectors.parts(sample["label"]) for sample in each]
+    batch: dict[str, Any]
+    if "frames" in names:
+        batch = sequences([sample["frames"] for sample in each], tensor)
+        batch["pose"] = tensor(padded([numpy.array([vectors.pose(part) for part in row], "float32") for row in rows]))
+        batch["wrench"] = tensor(padded([numpy.array([vectors.wrench(part) for part in row], "float32") for row in rows]))
+    else:
+        layers = [name for name in names if name not in ("label", "key")]
+        batch = {name: stacked([sample[name] for sample in each], tensor) for name in layers}
+        batch["pose"] = tensor(numpy.array([vectors.pose(row[0]) for row in rows], "float32"))
+        batch["wrench"] = tensor(numpy.array([vectors.wrench(row[0]) for row in rows], "float32"))
+    for name in ("label", "key"):
+        if name in names:
+            batch[name] = [sample[name] for sample in each]
+    return batch
+
+
+def converter() -> Callable[[Any], Any]:
+    """`torch.from_numpy`, or what leaves arrays as they are where there is no torch."""
+    try:
+        made: Callable[[Any], Any] = import_module("torch").from_numpy
+    except ImportError:
+        return lambda array: array
+    return made
+
+
+def stacked(values: list[Any], tensor: Callable[[Any], Any]) -> Any:
+    """One array of several of a shape; markers, pins and other shapes as a list."""
+    numpy = need("numpy", "load")
+    arrays = all(isinstance(value, numpy.ndarray) for value in values)
+    if arrays and len({value.shape for value in values}) == 1:
+        return tensor(numpy.stack(values))
+    return [tensor(value) for value in values] if arrays else values
+
+
+def sequences(each: list[list[dict[str, Any]]], tensor: Callable[[Any], Any]) -> dict[str, Any]:
+    """Layers of sequences, padded, and `mask`."""
+    numpy = need("numpy", "load")
+    batch: dict[str, Any] = {}
+    for name in each[0][0]:
+        frames = [[frame[name] for frame in one] for one in each]
+        plain = [isinstance(value, numpy.ndarray) for one in frames for value in one]
+        if all(plain) and len({value.shape for one in frames for value in one}) == 1:
+            batch[name] = tensor(padded([numpy.stack(one) for one in frames]))
+        else:
+            batch[name] = frames
+    longest = max(map(len, each))
+    batch["mask"] = tensor(numpy.array([[number < len(one) for number in range(longest)] for one in each]))
+    return batch
+
+
+def padded(arrays: list[Any]) -> Any:
+    """Arrays of different lengths as one, with zeros after their ends."""
+    numpy = need("numpy", "load")
+    whole = numpy.zeros((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), arrays[0].dtype)
+    for row, array in zip(whole, arrays):
+        row[: len(array)] = array
+    return whole

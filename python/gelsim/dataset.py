@@ -1,0 +1,192 @@
+"""A dataset on disk as a map-style dataset."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import accumulate
+from operator import index as as_index
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Optional, SupportsIndex, Union, cast
+
+from gelsim import shards, vectors
+from gelsim._native import UsageError
+from gelsim.needed import need
+from gelsim.shards import Entry, Files, Index, damaged
+
+if TYPE_CHECKING:
+    from gelsim.sample import Sample
+
+MANIFEST_VERSION = 1
+
+
+def load(path: Union[str, PathLike[str]], split: Optional[str] = None) -> Dataset:
+    """The dataset that `gelsim generate` wrote to the folder `path`, or its samples of one split.
+
+    Raises UsageError for a folder that is none or is not complete, with a way out; shards are looked at when a sample is
+    asked for.
+    """
+    return Dataset(path, split)
+
+
+class Dataset:
+    """A map-style dataset over a folder: train, val and test one after another, each in the order of `Job.indices`.
+
+    Samples are those of `Job`, with `key` besides. It can be pickled, and forked at any time.
+    """
+
+    def __init__(self, path: Union[str, PathLike[str]], split: Optional[str] = None) -> None:
+        for library in ["numpy", "PIL.Image"]:
+            need(library, "load")
+        self.path = Path(path)
+        manifest = read_manifest(self.path)
+        self.manifest: dict[str, Any] = manifest
+        """`dataset.json`."""
+        self.name: str = manifest["name"]
+        self.fingerprint: str = manifest["fingerprint"]
+        """SHA-256 over all that decides the bytes of a sample, as `Job.fingerprint`."""
+        self.classes: list[str] = [each["name"] for each in manifest["classes"]]
+        """Class names; a label's `class_index` counts here."""
+        self.layers: list[str] = [each.split(".", 1)[0] for each in manifest["layers"]]
+        """The layers of every sample."""
+        order = [shard["split"] for shard in manifest["shards"]]
+        self.splits: dict[str, int] = {each: manifest["splits"][each] for each in [*order, *manifest["splits"]]}
+        """Samples of each split of the folder."""
+        if split is not None and split not in self.splits:
+            raise UsageError(f"{self.path}: no split {split!r}; it has {', '.join(map(repr, self.splits))}")
+        self.split = split
+        found = [entry(self.path, each) for each in manifest["shards"]]
+        self.shards: list[Entry] = [each for each in found if split in (None, each.split)]
+        self._ends = list(accumulate(each.samples for each in self.shards))
+        self._indexes: dict[int, Index] = {}
+
+    def __len__(self) -> int:
+        return self._ends[-1] if self._ends else 0
+
+    def __getitem__(self, index: SupportsIndex, /) -> Sample:
+        """Sample `index`, decoded. Negative ones count from the end. RunError names a file that is damaged."""
+        return self.raw(index).sample()
+
+    def __iter__(self) -> Iterator[Sample]:
+        return (self[index] for index in range(len(self)))
+
+    def __repr__(self) -> str:
+        of = "" if self.split is None else f", split {self.split}"
+        return f'<gelsim.Dataset "{self.name}": {len(self)} samples{of}>'
+
+    def raw(self, index: SupportsIndex) -> Raw:
+        """The files of sample `index`, not decoded."""
+        number = as_index(index)
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"sample {number}: there are 0 to {len(self) - 1}")
+        number %= len(self)
+        shard = bisect_right(self._ends, number)
+        if shard not in self._indexes:
+            self._indexes[shard] = shards.index(self.shards[shard])
+        of = self.shards[shard]
+        files = self._indexes[shard].files(number - self._ends[shard] + of.samples)
+        text = files.read("json")
+        try:
+            label = json.loads(text)
+            if (its := str(label["key"])) != files.key:
+                raise ValueError(f"it is the label of sample {its}")
+            sound(label)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise damaged(of.path, f"{files.key}.json is not its label: {error!r}") from None
+        return Raw(of.path, files, text, label, self.manifest["layers"])
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A sample's files."""
+
+    shard: Path
+    files: Files
+    label_json: bytes
+    label: dict[str, Any]
+    suffixes: list[str]
+
+    def sample(self) -> Sample:
+        """All of it, decoded."""
+        its: dict[str, Any]
+        if "sequence" in self.label:
+            its = {"frames": [self.frame(number) for number in range(len(self))]}
+        else:
+            its = self.frame(0)
+        return cast("Sample", {**its, "label": self.label, "key": self.files.key})
+
+    def __len__(self) -> int:
+        """Its frames; 1 of a press."""
+        return int(self.label["sequence"]["frames"]) if "sequence" in self.label else 1
+
+    def frame(self, number: int) -> dict[str, Any]:
+        """The arrays of one frame, by layer; of a press `number` is 0."""
+        return {suffix.split(".", 1)[0]: self.layer(suffix, number) for suffix in ["tactile.png", *self.suffixes]}
+
+    def data(self, suffix: str, number: int) -> bytes:
+        """A file of a frame as it is; `suffix` without the frame's number."""
+        return self.files.read(f"f{number:04}.{suffix}" if "sequence" in self.label else suffix)
+
+    def layer(self, suffix: str, number: int) -> Any:
+        """A file of a frame as array."""
+        from gelsim.decode import decode
+
+        data = self.data(suffix, number)
+        try:
+            return decode(suffix.split(".", 1)[0], suffix, data, self.label)
+        except ImportError:
+            raise
+        except Exception as error:  # decoders raise what they please for damaged files
+            where = f"frame {number} of " if "sequence" in self.label else ""
+            raise damaged(self.shard, f"{where}{self.files.key}: {suffix}: {error}") from None
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """`dataset.json` of the folder `path`, in the order of splits."""
+    file = path / "dataset.json"
+    try:
+        manifest = json.loads(file.read_bytes())
+        version = manifest["manifest_version"]
+        if not isinstance(version, int) or version > MANIFEST_VERSION:
+            raise UsageError(f"{file} is of a newer gelsim (manifest_version {version}): install that, or a newer one")
+        for key in ["name", "fingerprint", "classes", "layers", "splits", "shards"]:
+            manifest[key]
+        [entry(path, each) for each in manifest["shards"]]
+        return cast("dict[str, Any]", manifest)
+    except FileNotFoundError:
+        if (path / "job.toml").is_file() and (path / "stats").is_dir():
+            finish = f"`gelsim generate {path / 'job.toml'} --out {path}` finishes it"
+            raise UsageError(f"{path} is not complete, it has no dataset.json: {finish}") from None
+        what = "is no dataset of gelsim: it has no dataset.json" if path.is_dir() else "is no folder"
+        raise UsageError(f"{path} {what}; `gelsim generate JOB --out FOLDER` writes one") from None
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        if isinstance(error, UsageError):
+            raise
+        verify = f"`gelsim verify {path}` says what is wrong"
+        raise UsageError(f"{file} is no manifest of a dataset ({error!r}): {verify}") from None
+
+
+def sound(label: dict[str, Any]) -> None:
+    """Raises if a label lacks what this package reads of it."""
+    for part in vectors.parts(label):
+        vectors.pose(part)
+        vectors.wrench(part)
+    if "sequence" in label and not 0 < int(label["sequence"]["frames"]) == len(label["frames"]):
+        raise ValueError("it has not as many frames as it says")
+    float(label["sequence"]["frame_rate_hz"] if "sequence" in label else 1)
+    for number in [label["index"], label["object"]["class_index"], *map(label["sensor"].get, ["height_px", "width_px"])]:
+        if not isinstance(number, int):
+            raise TypeError(f"{number!r} is no whole number")
+    for text in [label["split"], label["object"]["class"], label["object"]["id"], label["sensor"]["name"]]:
+        if not isinstance(text, str):
+            raise TypeError(f"{text!r} is no text")
+
+
+def entry(path: Path, shard: dict[str, Any]) -> Entry:
+    """A shard of the manifest."""
+    return Entry(path / shard["file"], str(shard["split"]), int(shard["samples"]), int(shard["bytes"]))

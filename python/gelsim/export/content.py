@@ -1,0 +1,81 @@
+"""What every format holds of a sample, and in which units."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+from gelsim import vectors
+from gelsim.dataset import Dataset, Raw
+from gelsim.needed import need
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Arrays = dict[str, Any]
+"""Arrays of one frame by name."""
+
+UNITS = {
+    "tactile": "8-bit RGB",
+    "reference": "8-bit RGB: the image without contact",
+    "depth": "mm below the undeformed pad, 0 where the object does not reach",
+    "surface": "mm, displacement of the pad's surface, positive towards the camera",
+    "contact": "255 where the pad touches",
+    "normal": "unit normals X, Y, Z of the pad's surface, towards the camera",
+    "pressure": "kPa, normal to the pad",
+    "gap": "mm between pad and object; 0 in contact, -1 where no object is within reach",
+    "lamps": "grey image under each lamp A to F, 0 to 1",
+    "slip": "128 where the pad sticks to the object, 255 where it slips",
+    "flow": "mm, motion of the pad's surface to the right and down",
+    "markers/rest_px": "px; the first pixel's centre is at (0.5, 0.5)",
+    "markers/moved_px": "px; the first pixel's centre is at (0.5, 0.5)",
+    "pins/rest_px": "px; the first pixel's centre is at (0.5, 0.5)",
+    "pins/moved_px": "px; the first pixel's centre is at (0.5, 0.5)",
+    "pins/rest_mm": "mm in the sensor's frame",
+    "pins/moved_mm": "mm in the sensor's frame",
+    "wrench": "N (x, y, z) and N mm (x, y, z) of the object on the pad, in the sensor's frame; NaN where it is not known",
+}
+"""Of each array; poses differ from format to format."""
+
+FRAME = (
+    "Right-handed, the camera's: x to the right, y down, z out of the pad towards the object; "
+    "its origin is the middle of the image on the undeformed pad."
+)
+"""The frame of poses and wrenches."""
+
+
+def identity(dataset: Dataset, to: str) -> dict[str, Any]:
+    """What a copy says about where it comes from: equal for equal sources."""
+    manifest = (dataset.path / "dataset.json").read_bytes()
+    return {
+        "exporter": 1,
+        "to": to,
+        "name": dataset.name,
+        "fingerprint": dataset.fingerprint,
+        "dataset_json_sha256": hashlib.sha256(manifest).hexdigest(),
+    }
+
+
+def layers(raw: Raw, number: int) -> Arrays:
+    """The arrays of frame `number`, markers and pins as `markers/rest_px` and so on."""
+    flat: Arrays = {}
+    for name, value in raw.frame(number).items():
+        flat |= {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
+    return flat
+
+
+def poses(raw: Raw) -> NDArray[Any]:
+    """Float64 (T, 7), `gelsim.vectors.POSE`."""
+    found: NDArray[Any] = need("numpy", "export").array([vectors.pose(part) for part in vectors.parts(raw.label)])
+    return found
+
+
+def wrenches(raw: Raw) -> NDArray[Any]:
+    """Float64 (T, 6), `gelsim.vectors.WRENCH`."""
+    found: NDArray[Any] = need("numpy", "export").array([vectors.wrench(part) for part in vectors.parts(raw.label)])
+    return found
+
+
+def frame_rate_hz(raw: Raw) -> float:
+    """Frames a second; 1 of presses, whose episodes have one frame."""
+    return float(raw.label["sequence"]["frame_rate_hz"]) if "sequence" in raw.label else 1.0

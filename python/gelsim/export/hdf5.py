@@ -1,0 +1,146 @@
+"""HDF5: a group for each sample. A shard becomes a file of its own first; the last step puts them together."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from gelsim.dataset import Dataset, Raw
+from gelsim.export import content
+from gelsim.export.content import Arrays
+from gelsim.export.parts import Place
+from gelsim.needed import need
+from gelsim.vectors import POSE, WRENCH
+
+VERSIONS = ("v110", "v110")
+"""HDF5 1.10 or later: before it each array, also one of a single chunk, had a tree of chunks, which takes 18 kB of memory."""
+POSE_UNIT = "mm (x, y, z) and quaternion (x, y, z, w): p = R q + t takes a point of the mesh to the sensor's frame"
+
+
+def libraries() -> None:
+    """Raises ImportError with a way out if one is missing."""
+    need("h5py", "export")
+
+
+def source(out: Path) -> Any:
+    """The identity of a finished copy; None if `out` is none."""
+    try:
+        with need("h5py", "export").File(out, "r") as file:
+            return json.loads(file.attrs["gelsim"])
+    except (OSError, KeyError, TypeError, ValueError):
+        return None
+
+
+class Writer:
+    """Writes the parts."""
+
+    def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
+        self.dataset, self.folder, self.identity = dataset, folder, identity
+        self.h5py = need("h5py", "export")
+
+    def part(self, number: int, samples: Iterator[Raw], at: Place) -> dict[str, Any]:
+        """Writes shard `number`."""
+        path = self.folder / f"parts/{number:06}.h5"
+        fresh = path.with_suffix(".tmp")
+        with self.h5py.File(fresh, "w", libver=VERSIONS) as file:
+            for raw in samples:
+                write(file.create_group(raw.files.key), raw)
+        os.replace(fresh, path)
+        return {"file": path.name}
+
+    def finish(self, parts: list[dict[str, Any]]) -> Path:
+        """Copies all groups into one file."""
+        path = self.folder / "whole.h5"
+        with self.h5py.File(path, "w", libver=VERSIONS) as file:
+            file.attrs["frame"] = content.FRAME
+            file.attrs["classes"] = self.dataset.classes
+            file.attrs["splits"] = json.dumps(self.dataset.splits)
+            file.attrs["gelsim"] = json.dumps(self.identity)
+            for part in parts:
+                with self.h5py.File(self.folder / "parts" / part["file"], "r") as its:
+                    for key in its:
+                        its.copy(key, file)
+        return path
+
+
+def write(group: Any, raw: Raw) -> None:
+    """Writes a sample; arrays of a sequence have the frames as their first axis."""
+    numpy = need("numpy", "export")
+    sequence, count = "sequence" in raw.label, len(raw)
+    group.attrs["key"] = raw.files.key
+    group.attrs["split"] = raw.label["split"]
+    group.attrs["class"] = raw.label["object"]["class"]
+    group.attrs["class_index"] = raw.label["object"]["class_index"]
+    group.attrs["object"] = raw.label["object"]["id"]
+    if sequence:
+        group.attrs["frame_rate_hz"] = content.frame_rate_hz(raw)
+    text = need("h5py", "export").string_dtype("utf-8", len(raw.label_json))
+    group.create_dataset("label", data=raw.label_json, dtype=text).attrs["unit"] = "JSON"
+    for name, rows, parts, unit in [
+        ("pose", content.poses(raw), POSE, POSE_UNIT),
+        ("wrench", content.wrenches(raw), WRENCH, content.UNITS["wrench"]),
+    ]:
+        data = group.create_dataset(name, data=rows if sequence else rows[0])
+        data.attrs["unit"], data.attrs["components"] = unit, parts
+    dots: dict[str, list[Any]] = {}
+    for number in range(count):
+        for name, array in content.layers(raw, number).items():
+            if "/" in name:
+                dots.setdefault(name, []).append(array)
+                continue
+            if name not in group:
+                shape = (count, *array.shape) if sequence else array.shape
+                chunks = (1, *array.shape) if sequence else array.shape
+                made = group.create_dataset(name, shape, array.dtype, chunks=chunks, **PACKED)
+                made.attrs["unit"] = content.UNITS[name]
+            group[name][number if sequence else ...] = array
+    for name, each in dots.items():
+        group.create_dataset(name, data=numpy.concatenate(each)).attrs["unit"] = content.UNITS[name]
+        if sequence:
+            ends = group.require_dataset(name.split("/")[0] + "/ends", (count,), "int64")
+            ends[:] = numpy.cumsum([len(of_frame) for of_frame in each])
+            ends.attrs["unit"] = "rows before the end of each frame"
+
+
+PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+def expectation(dataset: Dataset) -> Any:
+    """What a copy holds of each frame of a sample."""
+
+    def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
+        poses, wrenches = content.poses(raw), content.wrenches(raw)
+        for number in range(len(raw)):
+            yield {**content.layers(raw, number), "pose": poses[number], "wrench": wrenches[number]}
+
+    return frames
+
+
+def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
+    """Label and frames of each sample."""
+    with need("h5py", "export").File(out, "r") as file:
+        splits = {split: number for number, split in enumerate(json.loads(file.attrs["splits"]))}
+        for key in sorted(file, key=lambda key: (splits[file[key].attrs["split"]], key)):
+            yield bytes(file[key]["label"][()]), frames(file[key])
+
+
+def frames(group: Any) -> Iterator[Arrays]:
+    """The frames of a sample."""
+    numpy = need("numpy", "export")
+    sequence = "frame_rate_hz" in group.attrs
+    for number in range(len(group["pose"]) if sequence else 1):
+        found: Arrays = {}
+        for name, value in group.items():
+            if name == "label":
+                continue
+            if not hasattr(value, "keys"):
+                found[name] = numpy.asarray(value[number] if sequence else value[()])
+                continue
+            ends = [0, *value["ends"]] if sequence else [0, None]
+            for part in value:
+                if part != "ends":
+                    found[f"{name}/{part}"] = value[part][ends[number] : ends[number + 1]]
+        yield found

@@ -1,0 +1,309 @@
+"""LeRobotDataset v3.0 with images in Parquet. A shard becomes one file of frames and one of episodes."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from io import BytesIO
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from gelsim import vectors
+from gelsim.dataset import Dataset, Raw
+from gelsim.decode import png
+from gelsim.export import content, statistics
+from gelsim.export.content import Arrays
+from gelsim.export.parts import Place, write
+from gelsim.needed import need
+
+VERSION = "v3.0"
+FILES_IN_CHUNK = 1000
+ROWS_IN_GROUP = 100
+PIXELS = ["tactile", "reference", "contact", "slip"]
+"""Layers of 8 bits; the others are in the label or left out."""
+
+
+def libraries() -> None:
+    """Raises ImportError with a way out if one is missing."""
+    for library in ["pyarrow.parquet", "PIL.Image", "numpy"]:
+        need(library, "export")
+
+
+def source(out: Path) -> Any:
+    """The identity of a finished copy; None if `out` is none."""
+    try:
+        return json.loads((out / "meta/gelsim.json").read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def place(number: int) -> tuple[int, int]:
+    """Chunk and file of shard `number`."""
+    return divmod(number, FILES_IN_CHUNK)
+
+
+def file(kind: str, number: int) -> str:
+    """Path of shard `number` among `data` or `meta/episodes`."""
+    chunk, index = place(number)
+    return f"{kind}/chunk-{chunk:03}/file-{index:03}.parquet"
+
+
+class Features:
+    """What each frame has; it follows from the first sample."""
+
+    def __init__(self, dataset: Dataset) -> None:
+        first = dataset.raw(0)
+        self.sensor: str = first.label["sensor"]["name"]
+        self.fps = content.frame_rate_hz(first)
+        self.images = {suffix.split(".", 1)[0]: suffix for suffix in ["tactile.png", *first.suffixes]}
+        self.images = {name: suffix for name, suffix in self.images.items() if name in PIXELS}
+        size = [first.label["sensor"]["height_px"], first.label["sensor"]["width_px"], 3]
+        # No torque is known of presses on flat pads.
+        part = vectors.parts(first.label)[0]
+        self.wrench = vectors.WRENCH if "wrench" in part or part["contact"].get("force_vector_n") else vectors.WRENCH[:3]
+        channels = ["height", "width", "channels"]
+        images = {"dtype": "image", "shape": size, "names": channels}
+        vector = {"dtype": "float32", "fps": self.rate()}
+        counter = {"dtype": "int64", "shape": [1], "names": None}
+        self.described: dict[str, Any] = {
+            **{f"observation.images.{name}": images for name in self.images},
+            "observation.state": {**vector, "shape": [7], "names": vectors.POSE},
+            "observation.wrench": {**vector, "shape": [len(self.wrench)], "names": self.wrench},
+            "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+            **{name: counter for name in ["frame_index", "episode_index", "index", "task_index"]},
+        }
+
+    def rate(self) -> float:
+        """Frames a second, an int where it is one."""
+        return int(self.fps) if self.fps.is_integer() else self.fps
+
+    def schema(self) -> Any:
+        """Of the files of frames; with what Hugging Face's `datasets` reads there."""
+        arrow = need("pyarrow", "export")
+        image = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
+        fields: list[tuple[str, Any]] = []
+        theirs: dict[str, Any] = {}
+        for name, its in self.described.items():
+            value: dict[str, Any] = {"dtype": its["dtype"], "_type": "Value"}
+            if its["dtype"] == "image":
+                fields.append((name, image))
+                theirs[name] = {"_type": "Image"}
+            elif its["shape"] == [1]:
+                fields.append((name, getattr(arrow, its["dtype"])()))
+                theirs[name] = value
+            else:
+                fields.append((name, arrow.list_(arrow.float32(), its["shape"][0])))
+                theirs[name] = {"feature": value, "length": its["shape"][0], "_type": "Sequence"}
+        return arrow.schema(fields).with_metadata({"huggingface": json.dumps({"info": {"features": theirs}})})
+
+
+class Writer:
+    """Writes the parts."""
+
+    def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
+        self.dataset, self.identity = dataset, identity
+        self.out = folder / "out"
+        self.features = Features(dataset)
+        self.arrow, self.parquet = need("pyarrow", "export"), need("pyarrow.parquet", "export")
+
+    def part(self, number: int, samples: Iterator[Raw], at: Place) -> dict[str, Any]:
+        """Writes shard `number`: its frames, then its episodes."""
+        data, episodes = self.out / file("data", number), self.out / file("meta/episodes", number)
+        for path in [data, episodes]:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        fresh = data.with_suffix(".tmp")
+        rows: list[dict[str, Any]] = []
+        about: list[dict[str, Any]] = []
+        each: list[dict[str, Any]] = []
+        first = at.frames
+        schema = self.features.schema()
+        with self.parquet.ParquetWriter(fresh, schema) as writer:
+            for episode, raw in enumerate(samples, at.episodes):
+                tally = statistics.Tally()
+                for frame in self.frames(raw, episode, first):
+                    tally.add(frame)
+                    rows.append(self.row(frame))
+                    if len(rows) == ROWS_IN_GROUP:
+                        writer.write_table(self.arrow.Table.from_pylist(rows, schema))
+                        rows.clear()
+                each.append(tally.figures())
+                about.append({**self.about(raw, episode, first, number), **statistics.flat(each[-1])})
+                first += len(raw)
+            if rows:
+                writer.write_table(self.arrow.Table.from_pylist(rows, schema))
+        os.replace(fresh, data)
+        fresh = episodes.with_suffix(".tmp")
+        self.parquet.write_table(self.arrow.Table.from_pylist(about), fresh)
+        os.replace(fresh, episodes)
+        return {"statistics": statistics.merged(each)}
+
+    def frames(self, raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
+        """The frames of an episode: images as PNG, which becomes RGB where it is grey; the rest as numbers."""
+        for number, row in enumerate(numbers(raw, episode, first, self.features)):
+            images = {}
+            for name, suffix in self.features.images.items():
+                images[f"observation.images.{name}"] = rgb(raw.data(suffix, number), raw.layer(suffix, number))
+            yield {**images, **row}
+
+    def row(self, frame: Arrays) -> dict[str, Any]:
+        """A row of the table."""
+        return {
+            name: {"bytes": value[0], "path": f"frame-{int(frame['frame_index']):06}.png"} if isinstance(value, tuple) else value
+            for name, value in frame.items()
+        }
+
+    def about(self, raw: Raw, episode: int, first: int, number: int) -> dict[str, Any]:
+        """A row of `meta/episodes`, without statistics."""
+        chunk, index = place(number)
+        return {
+            "episode_index": episode,
+            "tasks": [raw.label["object"]["class"]],
+            "length": len(raw),
+            "data/chunk_index": chunk,
+            "data/file_index": index,
+            "dataset_from_index": first,
+            "dataset_to_index": first + len(raw),
+            "meta/episodes/chunk_index": chunk,
+            "meta/episodes/file_index": index,
+            "gelsim/key": raw.files.key,
+            "gelsim/split": raw.label["split"],
+            "gelsim/class": raw.label["object"]["class"],
+            "gelsim/object": raw.label["object"]["id"],
+            "gelsim/label": raw.label_json.decode(),
+        }
+
+    def finish(self, parts: list[dict[str, Any]]) -> Path:
+        """Writes what is known of the whole."""
+        meta = self.out / "meta"
+        ends, splits = 0, {}
+        for split, samples in self.dataset.splits.items():
+            splits[split] = f"{ends}:{ends + samples}"
+            ends += samples
+        write(
+            meta / "info.json",
+            {
+                "codebase_version": VERSION,
+                "robot_type": self.features.sensor,
+                "total_episodes": len(self.dataset),
+                "total_frames": sum(part["frames"] for part in parts),
+                "total_tasks": len(self.dataset.classes),
+                "chunks_size": FILES_IN_CHUNK,
+                "data_files_size_in_mb": 100,
+                "video_files_size_in_mb": 200,
+                "fps": self.features.rate(),
+                "splits": splits,
+                "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+                "video_path": None,
+                "features": self.features.described,
+                "gelsim": {
+                    "frame": content.FRAME,
+                    "units": {
+                        "observation.state": "mm and quaternion: the object's pose in the sensor's frame",
+                        "observation.wrench": content.UNITS["wrench"],
+                        **{f"observation.images.{name}": content.UNITS[name] for name in self.features.images},
+                    },
+                },
+            },
+        )
+        write(meta / "stats.json", statistics.merged([part["statistics"] for part in parts]))
+        self.parquet.write_table(tasks(self.dataset.classes), meta / "tasks.parquet")
+        write(meta / "gelsim.json", self.identity)
+        return self.out
+
+
+def numbers(raw: Raw, episode: int, first: int, features: Features) -> Iterator[Arrays]:
+    """All but the images, of each frame."""
+    numpy = need("numpy", "export")
+    poses = content.poses(raw).astype("float32")
+    wrenches = content.wrenches(raw).astype("float32")[:, : len(features.wrench)]
+    for number in range(len(raw)):
+        yield {
+            "observation.state": poses[number],
+            "observation.wrench": wrenches[number],
+            "timestamp": numpy.float32(number / features.fps),
+            "frame_index": numpy.int64(number),
+            "episode_index": numpy.int64(episode),
+            "index": numpy.int64(first + number),
+            "task_index": numpy.int64(raw.label["object"]["class_index"]),
+        }
+
+
+def rgb(data: bytes, pixels: Any) -> tuple[bytes, Any]:
+    """PNG and pixels of an image with three channels; one that has them keeps its bytes."""
+    if pixels.ndim == 3:
+        return data, pixels
+    file = BytesIO()
+    need("PIL.Image", "export").fromarray(coloured(pixels)).save(file, "PNG", compress_level=1)
+    return file.getvalue(), coloured(pixels)
+
+
+def coloured(pixels: Any) -> Any:
+    """Grey as RGB: LeRobot's statistics and networks have three channels."""
+    return pixels if pixels.ndim == 3 else need("numpy", "export").repeat(pixels[..., None], 3, axis=2)
+
+
+def tasks(classes: list[str]) -> Any:
+    """The classes, as pandas writes a table with an index of names."""
+    arrow = need("pyarrow", "export")
+    index = "__index_level_0__"
+
+    def column(name: Any, field: str, kind: str, numpy: str) -> dict[str, Any]:
+        return {"name": name, "field_name": field, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+
+    pandas = {
+        "index_columns": [index],
+        "column_indexes": [{**column(None, "", "unicode", "object"), "metadata": {"encoding": "UTF-8"}, "field_name": None}],
+        "columns": [column("task_index", "task_index", "int64", "int64"), column(None, index, "unicode", "object")],
+        "pandas_version": "2.0.0",
+    }
+    table = arrow.table({"task_index": arrow.array(range(len(classes)), arrow.int64()), index: classes})
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
+
+
+def expectation(dataset: Dataset) -> Any:
+    """What a copy holds of each frame of a sample."""
+    features = Features(dataset)
+
+    def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
+        for number, row in enumerate(numbers(raw, episode, first, features)):
+            images = {
+                f"observation.images.{name}": coloured(raw.layer(suffix, number)) for name, suffix in features.images.items()
+            }
+            yield {**images, **row}
+
+    return frames
+
+
+def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
+    """Label and frames of each episode."""
+    parquet = need("pyarrow.parquet", "export")
+    labels = (
+        label.as_py().encode()
+        for path in sorted(out.glob("meta/episodes/*/*.parquet"))
+        for batch in parquet.ParquetFile(path).iter_batches(columns=["gelsim/label"])
+        for label in batch.column(0)
+    )
+    rows = (
+        row
+        for path in sorted(out.glob("data/*/*.parquet"))
+        for batch in parquet.ParquetFile(path).iter_batches(batch_size=ROWS_IN_GROUP)
+        for row in batch.to_pylist()
+    )
+    for label, (_, its) in zip(labels, groupby(rows, lambda row: row["episode_index"])):
+        yield label, map(read, its)
+
+
+def read(row: dict[str, Any]) -> Arrays:
+    """A row's arrays."""
+    numpy = need("numpy", "export")
+    found: Arrays = {}
+    for name, value in row.items():
+        if isinstance(value, dict):
+            found[name] = png(value["bytes"])
+        elif isinstance(value, int):
+            found[name] = numpy.int64(value)
+        else:
+            found[name] = numpy.asarray(value, "float32")
+    return found
