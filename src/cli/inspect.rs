@@ -22,12 +22,12 @@ Example:
   gelsim inspect mug.stl --unit m --sensor digit
   gelsim inspect mug.stl --json")]
 pub struct Inspect {
-    /// The meshes: .obj, .stl or .ply
+    /// The meshes: .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf
     #[arg(value_name = "MESH", required = true)]
     meshes: Vec<PathBuf>,
-    /// Unit of their coordinates
-    #[arg(long, value_enum, default_value_t)]
-    unit: Unit,
+    /// Unit of their coordinates, if not the one that the file says, or mm
+    #[arg(long, value_enum)]
+    unit: Option<Unit>,
     /// Preset of the sensor that they are held against
     #[arg(long, value_name = "PRESET", default_value = PRESETS[0].0, value_parser = presets())]
     sensor: String,

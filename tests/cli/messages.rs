@@ -209,7 +209,12 @@ fn an_unknown_distribution_is_refused_with_the_ones_there_are() {
 fn a_file_that_is_not_there_is_named() {
     one_mistake("\"cone.obj\"", "«\"cones.obj\"»", "cones.obj does not exist", "relative to the file");
     one_mistake("\"cone.obj\"", "«\".\"»", "is a folder", "FOLDER/*.stl");
-    one_mistake("\"cone.obj\"", "«\"job.toml\"»", "is not named like a mesh: use .obj, .stl or .ply", "");
+    one_mistake(
+        "\"cone.obj\"",
+        "«\"job.toml\"»",
+        "is not named like a mesh: use .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf",
+        "",
+    );
 }
 
 #[test]

@@ -10,11 +10,10 @@ use rayon::prelude::*;
 use super::check::Check;
 use super::draw::{Draw, Weighted};
 use crate::core::base::rng::stream;
-use crate::core::mesh::Mesh;
 use crate::core::mesh::clusters::Clusters;
 use crate::files::figures::figure;
 use crate::files::input::{matching, may_be_file};
-use crate::files::mesh;
+use crate::files::mesh::{self, Loaded};
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
 use crate::job::config::object::{Object as Entry, Unit};
@@ -60,7 +59,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         }
         match &entry.path {
             None => {
-                check.missing(&path("path"), "a mesh file: .obj, .stl or .ply");
+                check.missing(&path("path"), &format!("a mesh file: {}", mesh::ENDINGS));
                 unread += 1;
             }
             Some(written) => match find(check, &path("path"), written, FOLDER_OF_MESHES) {
@@ -79,7 +78,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
 
     let read: Vec<_> = files
         .par_iter()
-        .map(|(i, path)| mesh::load(path, job.object[*i].unit.mm()).map(|l| (Arc::new(Clusters::new(&l.mesh)), l)))
+        .map(|(i, path)| mesh::load(path, job.object[*i].reading()).map(|l| (Arc::new(Clusters::new(&l.mesh)), l)))
         .collect();
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
@@ -96,7 +95,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         if let Some(warning) = loaded.cleaned.warning() {
             notes.push(format!("{}: {warning}", path.display()));
         }
-        if let Some(note) = odd_unit(path, entry.unit, &loaded.mesh, job.sensor.field_of_view_mm) {
+        if let Some(note) = odd_unit(path, &loaded, job.sensor.field_of_view_mm) {
             notes.push(note);
         }
         if let Some(expected) = &entry.sha256
@@ -107,7 +106,10 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         }
         let stem = stem(&path.to_string_lossy());
         let class = entry.class.clone().unwrap_or_else(|| stem.clone());
+        // What the file itself says stays open: a job names few units.
+        let unit = if loaded.given.format.knows_its_unit() { entry.unit } else { entry.unit.or(Some(Unit::Mm)) };
         entries.push(Entry {
+            unit,
             path: Some(path.to_string_lossy().into_owned()),
             class: Some(class.clone()),
             sha256: Some(loaded.sha256.clone()),
@@ -126,13 +128,14 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
 }
 
 /// What to say of a mesh whose coordinates are probably in another unit than the job says.
-fn odd_unit(path: &Path, unit: Unit, mesh: &Mesh, field_of_view_mm: [f64; 2]) -> Option<String> {
+fn odd_unit(path: &Path, loaded: &Loaded, field_of_view_mm: [f64; 2]) -> Option<String> {
     // The bounding box is centred on zero.
-    let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
+    let half = loaded.mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
     let largest_mm = 2.0 * f64::from(half);
-    let (likely, _) = unit.likely(largest_mm, field_of_view_mm)?;
+    let (likely, _) = Unit::likely(loaded.mm_per_unit, largest_mm, field_of_view_mm)?;
     let [width, height] = field_of_view_mm;
-    let measured = format!("{} is {} mm long under unit = \"{}\"", path.display(), figure(largest_mm), unit.name());
+    let measured =
+        format!("{} is {} mm long under {}", path.display(), figure(largest_mm), Unit::written(loaded.mm_per_unit));
     Some(format!(
         "{measured}, against a view of {width} x {height} mm; its values look like {}: if they are, write unit = \"{}\" \
          under its [[object]]",

@@ -72,8 +72,10 @@ pub struct MeshFacts {
     pub given: Given,
     /// SHA-256 of the file's bytes, lower-case hex.
     pub sha256: String,
-    /// The unit that its coordinates were taken for.
-    pub unit: Unit,
+    /// The unit that its coordinates were taken for; null if it is none that a job names.
+    pub unit: Option<Unit>,
+    /// Millimetres that a coordinate of 1 was taken for.
+    pub mm_per_unit: f64,
     /// Extents of the cleaned mesh along x, y, z, mm.
     pub size_mm: [f64; 3],
     /// Centre of its bounding box, mm.
@@ -142,14 +144,14 @@ impl SensorPad {
 }
 
 impl MeshFacts {
-    fn new(loaded: Loaded, unit: Unit, pad: &SensorPad) -> Self {
-        let Loaded { mesh, cleaned, sha256, given } = loaded;
+    fn new(loaded: Loaded, pad: &SensorPad) -> Self {
+        let Loaded { mesh, cleaned, sha256, given, mm_per_unit } = loaded;
         // The bounding box is centred on zero.
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
         let size_mm = [0, 1, 2].map(|k| 2.0 * f64::from(half(k)));
         let largest_mm = size_mm.into_iter().fold(0.0, f64::max);
         let readings = Unit::ALL.map(|other| {
-            let largest_mm = largest_mm / unit.mm() * other.mm();
+            let largest_mm = largest_mm / mm_per_unit * other.mm();
             Reading { unit: other, largest_mm, plausible: is_plausible(largest_mm, pad.field_of_view_mm) }
         });
         let rows_per_capture = sides::rows(&mesh, pad);
@@ -157,7 +159,8 @@ impl MeshFacts {
         Self {
             given,
             sha256,
-            unit,
+            unit: Unit::of_mm(mm_per_unit),
+            mm_per_unit,
             size_mm,
             centre_mm: mesh.centre_mm,
             readings,
@@ -176,11 +179,12 @@ impl MeshFacts {
     }
 }
 
-/// Reads a mesh whose coordinates are in `unit`, and looks at it as `pad` would.
-pub fn inspect(path: &Path, unit: Unit, pad: &SensorPad) -> Inspection {
-    let (mesh, mut findings) = match mesh::load(path, unit.mm()) {
+/// Reads a mesh whose coordinates are in `unit`, or in what the file says, and looks at it as `pad` would.
+pub fn inspect(path: &Path, unit: Option<Unit>, pad: &SensorPad) -> Inspection {
+    let reading = mesh::Reading { mm_per_unit: unit.map(Unit::mm), ..Default::default() };
+    let (mesh, mut findings) = match mesh::load(path, reading) {
         Ok(loaded) => {
-            let facts = MeshFacts::new(loaded, unit, pad);
+            let facts = MeshFacts::new(loaded, pad);
             let findings = findings::find(&facts, pad);
             (Some(facts), findings)
         }
