@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::figures::figure;
 use crate::files::mesh::{Reading, UrdfShapes};
+use crate::files::sensor::quantity::Quantity;
 
 /// One `[[object]]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -28,6 +29,62 @@ pub struct Object {
     /// Which shapes of a URDF are pressed.
     #[serde(skip_serializing_if = "is_default")]
     pub urdf: UrdfShapes,
+    /// What names the class where `class` does not; the file's stem, or where files share it the folder by which they differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub class_from: Option<ClassFrom>,
+    /// Whether the parts of a file are one object, or one each.
+    #[serde(skip_serializing_if = "is_default")]
+    pub parts: Parts,
+    /// The one part of the file that is meant.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<String>,
+    /// Factor on the object's size, drawn for each sample.
+    #[serde(skip_serializing_if = "is_one")]
+    pub scale: Quantity,
+    /// What becomes of the job if a mesh cannot be read.
+    #[serde(skip_serializing_if = "is_default")]
+    pub on_bad: OnBad,
+    /// What labels give as the path; `path` as it is written where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub label_path: Option<String>,
+}
+
+/// What names the class of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ClassFrom {
+    /// The file's name without its ending.
+    Stem,
+    /// The folder that the first wildcard of `path` stands for; without one, the folder that the file is in.
+    Folder,
+    /// The file's name with its ending.
+    File,
+}
+
+/// How the parts of a file are taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Parts {
+    /// All as one object.
+    #[default]
+    Together,
+    /// Each as an object of its own.
+    Separate,
+}
+
+/// What becomes of a job if a mesh cannot be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnBad {
+    /// It is refused.
+    #[default]
+    Error,
+    /// The mesh is left out, with a note.
+    Skip,
+}
+
+fn is_one(scale: &Quantity) -> bool {
+    *scale == Quantity::Constant(1.0)
 }
 
 impl Object {
@@ -44,12 +101,25 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 
 impl Default for Object {
     fn default() -> Self {
-        Self { path: None, unit: None, class: None, weight: 1.0, sha256: None, urdf: UrdfShapes::default() }
+        Self {
+            path: None,
+            unit: None,
+            class: None,
+            weight: 1.0,
+            sha256: None,
+            urdf: UrdfShapes::default(),
+            class_from: None,
+            parts: Parts::default(),
+            part: None,
+            scale: Quantity::Constant(1.0),
+            on_bad: OnBad::default(),
+            label_path: None,
+        }
     }
 }
 
 /// Unit of length of a mesh file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
     /// Millimetres.

@@ -20,7 +20,7 @@ use super::{Format, MeshFileError, MeshFileProblem, quoted, xml};
 mod shapes;
 
 /// Which shapes of a robot's links are meant.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum UrdfShapes {
     /// Those that are shown.
