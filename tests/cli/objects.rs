@@ -157,3 +157,41 @@ fn a_robot_that_changed_is_not_rendered_as_if_it_had_not() {
     let error = folder.fail("reproduce out/small 0", 2);
     assert!(error.contains("r.urdf has changed: its SHA-256 is"), "{error}");
 }
+
+#[test]
+fn init_writes_a_job_that_works_for_a_folder_of_meshes() {
+    let folder = copies("cube.obj", &["meshes/a/n.obj", "meshes/b/n.obj", "meshes/b/n.stl"]);
+    fs::write(folder.path("meshes/b/n.stl"), "solid\nendsolid\n").expect("a file");
+    for sensor in ["gelsight-2014", "gelsight-2017", "gelsight-mini", "digit", "gelsight-series2", "tactip"] {
+        let said = folder.succeed(&format!("init --sensor {sensor} --objects meshes {sensor}.toml"));
+        assert!(said.contains(&format!("wrote {sensor}.toml")), "{said}");
+        let job = folder.read(&format!("{sensor}.toml"));
+        assert!(job.contains("path = \"meshes/**/*.obj\"") && job.contains("class_from = \"folder\""), "{job}");
+        assert!(job.contains("on_bad = \"skip\""), "{job}");
+        folder
+            .succeed(&format!("generate {sensor}.toml --samples 2 --set sensor.resolution_px=[48,64] --out {sensor}"));
+    }
+    folder.succeed("generate digit.toml --samples 8 --set sensor.resolution_px=[48,64] --out classes");
+    let seen: BTreeSet<String> = classes(&folder, "classes").into_values().collect();
+    assert_eq!(seen, ["a".into(), "b".into()].into());
+    let again = folder.fail("init --objects meshes digit.toml", 2);
+    assert!(again.contains("digit.toml exists already"), "{again}");
+}
+
+#[test]
+fn init_guesses_units_and_refuses_what_holds_no_mesh() {
+    let folder = Folder::new();
+    fs::create_dir_all(folder.path("m s/deep")).expect("a folder");
+    fs::create_dir_all(folder.path("empty")).expect("a folder");
+    let text = folder.read("cube.obj");
+    folder.write("m s/one.obj", text.lines().map(|line| scaled(line, 0.001)).collect::<String>());
+    let assert = folder.gelsim("init --objects").arg("m s").assert().success();
+    let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    assert!(text.contains("path = \"m s/*.obj\"") && text.contains("unit = \"m\" "), "{text}");
+    assert!(text.contains("name = \"m-s\""), "{text}");
+    assert!(folder.fail("init --objects empty job.toml", 2).contains("there is no mesh in empty"));
+    assert!(folder.fail("init --objects none job.toml", 2).contains("none: does not exist"));
+    folder.write("empty/bad.obj", "v 0 0 0\n");
+    assert!(folder.fail("init --objects empty job.toml", 2).contains("no mesh in empty can be used"));
+    assert!(!folder.path("job.toml").exists());
+}

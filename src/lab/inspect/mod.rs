@@ -5,8 +5,9 @@
 //! nearest surface whatever way it faces, so holes and flipped triangles are no more than noted. Whether a surface
 //! passes through itself is not looked at, for the same reason.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::core::base::view::View;
@@ -19,6 +20,8 @@ use crate::job::config::object::{Unit, is_plausible};
 use crate::lab::inspect::surface::{Surface, survey};
 
 pub mod findings;
+pub mod job;
+pub mod set;
 pub mod sides;
 pub mod surface;
 pub mod text;
@@ -92,7 +95,7 @@ pub struct MeshFacts {
     pub surface: Surface,
     /// Rows of the sensor's pixels that its triangles fill, summed up, in the mean capture of a side: time goes with it.
     pub rows_per_capture: f64,
-    /// The six sides as captured; none if the mesh is too large, too small or too slow for that.
+    /// The six sides as captured; none if the mesh is too large, too small or too slow for that, or is one of a set.
     pub sides: Vec<Side>,
 }
 
@@ -144,7 +147,7 @@ impl SensorPad {
 }
 
 impl MeshFacts {
-    fn new(loaded: Loaded, pad: &SensorPad) -> Self {
+    fn new(loaded: Loaded, pad: &SensorPad, look: Look) -> Self {
         let Loaded { mesh, cleaned, sha256, given, mm_per_unit } = loaded;
         // The bounding box is centred on zero.
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
@@ -155,7 +158,9 @@ impl MeshFacts {
             Reading { unit: other, largest_mm, plausible: is_plausible(largest_mm, pad.field_of_view_mm) }
         });
         let rows_per_capture = sides::rows(&mesh, pad);
-        let is_captured = (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm) && rows_per_capture <= sides::MOST_ROWS;
+        let is_captured = look == Look::Close
+            && (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm)
+            && rows_per_capture <= sides::MOST_ROWS;
         Self {
             given,
             sha256,
@@ -179,12 +184,28 @@ impl MeshFacts {
     }
 }
 
+/// How much of a mesh is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// All, with captures of its six sides.
+    Close,
+    /// All but the captures, which take most of the time.
+    Brief,
+}
+
+/// Looks briefly at many meshes, on all threads; the worst first, those as bad as each other by their names.
+pub fn inspect_set(paths: &[PathBuf], unit: Option<Unit>, pad: &SensorPad) -> Vec<Inspection> {
+    let mut found: Vec<Inspection> = paths.par_iter().map(|path| inspect(path, unit, pad, Look::Brief)).collect();
+    found.sort_by(|a, b| b.severity.cmp(&a.severity).then_with(|| a.file.cmp(&b.file)));
+    found
+}
+
 /// Reads a mesh whose coordinates are in `unit`, or in what the file says, and looks at it as `pad` would.
-pub fn inspect(path: &Path, unit: Option<Unit>, pad: &SensorPad) -> Inspection {
+pub fn inspect(path: &Path, unit: Option<Unit>, pad: &SensorPad, look: Look) -> Inspection {
     let reading = mesh::Reading { mm_per_unit: unit.map(Unit::mm), ..Default::default() };
     let (mesh, mut findings) = match mesh::load(path, reading) {
         Ok(loaded) => {
-            let facts = MeshFacts::new(loaded, pad);
+            let facts = MeshFacts::new(loaded, pad, look);
             let findings = findings::find(&facts, pad);
             (Some(facts), findings)
         }

@@ -129,7 +129,7 @@ fn sides(facts: &MeshFacts, pad: &SensorPad) -> String {
 }
 
 /// A file's name on one line, whatever is in it.
-fn printable(file: &str) -> String {
+pub(super) fn printable(file: &str) -> String {
     let plain = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
     file.chars().map(plain).collect()
 }
