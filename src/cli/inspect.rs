@@ -7,11 +7,13 @@ use clap::builder::PossibleValuesParser;
 
 use super::{Failure, print};
 use crate::dataset::encode::json;
+use crate::files::diagnostic::user_error;
 use crate::files::figures::counted;
+use crate::files::mesh::ENDINGS;
 use crate::files::sensor::PRESETS;
 use crate::job::config::object::Unit;
 use crate::lab::inspect::findings::Severity;
-use crate::lab::inspect::{InspectReport, Inspection, SensorPad, inspect, text};
+use crate::lab::inspect::{InspectReport, Inspection, Look, SensorPad, inspect, inspect_set, set, text};
 
 /// Say what meshes are like and what a sensor would see of them: size and likely unit, holes and other flaws, each of
 /// the six sides against view and pad. Ends with status 1 if a mesh has an error.
@@ -20,14 +22,15 @@ use crate::lab::inspect::{InspectReport, Inspection, SensorPad, inspect, text};
 Example:
   gelsim inspect objects/*.obj
   gelsim inspect mug.stl --unit m --sensor digit
+  gelsim inspect meshes/
   gelsim inspect mug.stl --json")]
 pub struct Inspect {
-    /// The meshes: .obj, .stl or .ply
+    /// The meshes, or folders of them, of which there is a table: .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf
     #[arg(value_name = "MESH", required = true)]
     meshes: Vec<PathBuf>,
-    /// Unit of their coordinates
-    #[arg(long, value_enum, default_value_t)]
-    unit: Unit,
+    /// Unit of their coordinates, if not the one that the file says, or mm
+    #[arg(long, value_enum)]
+    unit: Option<Unit>,
     /// Preset of the sensor that they are held against
     #[arg(long, value_name = "PRESET", default_value = PRESETS[0].0, value_parser = presets())]
     sensor: String,
@@ -39,7 +42,8 @@ pub struct Inspect {
     strict: bool,
 }
 
-fn presets() -> PossibleValuesParser {
+/// The names of sensors that are built in.
+pub(super) fn presets() -> PossibleValuesParser {
     PossibleValuesParser::new(PRESETS.map(|(name, _)| name))
 }
 
@@ -47,25 +51,45 @@ impl Inspect {
     pub(super) fn run(self) -> Result<(), Failure> {
         let failed = || Failure::running(format!("the preset {} cannot be read", self.sensor));
         let pad = SensorPad::preset(&self.sensor).ok_or_else(failed)?;
-        let mut meshes = Vec::with_capacity(self.meshes.len());
+        let mut paths = Vec::new();
+        let mut is_set = false;
+        for path in &self.meshes {
+            let (found, several) = set::meshes(path).map_err(|error| Failure::running(error.to_string()))?;
+            if found.is_empty() {
+                let message = format!("there is no mesh in {}", path.display());
+                return Err(user_error(message, format!("meshes are files that end in {ENDINGS}")).into());
+            }
+            paths.extend(found);
+            is_set |= several;
+        }
         if !self.json {
             print(&text::heading(&pad))?;
         }
-        for path in &self.meshes {
-            let inspection = inspect(path, self.unit, &pad);
-            if !self.json {
-                print(&text::block(&inspection, &pad))?;
-            }
-            meshes.push(inspection);
-        }
+        let meshes = if is_set { inspect_set(&paths, self.unit, &pad) } else { self.one_by_one(&paths, &pad)? };
         let verdict = self.verdict(&meshes);
         if self.json {
             let text = json(&InspectReport { pad, meshes });
             print(&(String::from_utf8_lossy(&text) + "\n"))?;
+        } else if is_set {
+            let view = pad.field_of_view_mm;
+            print(&(set::table(&meshes, view) + "\n" + &text::summary(&meshes) + &set::totals(&meshes, view)))?;
         } else if meshes.len() > 1 {
             print(&text::summary(&meshes))?;
         }
         verdict
+    }
+
+    /// Prints what there is to say of each before the next is looked at.
+    fn one_by_one(&self, paths: &[PathBuf], pad: &SensorPad) -> Result<Vec<Inspection>, Failure> {
+        let mut meshes = Vec::with_capacity(paths.len());
+        for path in paths {
+            let inspection = inspect(path, self.unit, pad, Look::Close);
+            if !self.json {
+                print(&text::block(&inspection, pad))?;
+            }
+            meshes.push(inspection);
+        }
+        Ok(meshes)
     }
 
     fn verdict(&self, meshes: &[Inspection]) -> Result<(), Failure> {

@@ -12,7 +12,7 @@ use crate::job::config::output::Container;
 use crate::job::config::{self, Job, Overrides};
 use crate::job::label::key;
 use crate::job::layout::{Layout, Shard};
-use crate::job::plan::{ids, stem};
+use crate::job::plan::{ids, name};
 
 /// A dataset's folder.
 pub struct Recorded {
@@ -89,7 +89,8 @@ impl Recorded {
     /// The objects, in the order of the job.
     pub fn objects(&self) -> Vec<RecordedObject> {
         let entries = &self.job.object;
-        let ids = ids(entries.iter().map(|entry| stem(entry.path.as_deref().expect(RESOLVED))).collect());
+        let named = |entry: &Object| name(entry.path.as_deref().expect(RESOLVED), entry.part.as_deref());
+        let ids = ids(entries.iter().map(named).collect());
         let objects = entries.iter().zip(ids).map(|(entry, id)| RecordedObject {
             class: entry.class.clone().unwrap_or_else(|| id.clone()),
             sha256: entry.sha256.clone().expect(RESOLVED),

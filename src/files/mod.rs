@@ -34,3 +34,5 @@ pub mod source;
 pub mod unpack;
 #[cfg(feature = "datasets")]
 pub mod write;
+#[cfg(feature = "datasets")]
+pub mod zip;

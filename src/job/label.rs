@@ -48,7 +48,7 @@ pub struct Label {
     pub split: Split,
     /// What was pressed.
     pub object: ObjectLabel,
-    /// Where it was: p = R q + t takes a point q of the mesh (mm) to the sensor's frame (mm).
+    /// Where it was: p = R (scale q) + t takes a point q of the mesh (mm) to the sensor's frame (mm).
     pub pose: PoseLabel,
     /// How deep the object's lowest point reaches below the undeformed pad, mm.
     pub indentation_depth_mm: f64,
@@ -81,7 +81,7 @@ pub struct Label {
 }
 
 /// What was pressed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ObjectLabel {
     /// Unique name of the object in the dataset.
     pub id: String,
@@ -89,8 +89,18 @@ pub struct ObjectLabel {
     pub class: String,
     /// Number of the class among the dataset's classes, sorted by name.
     pub class_index: u32,
-    /// SHA-256 of the mesh file's bytes; empty where a depth frame stands for the object.
+    /// SHA-256 of the mesh file's bytes, of all files where it names others; empty where a depth frame stands for the object.
     pub mesh_sha256: String,
+    /// Path of the mesh file as the job names it, or as its pattern found it; empty where a depth frame stands for the object.
+    #[serde(default)]
+    pub path: String,
+    /// Factor on the object's size: p = R (scale q) + t.
+    #[serde(default = "unscaled")]
+    pub scale: f64,
+}
+
+fn unscaled() -> f64 {
+    1.0
 }
 
 /// Where the object was.
@@ -413,19 +423,26 @@ struct Extent {
 }
 
 fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
-    let (id, class, mesh_sha256) = match &scene.pressed {
+    let (id, class, mesh_sha256, path) = match &scene.pressed {
         Pressed::Object(number) => {
             let object = &plan.sampling.objects[*number];
-            (&object.id, &object.class, object.sha256.clone())
+            (&object.id, &object.class, object.sha256.clone(), object.path.clone())
         }
-        Pressed::Frame(frame) => (&frame.id, &frame.class, String::new()),
+        Pressed::Frame(frame) => (&frame.id, &frame.class, String::new(), String::new()),
     };
     let class_index = match class.as_str() {
         // Nobody named the classes of the frames: there is one.
         "" => 0,
         class => plan.class_index(class).expect("a plan has the classes of all that is pressed"),
     };
-    ObjectLabel { id: id.clone(), class: class.clone(), class_index: class_index as u32, mesh_sha256 }
+    ObjectLabel {
+        id: id.clone(),
+        class: class.clone(),
+        class_index: class_index as u32,
+        mesh_sha256,
+        path,
+        scale: scene.scale,
+    }
 }
 
 impl LedLabel {

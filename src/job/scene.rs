@@ -12,6 +12,7 @@ use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::{Texture, TextureSample};
 use crate::core::gelpad::elastic::shear::Motion;
 use crate::core::gelpad::tangential::Shear;
+use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Angles, Pose};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
@@ -87,6 +88,10 @@ pub struct Scene {
     pub beside_axis: bool,
     /// Key of what differs between units of a sensor with pins.
     pub unit_key: u64,
+    /// Factor on the size of the object; 1 for a press that is known.
+    pub scale: f64,
+    /// The object so large; none where a depth frame stands for it.
+    pub clusters: Option<Arc<Clusters>>,
 }
 
 impl Scene {
@@ -116,7 +121,10 @@ impl Scene {
         let touches = stream("contact").unit() >= indentation.no_contact;
         let depth_mm = indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
-        let clusters = &plan.sampling.objects[object].clusters;
+        let scale = draw("object scale", &plan.job.object[object].scale);
+        let original = &plan.sampling.objects[object].clusters;
+        let scaled = if scale == 1.0 { Arc::clone(original) } else { Arc::new(original.scaled(scale)) };
+        let clusters = &*scaled;
         let anchor = pose.anchor;
         let pose = match (&pose.roll_deg, &pose.pitch_deg) {
             (None, None) => Pose::new(side, angles, position_mm, anchor, lowest_mm, clusters),
@@ -147,6 +155,8 @@ impl Scene {
         let mut scene = Self::given(plan, index, attempt, press);
         scene.motion.about_mm = position_mm;
         scene.beside_axis = beside_axis;
+        scene.scale = scale;
+        scene.clusters = Some(scaled);
         scene
     }
 
@@ -176,6 +186,10 @@ impl Scene {
             about_mm: [pose.translation_mm.x, pose.translation_mm.y],
         };
         let noise_key = stream("noise").bits();
+        let clusters = match &pressed {
+            Pressed::Object(number) => Some(Arc::clone(&plan.sampling.objects[*number].clusters)),
+            Pressed::Frame(_) => None,
+        };
         Self {
             index,
             attempt,
@@ -190,14 +204,17 @@ impl Scene {
             sensor: plan.sensors.sample(job, stream),
             beside_axis: false,
             unit_key: stream("pins").bits(),
+            scale: 1.0,
+            clusters,
         }
     }
 
     /// What is pressed, and where.
     pub fn indenter(&self, plan: &Plan) -> Indenter {
-        let shape = match &self.pressed {
-            Pressed::Object(number) => Shape::Mesh(Arc::clone(&plan.sampling.objects[*number].clusters)),
-            Pressed::Frame(frame) => Shape::HeightMap(Arc::clone(&frame.map)),
+        let shape = match (&self.pressed, &self.clusters) {
+            (Pressed::Frame(frame), _) => Shape::HeightMap(Arc::clone(&frame.map)),
+            (Pressed::Object(_), Some(clusters)) => Shape::Mesh(Arc::clone(clusters)),
+            (Pressed::Object(number), None) => Shape::Mesh(Arc::clone(&plan.sampling.objects[*number].clusters)),
         };
         // Measured elsewhere than at the lowest point, the depth does not say whether that reaches into the pad.
         let depth_mm = match (&shape, plan.job.indentation.at) {

@@ -241,6 +241,8 @@ const LEAST_KEYS: &[&str] = &[
     "object.class",
     "object.class_index",
     "object.mesh_sha256",
+    "object.path",
+    "object.scale",
     "pose.quaternion_xyzw",
     "pose.translation_mm",
     "pose.yaw_deg",

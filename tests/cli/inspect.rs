@@ -69,7 +69,7 @@ fn a_file_that_cannot_be_used_does_not_keep_the_others_from_being_inspected() {
     for line in [
         "  error    line 2: face refers to vertex 2, but the file has 1 so far",
         "  error    cannot be read: No such file or directory (os error 2)",
-        "  error    is not named like a mesh: use .obj, .stl or .ply",
+        "  error    is not named like a mesh: use .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf",
         "a b\\n.stl",
         "  error    no triangle",
         "  ok       nothing to note",
@@ -125,4 +125,31 @@ fn the_bundled_meshes_have_nothing_to_note() {
     let assert = command.assert().success();
     let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
     assert!(text.ends_with("6 meshes: 6 ok, 0 with notes, 0 with warnings, 0 with errors\n"), "{text}");
+}
+
+#[test]
+fn a_folder_gets_a_table_with_the_worst_first() {
+    let folder = Folder::new();
+    std::fs::create_dir_all(folder.path("set/deeper")).expect("a folder");
+    mug(&folder);
+    for (from, to) in [("cube.obj", "set/cube.obj"), ("cone.obj", "set/deeper/cone.obj"), ("mug.obj", "set/mug.obj")] {
+        std::fs::copy(folder.path(from), folder.path(to)).expect("a copy");
+    }
+    folder.write("set/bad.stl", "solid\nendsolid\n");
+    folder.write("set/readme.txt", "no mesh");
+    let (text, err) = stdout(&folder, "inspect set", 1);
+    assert_eq!(err, "error: errors in 1 of 4 meshes\n");
+    let rows: Vec<&str> = text.lines().filter(|line| line.contains("set/")).collect();
+    let names = ["set/bad.stl", "set/mug.obj", "set/cube.obj", "set/deeper/cone.obj"];
+    assert_eq!(rows.len(), names.len(), "{text}");
+    assert!(rows.iter().zip(names).all(|(row, name)| row.contains(name)), "{text}");
+    assert!(rows[0].starts_with("error ") && rows[0].ends_with("set/bad.stl: no triangle"), "{text}");
+    assert!(rows[1].starts_with("warning") && rows[1].contains(" no     m "), "{text}");
+    assert!(rows[2].starts_with("ok ") && rows[2].contains("5 x 5 x 5         12 yes    mm "), "{text}");
+    assert!(text.contains("4 meshes: ") && text.contains("units: mm 2, m 1"), "{text}");
+
+    let (of_pattern, _) = stdout(&folder, "inspect set/*.obj", 0);
+    assert_eq!(of_pattern.lines().filter(|line| line.contains("set/")).count(), 2, "{of_pattern}");
+    std::fs::create_dir_all(folder.path("empty")).expect("a folder");
+    assert!(folder.fail("inspect empty", 2).contains("there is no mesh in empty"));
 }

@@ -209,7 +209,12 @@ fn an_unknown_distribution_is_refused_with_the_ones_there_are() {
 fn a_file_that_is_not_there_is_named() {
     one_mistake("\"cone.obj\"", "«\"cones.obj\"»", "cones.obj does not exist", "relative to the file");
     one_mistake("\"cone.obj\"", "«\".\"»", "is a folder", "FOLDER/*.stl");
-    one_mistake("\"cone.obj\"", "«\"job.toml\"»", "is not named like a mesh: use .obj, .stl or .ply", "");
+    one_mistake(
+        "\"cone.obj\"",
+        "«\"job.toml\"»",
+        "is not named like a mesh: use .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf",
+        "",
+    );
 }
 
 #[test]
@@ -881,4 +886,59 @@ fn a_height_map_with_another_content_than_the_job_says_is_refused() {
     folder.write("skin.png", gelsim::files::png::encode_grey(2, 2, &[0, 60, 120, 180]));
     let to = "[texture]\npatterns = [{ image = { path = \"skin.png\", sha256 = «\"00\"» } }]\n[output]";
     one_mistake_in(&folder, "[output]", to, "the height map skin.png has changed", "restore the file");
+}
+
+#[test]
+fn a_decimal_comma_is_told() {
+    let slip = "not valid TOML";
+    one_mistake("no_contact = 0.25", "no_contact = 0«,»25", slip, "numbers have a decimal point: 0.5");
+}
+
+#[test]
+fn backslashes_in_a_path_are_told() {
+    let folder = Folder::new();
+    let in_quotes = edited(JOB, &[("\"cone.obj\"", "\"C:\\meshes\\cone.obj\"")]);
+    folder.write("job.toml", in_quotes);
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("not valid TOML") && error.contains("write / between folders"), "{error}");
+    let title = "meshes\\cone.obj does not exist";
+    one_mistake("\"cone.obj\"", "«'meshes\\cone.obj'»", title, "write / between folders: \"meshes/cone.obj\"");
+}
+
+#[test]
+fn json_in_place_of_a_job_is_told_once() {
+    let folder = Folder::with_job("{\n  \"dataset\": {\"name\": \"a\"},\n  \"object\": []\n}\n");
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("this looks like JSON; a job is TOML: gelsim init writes one"), "{error}");
+    assert_eq!(error.matches("error").count(), 1, "{error}");
+}
+
+#[test]
+fn a_mesh_or_a_folder_in_place_of_a_job_is_told() {
+    let folder = Folder::new();
+    for command in ["generate cube.obj", "preview cube.obj --out sheet.png", "plan cube.obj"] {
+        let error = folder.fail(command, 2);
+        assert!(error.contains("cube.obj is a mesh, not a job"), "{error}");
+        assert!(error.contains("path = \"cube.obj\" under [[object]]"), "{error}");
+    }
+    let error = folder.fail("generate .", 2);
+    assert!(error.contains("it is a folder") && error.contains("name the job file, which ends in .toml"), "{error}");
+}
+
+#[test]
+fn a_folder_that_is_not_there_is_named() {
+    one_mistake("\"cone.obj\"", "«\"meshez/*.obj\"»", "no file matches meshez/*.obj", "there is no folder meshez");
+    one_mistake("\"cone.obj\"", "«\"a/b/cone.obj\"»", "a/b/cone.obj does not exist", "there is no folder a;");
+}
+
+#[test]
+fn keys_of_objects_that_make_no_sense_are_refused() {
+    let mistake = |written: &str, title: &str, help: &str| one_mistake("weight = 2.0", written, title, help);
+    mistake("scale = «0.0»", "scale may be 0", "allowed: 0.001 to 1000");
+    mistake("scale = «[0.5, 2000.0]»", "scale may be 0.5 to 2000", "allowed: 0.001 to 1000");
+    mistake("parts = «\"seperate\"»", "unknown choice `seperate`", "did you mean `separate`?");
+    mistake("class_from = «\"path\"»", "unknown choice `path`", "one of");
+    mistake("urdf = «\"colision\"»", "unknown choice `colision`", "did you mean `collision`?");
+    mistake("on_bad = «\"ignore\"»", "unknown choice `ignore`", "one of");
+    mistake("part = «\"lid\"»", "cone.obj has no part `lid`", "");
 }

@@ -21,6 +21,7 @@ mod health;
 mod inspect;
 mod log;
 mod messages;
+mod objects;
 mod preview;
 mod properties;
 mod random_sensor;

@@ -220,10 +220,13 @@ fn a_mesh_of_another_name_is_another_job() {
     // The label's object.id would change.
     let text = folder.fail("generate job.toml --out out --set object.0.path=\"block.obj\"", 2);
     assert!(text.contains("object.0.path is \"../cube.obj\" there and \"block.obj\" here"), "{text}");
-    // In another folder it is the same mesh.
+    // So would object.path, of the same mesh in another folder, unless the job says what labels give.
     fs::create_dir(folder.path("moved")).expect("a folder");
     fs::copy(folder.path("cube.obj"), folder.path("moved/cube.obj")).expect("a copy");
-    folder.succeed("generate job.toml --out out --set object.0.path=\"moved/cube.obj\"");
+    let moved = "generate job.toml --out out --set object.0.path=\"moved/cube.obj\"";
+    let text = folder.fail(moved, 2);
+    assert!(text.contains("object.0.label_path is \"cube.obj\" there and \"moved/cube.obj\" here"), "{text}");
+    folder.succeed(&format!("{moved} --set object.0.label_path=\"cube.obj\""));
 }
 
 #[test]

@@ -179,8 +179,8 @@ fn overwrite_removes_nothing_but_the_dataset() {
         folder.write(name, folder.read("cube.obj"));
     }
     // Also if a mesh of the job is among it.
-    let said =
-        folder.fail("generate job.toml --quiet --out out --overwrite --set object.0.path=\"out/data/cube.obj\"", 1);
+    let mesh = "--set object.0.path=\"out/data/cube.obj\" --set object.0.label_path=\"cube.obj\"";
+    let said = folder.fail(&format!("generate job.toml --quiet --out out --overwrite {mesh}"), 1);
     assert!(said.contains("data/cube.obj: belongs to no shard") && said.contains("stats/notes.txt: "), "{said}");
     for name in theirs {
         assert_eq!(folder.read(name), folder.read("cube.obj"));

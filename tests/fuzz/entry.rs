@@ -84,6 +84,31 @@ pub fn ply(bytes: &[u8]) {
     mesh(bytes, Format::Ply);
 }
 
+/// See [`mesh`].
+pub fn off(bytes: &[u8]) {
+    mesh(bytes, Format::Off);
+}
+
+/// See [`mesh`].
+pub fn gltf(bytes: &[u8]) {
+    mesh(bytes, Format::Gltf);
+}
+
+/// See [`mesh`].
+pub fn dae(bytes: &[u8]) {
+    mesh(bytes, Format::Dae);
+}
+
+/// See [`mesh`].
+pub fn threemf(bytes: &[u8]) {
+    mesh(bytes, Format::ThreeMf);
+}
+
+/// See [`mesh`].
+pub fn urdf(bytes: &[u8]) {
+    mesh(bytes, Format::Urdf);
+}
+
 /// A mesh is finite and its indices are in range; written in all three formats it is the same mesh in each.
 fn mesh(bytes: &[u8], format: Format) {
     let mesh = match parse(bytes, format, 1.0) {

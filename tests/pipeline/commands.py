@@ -183,7 +183,8 @@ def fixtures(folder):
     """The files that the pages speak of: a job as in the README, its meshes, presses of a ball and an untouched pad."""
     readme = (folder / "README.md").read_text()
     (folder / "job.toml").write_text(re.search(r"```toml\n(.*?)```", readme, re.S)[1])
-    for name, mesh in [("my-part.stl", "gear"), ("other.stl", "coin")]:
+    (folder / "meshes").mkdir()
+    for name, mesh in [("my-part.stl", "gear"), ("other.stl", "coin"), ("meshes/gear.stl", "gear"), ("meshes/coin.stl", "coin")]:
         (folder / name).write_text(stl((folder / f"objects/{mesh}.obj").read_text()))
     presses(folder)
 

@@ -109,6 +109,27 @@ impl Clusters {
         built
     }
 
+    /// The same object, this many times as large around its origin; `factor` is above 0.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let by = factor as f32;
+        let scaled = |values: &[f32]| values.iter().map(|value| value * by).collect();
+        let mut hierarchy = self.hierarchy.clone();
+        for node in &mut hierarchy.nodes {
+            // Rounding keeps the order of numbers: the box of scaled vertices is the scaled box.
+            let bounds = *node.aabb();
+            node.set_aabb(Aabb::new(bounds.min * by, bounds.max * by));
+        }
+        Self {
+            hierarchy,
+            clusters: self.clusters.clone(),
+            x: scaled(&self.x),
+            y: scaled(&self.y),
+            z: scaled(&self.z),
+            corners: self.corners.clone(),
+            centre_mm: self.centre_mm.map(|mm| mm * factor),
+        }
+    }
+
     fn close(&mut self, cluster: Cluster) -> Aabb {
         let vertices = cluster.first_vertex as usize..self.x.len();
         let mut bounds = Aabb::empty();

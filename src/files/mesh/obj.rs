@@ -1,13 +1,15 @@
-//! Reads Wavefront OBJ: vertices (`v`) and faces (`f`); every other statement is passed over.
+//! Reads Wavefront OBJ: vertices (`v`), faces (`f`), and the names of parts (`o` and `g`); every other statement is
+//! passed over.
 //!
 //! Our own reader: `tobj` 4 refuses comments after a vertex, continued lines and names that are not UTF-8, tells
 //! no line, and cuts concave polygons wrongly. Format: Wavefront, Advanced Visualizer Manual, appendix B1 (1992).
 
 use crate::core::mesh::MeshError;
 use crate::files::mesh::polygon::Cutter;
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use crate::files::mesh::raw::{Parts, Raw};
+use crate::files::mesh::{MeshFileError, MeshFileProblem, Words, coordinates, quoted};
 
-/// Vertices and triangles in the order of the file.
+/// Vertices and triangles in the order of the file. Its parts are its objects (`o`), or where it has none its groups (`g`).
 ///
 /// Only `v` and `f` may be continued on the next line by `\`: elsewhere it may end a path or a name, and what
 /// follows would be lost.
@@ -16,19 +18,37 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
     let mut words = Words::new(bytes);
     let mut cutter = Cutter::new();
     let mut corners = Vec::new();
+    let [mut objects, mut groups] = [Parts::default(), Parts::default()];
     loop {
         let line = words.line;
         let statement = match words.word() {
             Some(b"v") => coordinates(&mut words).map(|vertex| raw.vertices.push(vertex)),
             Some(b"f") => face(&mut words, raw.vertices.len(), &mut corners)
                 .and_then(|()| cutter.cut(&raw.vertices, &corners, &mut raw.triangles)),
+            Some(b"o") => {
+                objects.go_on(rest_of_line(&words), raw.triangles.len());
+                Ok(())
+            }
+            Some(b"g") => {
+                groups.go_on(rest_of_line(&words), raw.triangles.len());
+                Ok(())
+            }
             _ => Ok(()),
         };
         statement.map_err(|problem| MeshFileError::at_line(line, problem))?;
         if !words.next_line() {
+            raw.parts = if objects.is_empty() { groups } else { objects };
             return Ok(raw);
         }
     }
+}
+
+/// The name that the rest of the line is: its words, whatever is between them.
+fn rest_of_line(words: &Words) -> String {
+    let mut ahead = *words;
+    let named = std::iter::from_fn(|| ahead.word()).map(String::from_utf8_lossy);
+    let name = named.collect::<Vec<_>>().join(" ");
+    if name.is_empty() { String::from("default") } else { name }
 }
 
 /// Fills `corners` with the vertices of a face, counted from 0, of `count` so far.

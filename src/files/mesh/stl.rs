@@ -59,7 +59,7 @@ fn binary(header: &[u8], facets: &[u8]) -> Result<Raw, MeshFileProblem> {
         }
     }
     let triangles = (0..facets.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    Ok(Raw { vertices, triangles })
+    Ok(Raw { vertices, triangles, ..Raw::default() })
 }
 
 #[derive(Clone, Copy)]

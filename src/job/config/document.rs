@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
+use super::slips;
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
 use crate::files::sensor::random::SensorDistribution;
 use crate::files::source::{Place, Source};
@@ -126,7 +127,14 @@ impl Document {
             }
             let span = error.span().unwrap_or(0..text.len());
             let place = Place { source, start: span.start, end: span.end };
-            problems.push(Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place));
+            let problem = Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place);
+            problems.push(match slips::help(&text, span.start) {
+                Some(help) => problem.help(help),
+                None => problem,
+            });
+            if slips::is_json(&text) {
+                break;
+            }
         }
         let root = Node { place: whole, value: table_value(table.get_ref(), source) };
         self.sources.push(Source { name: name.to_owned(), text, folder: folder.to_owned() });

@@ -18,9 +18,11 @@ pub mod random;
 mod reader;
 pub mod scene;
 pub mod sequence;
+mod slips;
 pub mod texture;
 
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use crate::files::mesh::Format;
 use crate::files::spelling::nearest;
 use document::{Document, Node, Value};
 
@@ -173,8 +175,19 @@ pub struct Written {
 /// the same, so that the plan finds the mistakes of meaning in one go. Fails only if there is no text at all.
 pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> Result<Written, Report> {
     let name = path.display().to_string();
-    let text = input::read(path, document::MOST_READ)
-        .map_err(|error| Report::message(format!("{name}: cannot read the job: {error}")))?;
+    if Format::from_path(path).is_some() {
+        let help = format!(
+            "name it in one: path = \"{name}\" under [[object]]; gelsim init --objects FOLDER writes a job for the meshes of a folder"
+        );
+        return Err(user_error(format!("{name} is a mesh, not a job"), help));
+    }
+    let text = input::read(path, document::MOST_READ).map_err(|error| {
+        let message = format!("{name}: cannot read the job: {error}");
+        match path.is_dir() {
+            true => user_error(message, "name the job file, which ends in .toml"),
+            false => Report::message(message),
+        }
+    })?;
     let text = String::from_utf8(text)
         .map_err(|error| Report::message(format!("{name}: not UTF-8 at byte {}", error.utf8_error().valid_up_to())))?;
     let folder = path.parent().unwrap_or(Path::new(""));

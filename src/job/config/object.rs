@@ -3,33 +3,123 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::files::figures::figure;
+use crate::files::mesh::{Reading, UrdfShapes};
+use crate::files::sensor::quantity::Quantity;
+
 /// One `[[object]]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Object {
-    /// A mesh file (.obj, .stl, .ply), relative to the file this stands in; `*`, `?` and `[..]` name several.
+    /// A mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf) or a robot (.urdf), relative to the file this stands in;
+    /// `*`, `?` and `[..]` name several.
     #[schemars(required)]
     pub path: Option<String>,
-    /// Unit of the mesh's coordinates.
-    pub unit: Unit,
+    /// Unit of the mesh's coordinates; what the format or the file says where it is left out, else mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
     /// Class written to the labels; the file's name without its ending where it is left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub class: Option<String>,
     /// How often the object is drawn, relative to the others.
     pub weight: f64,
-    /// SHA-256 of the mesh file in lower-case hex; if given, another content is refused.
+    /// SHA-256 of the mesh file in lower-case hex, of all files where it names others; if given, another content is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
+    /// Which shapes of a URDF are pressed.
+    #[serde(skip_serializing_if = "is_default")]
+    pub urdf: UrdfShapes,
+    /// What names the class where `class` does not; the file's stem, or where files share it the folder by which they differ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub class_from: Option<ClassFrom>,
+    /// Whether the parts of a file are one object, or one each.
+    #[serde(skip_serializing_if = "is_default")]
+    pub parts: Parts,
+    /// The one part of the file that is meant.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<String>,
+    /// Factor on the object's size, drawn for each sample.
+    #[serde(skip_serializing_if = "is_one")]
+    pub scale: Quantity,
+    /// What becomes of the job if a mesh cannot be read.
+    #[serde(skip_serializing_if = "is_default")]
+    pub on_bad: OnBad,
+    /// What labels give as the path; `path` as it is written where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub label_path: Option<String>,
+}
+
+/// What names the class of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ClassFrom {
+    /// The file's name without its ending.
+    Stem,
+    /// The folder that the first wildcard of `path` stands for; without one, the folder that the file is in.
+    Folder,
+    /// The file's name with its ending.
+    File,
+}
+
+/// How the parts of a file are taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Parts {
+    /// All as one object.
+    #[default]
+    Together,
+    /// Each as an object of its own.
+    Separate,
+}
+
+/// What becomes of a job if a mesh cannot be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnBad {
+    /// It is refused.
+    #[default]
+    Error,
+    /// The mesh is left out, with a note.
+    Skip,
+}
+
+fn is_one(scale: &Quantity) -> bool {
+    *scale == Quantity::Constant(1.0)
+}
+
+impl Object {
+    /// How its files are to be read.
+    pub fn reading(&self) -> Reading {
+        Reading { mm_per_unit: self.unit.map(Unit::mm), urdf: self.urdf }
+    }
+}
+
+/// Keys that nobody wrote are left out, so that a job reads as it did before there were any.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl Default for Object {
     fn default() -> Self {
-        Self { path: None, unit: Unit::default(), class: None, weight: 1.0, sha256: None }
+        Self {
+            path: None,
+            unit: None,
+            class: None,
+            weight: 1.0,
+            sha256: None,
+            urdf: UrdfShapes::default(),
+            class_from: None,
+            parts: Parts::default(),
+            part: None,
+            scale: Quantity::Constant(1.0),
+            on_bad: OnBad::default(),
+            label_path: None,
+        }
     }
 }
 
 /// Unit of length of a mesh file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
     /// Millimetres.
@@ -66,16 +156,30 @@ impl Unit {
             Self::In => 25.4,
         }
     }
+
+    /// The unit of so many millimetres, if there is one.
+    pub fn of_mm(mm: f64) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.mm() == mm)
+    }
+
     /// The unit that a mesh's coordinates look like, where it is another than they were taken for, and the length of the
-    /// mesh in it: `largest_mm` is the one under this unit, to be seen by a sensor with this field of view.
-    pub fn likely(self, largest_mm: f64, field_of_view_mm: [f64; 2]) -> Option<(Self, f64)> {
+    /// mesh in it: `largest_mm` is the one with `mm_per_unit`, to be seen by a sensor with this field of view.
+    pub fn likely(mm_per_unit: f64, largest_mm: f64, field_of_view_mm: [f64; 2]) -> Option<(Self, f64)> {
         if is_plausible(largest_mm, field_of_view_mm) {
             return None;
         }
         // Metres are what a file is most often in if not in millimetres.
         let order = [Self::Mm, Self::M, Self::In, Self::Cm];
-        let read = order.map(|unit| (unit, largest_mm / self.mm() * unit.mm()));
+        let read = order.map(|unit| (unit, largest_mm / mm_per_unit * unit.mm()));
         read.into_iter().find(|(_, mm)| is_plausible(*mm, field_of_view_mm))
+    }
+
+    /// What a coordinate of 1 was taken for, as it is written in jobs, behind "under".
+    pub fn written(mm_per_unit: f64) -> String {
+        match Self::of_mm(mm_per_unit) {
+            Some(unit) => format!("unit = \"{}\"", unit.name()),
+            None => format!("a unit of {} mm", figure(mm_per_unit)),
+        }
     }
 
     /// The same in words, behind a length.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
-use super::{objects, view};
+use super::{paths, view};
 use crate::core::base::view::MOST_PX;
 use crate::core::depth::relief::Relief;
 use crate::core::depth::rest::RestSurface;
@@ -113,7 +113,7 @@ fn several(check: &mut Check<'_>, job: &mut Job, size: Option<[usize; 2]>) -> Op
     for (i, written) in job.random.backgrounds.iter().enumerate() {
         let place = if is_list { format!("sensor.background.{i}") } else { String::from("sensor.background") };
         let help = "paths are relative to the file they stand in; a folder's images are background = \"FOLDER/*.png\"";
-        match objects::find(check, &place, written, help) {
+        match paths::find(check, &place, written, help) {
             // Absolute, so that nobody joins them to a folder again.
             Ok(found) => named.extend(found.into_iter().map(|path| {
                 let path = std::path::absolute(&path).unwrap_or(path);

@@ -31,8 +31,11 @@ mod curved;
 pub mod draw;
 mod files;
 pub mod frames;
+mod meshes;
+mod naming;
 mod notes;
 mod objects;
+mod paths;
 pub mod ranges;
 pub mod sensors;
 mod sequence;
@@ -41,7 +44,7 @@ pub mod standalone;
 use check::Check;
 use draw::Draw;
 pub use files::Photograph;
-pub use objects::{Object, ids, stem};
+pub use objects::{Object, ids, name, stem};
 use sensors::SensorSampling;
 
 /// Everything a sample depends on, resolved and checked. A clone shares all that is large.
@@ -154,7 +157,10 @@ impl Plan {
         let mut notes = Vec::new();
         let found = match scope {
             Scope::Sensor => Some((Vec::new(), Draw::NOTHING)),
-            Scope::Objects => Some((objects::load(&mut check, &mut job, &mut notes).objects, Draw::NOTHING)),
+            Scope::Objects => {
+                objects::as_they_are(&mut check, &job);
+                Some((objects::load(&mut check, &mut job, &mut notes).objects, Draw::NOTHING))
+            }
             Scope::Dataset => {
                 let found = objects::load(&mut check, &mut job, &mut notes);
                 objects::divide(&mut check, &job, &found).map(|draw| (found.objects, draw))

@@ -1,32 +1,35 @@
 //! The objects of a plan: files found, read, named, and divided between the splits.
 
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
-
-use glob::Pattern;
-use rayon::prelude::*;
 
 use super::check::Check;
 use super::draw::{Draw, Weighted};
+use super::meshes::{self, File, Part};
+use super::naming;
+use super::paths::find;
 use crate::core::base::rng::stream;
-use crate::core::mesh::Mesh;
+use crate::core::mesh::cleaning::LARGEST_MM;
 use crate::core::mesh::clusters::Clusters;
 use crate::files::figures::figure;
-use crate::files::input::{matching, may_be_file};
 use crate::files::mesh;
+use crate::files::sensor::quantity::Quantity;
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
-use crate::job::config::object::{Object as Entry, Unit};
-use crate::job::layout::Split;
+use crate::job::config::object::{Object as Entry, OnBad, Parts, Unit, is_plausible};
 
 /// An object ready to be pressed.
 #[derive(Debug)]
 pub struct Object {
-    /// Unique name: the file's stem, with a number where two files share it.
+    /// Unique name: the file's stem, and the part's name where it is one, with a number where two share it.
     pub id: String,
     /// Class in the labels.
     pub class: String,
+    /// Path in the labels: as the job writes it, or as its pattern found it.
+    pub path: String,
+    /// Name of the part of the file that it is; none if it is all of it.
+    pub part: Option<String>,
     /// SHA-256 of the file's bytes, lower-case hex.
     pub sha256: String,
     /// Relative frequency.
@@ -43,14 +46,15 @@ pub struct Found {
     pub unread: usize,
 }
 
-/// Finds and reads the meshes. `job.object` becomes one entry per file, with absolute path, class and SHA-256.
+/// Finds and reads the meshes. `job.object` becomes one entry per object, with absolute path, class, SHA-256, and the path for
+/// labels.
 pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Found {
     if job.object.is_empty() && check.document.get("object").is_none() && !check.misspelt("object") {
         check.error("object", "the job has no object", "add an [[object]] table with path = \"...\"");
     } else if job.object.is_empty() && check.sound("object") {
         check.error("object", "the list of objects is empty", "add an [[object]] table with path = \"...\"");
     }
-    let mut files: Vec<(usize, PathBuf)> = Vec::new();
+    let mut files: Vec<File> = Vec::new();
     let mut unread = 0;
     for (i, entry) in job.object.iter().enumerate() {
         let path = |key: &str| format!("object.{i}.{key}");
@@ -58,13 +62,17 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
             check.error(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
         }
+        check.quantity(&path("scale"), &entry.scale, 1e-3..=1e3, "");
         match &entry.path {
             None => {
-                check.missing(&path("path"), "a mesh file: .obj, .stl or .ply");
+                check.missing(&path("path"), &format!("a mesh file: {}", mesh::ENDINGS));
                 unread += 1;
             }
             Some(written) => match find(check, &path("path"), written, FOLDER_OF_MESHES) {
-                Ok(found) => files.extend(found.into_iter().map(|path| (i, path))),
+                Ok(found) => {
+                    let folder = check.document.folder(&path("path"));
+                    files.extend(found.into_iter().map(|path| File::new(i, path, entry, folder)));
+                }
                 Err(count) => unread += count,
             },
         }
@@ -77,62 +85,133 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         );
     }
 
-    let read: Vec<_> = files
-        .par_iter()
-        .map(|(i, path)| mesh::load(path, job.object[*i].unit.mm()).map(|l| (Arc::new(Clusters::new(&l.mesh)), l)))
-        .collect();
+    let classes = naming::classes(&job.object, &files, notes);
+    let read = meshes::read(&job.object, &files);
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
-    for ((i, path), read) in files.iter().zip(read) {
+    let mut left_out = None;
+    for ((file, of_file), class) in files.iter().zip(read).zip(classes) {
+        let File { entry: i, path, label } = file;
         let entry = &job.object[*i];
-        let (clusters, loaded) = match read {
-            Ok(read) => read,
+        let parts = match &*of_file {
+            Ok(parts) => parts,
+            Err(error) if entry.on_bad == OnBad::Skip => {
+                notes.push(format!("left out: {error}"));
+                left_out.get_or_insert((*i, error.to_string()));
+                continue;
+            }
             Err(error) => {
-                check.error(&format!("object.{i}.path"), error.to_string(), error.help());
+                let help = match files.len() {
+                    1 => error.help().to_owned(),
+                    _ => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
+                };
+                check.error(&format!("object.{i}.path"), error.to_string(), help);
                 unread += 1;
                 continue;
             }
         };
-        if let Some(warning) = loaded.cleaned.warning() {
-            notes.push(format!("{}: {warning}", path.display()));
+        let meant = |part: &&Part| entry.part.is_none() || part.name == entry.part;
+        if let Some(wanted) = entry.part.as_ref().filter(|_| !parts.iter().any(|part| meant(&part))) {
+            let names: Vec<&str> = parts.iter().filter_map(|part| part.name.as_deref()).take(20).collect();
+            let message = format!("{} has no part `{}`", path.display(), wanted.escape_debug());
+            let help = if names.is_empty() {
+                String::from("it has no parts")
+            } else {
+                format!("its parts: {}", names.join(", "))
+            };
+            check.error(&format!("object.{i}.part"), message, help);
+            unread += 1;
         }
-        if let Some(note) = odd_unit(path, entry.unit, &loaded.mesh, job.sensor.field_of_view_mm) {
-            notes.push(note);
+        for part in parts.iter().filter(meant) {
+            let Part { name, clusters, .. } = part;
+            let of_part = |text: &str| name.as_ref().map_or(text.to_owned(), |name| format!("{text}/{name}"));
+            let shown = of_part(&path.to_string_lossy());
+            if let Some(warning) = part.cleaned.warning() {
+                notes.push(format!("{shown}: {warning}"));
+            }
+            if let Some(note) = odd_unit(&shown, part, &entry.scale, job.sensor.field_of_view_mm) {
+                notes.push(note);
+            }
+            if let Some(expected) = &entry.sha256
+                && *expected != part.sha256
+            {
+                let message = format!("{} has changed: its SHA-256 is {}", path.display(), part.sha256);
+                check.error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
+            }
+            let most = part.largest_mm * entry.scale.support().1;
+            if most > LARGEST_MM && entry.scale != Quantity::Constant(1.0) {
+                let message = format!("{shown} may be {} mm long under this scale", figure(most));
+                check.error(&format!("object.{i}.scale"), message, format!("allowed: up to {LARGEST_MM:.0e} mm"));
+            }
+            let class = entry.class.clone().unwrap_or_else(|| of_part(&class));
+            // What the file itself says stays open: a job names few units.
+            let unit = if part.knows_its_unit { entry.unit } else { entry.unit.or(Some(Unit::Mm)) };
+            entries.push(Entry {
+                unit,
+                path: Some(path.to_string_lossy().into_owned()),
+                label_path: Some(label.clone()),
+                class: Some(class.clone()),
+                class_from: None,
+                parts: Parts::default(),
+                part: name.clone(),
+                on_bad: OnBad::default(),
+                sha256: Some(part.sha256.clone()),
+                ..entry.clone()
+            });
+            // A weight that is none is reported above; the object counts all the same.
+            let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
+            let id = self::name(&path.to_string_lossy(), name.as_deref());
+            let clusters = Arc::clone(clusters);
+            objects.push(Object {
+                id,
+                class,
+                path: label.clone(),
+                part: name.clone(),
+                sha256: part.sha256.clone(),
+                weight,
+                clusters,
+            });
         }
-        if let Some(expected) = &entry.sha256
-            && *expected != loaded.sha256
-        {
-            let message = format!("{} has changed: its SHA-256 is {}", path.display(), loaded.sha256);
-            check.error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
-        }
-        let stem = stem(&path.to_string_lossy());
-        let class = entry.class.clone().unwrap_or_else(|| stem.clone());
-        entries.push(Entry {
-            path: Some(path.to_string_lossy().into_owned()),
-            class: Some(class.clone()),
-            sha256: Some(loaded.sha256.clone()),
-            ..entry.clone()
-        });
-        // A weight that is none is reported above; the object counts all the same.
-        let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
-        objects.push(Object { id: stem, class, sha256: loaded.sha256, weight, clusters });
     }
-    let stems = objects.iter().map(|object| object.id.clone()).collect();
-    for (object, id) in objects.iter_mut().zip(ids(stems)) {
+    if let Some((i, error)) = left_out.filter(|_| objects.is_empty() && unread == 0) {
+        let message = format!("all meshes are left out, the first because of {error}");
+        check.error(
+            &format!("object.{i}.path"),
+            message,
+            "name a mesh that can be read: gelsim inspect tells them apart",
+        );
+    }
+    let names = objects.iter().map(|object| object.id.clone()).collect();
+    for (object, id) in objects.iter_mut().zip(ids(names)) {
         object.id = id;
     }
     job.object = entries;
     Found { objects, unread }
 }
 
+const FOLDER_OF_MESHES: &str =
+    "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
+
+/// Refuses a scale where no samples are drawn: whoever says where an object is says it of the mesh as it is.
+pub fn as_they_are(check: &mut Check<'_>, job: &Job) {
+    for (i, entry) in job.object.iter().enumerate() {
+        if entry.scale != Quantity::Constant(1.0) {
+            let help = "leave it out: only samples of a job are scaled";
+            check.error(&format!("object.{i}.scale"), "the objects' places are known as they are", help);
+        }
+    }
+}
+
 /// What to say of a mesh whose coordinates are probably in another unit than the job says.
-fn odd_unit(path: &Path, unit: Unit, mesh: &Mesh, field_of_view_mm: [f64; 2]) -> Option<String> {
-    // The bounding box is centred on zero.
-    let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
-    let largest_mm = 2.0 * f64::from(half);
-    let (likely, _) = unit.likely(largest_mm, field_of_view_mm)?;
+fn odd_unit(shown: &str, part: &Part, scale: &Quantity, field_of_view_mm: [f64; 2]) -> Option<String> {
+    let (smallest, largest) = scale.support();
+    if is_plausible(part.largest_mm * smallest, field_of_view_mm) {
+        return None;
+    }
+    let largest_mm = part.largest_mm * largest;
+    let (likely, _) = Unit::likely(part.mm_per_unit, largest_mm, field_of_view_mm)?;
     let [width, height] = field_of_view_mm;
-    let measured = format!("{} is {} mm long under unit = \"{}\"", path.display(), figure(largest_mm), unit.name());
+    let measured = format!("{shown} is {} mm long under {}", figure(largest_mm), Unit::written(part.mm_per_unit));
     Some(format!(
         "{measured}, against a view of {width} x {height} mm; its values look like {}: if they are, write unit = \"{}\" \
          under its [[object]]",
@@ -156,78 +235,15 @@ pub fn ids(stems: Vec<String>) -> Vec<String> {
     named.collect()
 }
 
+/// An object's name before numbers tell equal ones apart: the stem of its file, and the part that it is.
+pub fn name(path: &str, part: Option<&str>) -> String {
+    let stem = stem(path);
+    part.map_or(stem.clone(), |part| format!("{stem}/{part}"))
+}
+
 /// A mesh's name: that of its file, without folder and ending.
 pub fn stem(path: &str) -> String {
     Path::new(path).file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned())
-}
-
-const FOLDER_OF_MESHES: &str =
-    "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
-
-/// The files that `written` names: itself if it exists, else as a pattern; `help` is for who names none. After a mistake,
-/// how many it may stand for.
-pub(super) fn find(check: &mut Check<'_>, place: &str, written: &str, help: &str) -> Result<Vec<PathBuf>, usize> {
-    // Nobody knows; enough for every split.
-    const MANY: usize = Split::ALL.len();
-    let folder = check.document.folder(place);
-    let path = folder.join(written);
-    let is_pattern = written.contains(['*', '?', '[']);
-    if path.exists() || !is_pattern {
-        if may_be_file(&path) {
-            return no_text(&path).map_or(Ok(vec![path]), |odd| refuse_name(check, place, &odd));
-        }
-        let what = if path.is_dir() { "is a folder" } else { "does not exist" };
-        check.error(place, format!("{} {what}", path.display()), help);
-        return Err(if path.is_dir() { MANY } else { 1 });
-    }
-    if written.matches("**").count() > 1 {
-        check.error(place, "more than one `**` in a pattern", "one `**` stands for any number of folders");
-        return Err(MANY);
-    }
-    // Only what the user wrote is a pattern, not the folder that it starts from.
-    let pattern = Path::new(&Pattern::escape(&folder.to_string_lossy())).join(written);
-    let found = match glob::glob(&pattern.to_string_lossy()).map(matching) {
-        Ok(Ok(found)) => found,
-        Ok(Err(error)) => {
-            check.error(place, error.to_string(), "name folders that can be read");
-            return Err(MANY);
-        }
-        Err(error) => {
-            check.error(place, format!("not a pattern: {}", error.msg), "`*`, `?` and `[abc]` stand for characters");
-            return Err(MANY);
-        }
-    };
-    if let Some(odd) = found.iter().find_map(|path| no_text(path)).or_else(|| passed_over(&path)) {
-        return refuse_name(check, place, &odd);
-    }
-    if found.is_empty() {
-        check.error(
-            place,
-            format!("no file matches {}", path.display()),
-            "paths are relative to the file they stand in",
-        );
-        return Err(MANY);
-    }
-    Ok(found)
-}
-
-/// The path, if it is not UTF-8: no job can hold it, so that nobody could make the dataset again.
-fn no_text(path: &Path) -> Option<PathBuf> {
-    path.to_str().is_none().then(|| path.to_owned())
-}
-
-/// A file that the pattern's last part would match if its name were UTF-8; such names match no pattern.
-fn passed_over(pattern: &Path) -> Option<PathBuf> {
-    let last = Pattern::new(pattern.file_name()?.to_str()?).ok()?;
-    let mut names = std::fs::read_dir(pattern.parent()?).ok()?.filter_map(|entry| Some(entry.ok()?.file_name()));
-    let odd = names.find(|name| name.to_str().is_none() && last.matches(&name.to_string_lossy()))?;
-    Some(pattern.with_file_name(odd))
-}
-
-fn refuse_name(check: &mut Check<'_>, place: &str, path: &Path) -> Result<Vec<PathBuf>, usize> {
-    let message = format!("{} is not UTF-8, so that no job can hold it", path.display());
-    check.error(place, message, "rename the file or its folders");
-    Err(Split::ALL.len())
 }
 
 /// Divides the objects between the splits. `None` after a mistake.
@@ -244,8 +260,8 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
         SplitBy::Object => {
             // Files of the same content are one object: a twin in another split would not be unseen.
             let mut known = HashSet::new();
-            let hashes = drawn.iter().map(|&i| objects[i].sha256.as_str());
-            let contents: Vec<&str> = hashes.filter(|hash| known.insert(*hash)).collect();
+            let content = |i: usize| (objects[i].sha256.as_str(), objects[i].part.as_deref());
+            let contents: Vec<_> = drawn.iter().map(|&i| content(i)).filter(|content| known.insert(*content)).collect();
             let used = shares.iter().filter(|share| **share > 0.0).count();
             if used > contents.len() + unread {
                 let message = format!("{used} splits but {} different object(s)", contents.len() + unread);
@@ -260,8 +276,8 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
             let mut groups: [Vec<usize>; 3] = Default::default();
             let mut next = order.into_iter();
             for (group, count) in groups.iter_mut().zip(counts) {
-                let mine: HashSet<&str> = next.by_ref().take(count).map(|at| contents[at]).collect();
-                *group = drawn.iter().copied().filter(|&i| mine.contains(objects[i].sha256.as_str())).collect();
+                let mine: HashSet<_> = next.by_ref().take(count).map(|at| contents[at]).collect();
+                *group = drawn.iter().copied().filter(|&i| mine.contains(&content(i))).collect();
             }
             groups
         }

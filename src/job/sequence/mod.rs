@@ -16,7 +16,7 @@ use crate::job::config::sequence::{Sequence, SequenceFriction};
 use crate::job::label::Label;
 use crate::job::plan::Plan;
 use crate::job::sample::{MOST_ATTEMPTS, Sample, Unfit};
-use crate::job::scene::{Pressed, Scene};
+use crate::job::scene::Scene;
 
 pub mod label;
 pub mod motion;
@@ -122,12 +122,12 @@ impl Drawn {
             },
         };
         let scene = Scene::draw(plan, index, attempt);
-        let Pressed::Object(number) = scene.pressed else { unreachable!("an object is drawn") };
+        let object = scene.clusters.clone().expect("an object is drawn");
         Self {
             phases: phases.collect(),
             friction,
             frame_rate_hz: sequence.frame_rate_hz,
-            object: Arc::clone(&plan.sampling.objects[number].clusters),
+            object,
             // As the scene draws it.
             side: plan.job().pose.face.sample(&mut rng::stream(plan.seed(), "face", redrawn)),
             scene,

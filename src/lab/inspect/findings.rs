@@ -7,6 +7,7 @@ use super::{LARGEST_MM, MeshFacts, SensorPad};
 use crate::core::pose::Anchor;
 use crate::files::figures::{counted, figure};
 use crate::files::mesh::MeshFileError;
+use crate::job::config::object::{Unit, is_plausible};
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -117,7 +118,7 @@ pub fn find(facts: &MeshFacts, pad: &SensorPad) -> Vec<Finding> {
     found.extend(cleaning(facts));
     found.extend(slow(facts));
     // In the wrong unit, sides tell nothing.
-    if facts.unit.likely(facts.largest_mm(), pad.field_of_view_mm).is_none() {
+    if Unit::likely(facts.mm_per_unit, facts.largest_mm(), pad.field_of_view_mm).is_none() {
         found.extend(captured(&facts.sides, pad));
     }
     found.extend(shape(facts, pad));
@@ -128,8 +129,8 @@ pub fn find(facts: &MeshFacts, pad: &SensorPad) -> Vec<Finding> {
 fn size(facts: &MeshFacts, pad: &SensorPad) -> Option<Finding> {
     let largest_mm = facts.largest_mm();
     let [width, height] = pad.field_of_view_mm;
-    let measured = format!("{} mm long under unit = \"{}\"", figure(largest_mm), facts.unit.name());
-    let likely = facts.unit.likely(largest_mm, pad.field_of_view_mm);
+    let measured = format!("{} mm long under {}", figure(largest_mm), Unit::written(facts.mm_per_unit));
+    let likely = Unit::likely(facts.mm_per_unit, largest_mm, pad.field_of_view_mm);
     let help = match likely {
         Some((unit, _)) => {
             format!("if they are, write unit = \"{}\" under [[object]] (here: --unit {})", unit.name(), unit.name())
@@ -150,8 +151,7 @@ fn size(facts: &MeshFacts, pad: &SensorPad) -> Option<Finding> {
     if likely.is_some() {
         return Some(Finding::new(Severity::Warning, Kind::Unit, format!("{measured} against {view}{looks}"), help));
     }
-    let is_implausible = |unit| facts.readings.iter().any(|reading| reading.unit == unit && !reading.plausible);
-    is_implausible(facts.unit).then(|| {
+    (!is_plausible(largest_mm, pad.field_of_view_mm)).then(|| {
         let message = format!("{measured} against {view}, and no other unit fits better");
         let help =
             "if that is its size, nothing is wrong: `anchor`, `x_mm` and `y_mm` of [pose] choose the part to press";

@@ -5,8 +5,9 @@
 //! nearest surface whatever way it faces, so holes and flipped triangles are no more than noted. Whether a surface
 //! passes through itself is not looked at, for the same reason.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::core::base::view::View;
@@ -19,6 +20,8 @@ use crate::job::config::object::{Unit, is_plausible};
 use crate::lab::inspect::surface::{Surface, survey};
 
 pub mod findings;
+pub mod job;
+pub mod set;
 pub mod sides;
 pub mod surface;
 pub mod text;
@@ -72,8 +75,10 @@ pub struct MeshFacts {
     pub given: Given,
     /// SHA-256 of the file's bytes, lower-case hex.
     pub sha256: String,
-    /// The unit that its coordinates were taken for.
-    pub unit: Unit,
+    /// The unit that its coordinates were taken for; null if it is none that a job names.
+    pub unit: Option<Unit>,
+    /// Millimetres that a coordinate of 1 was taken for.
+    pub mm_per_unit: f64,
     /// Extents of the cleaned mesh along x, y, z, mm.
     pub size_mm: [f64; 3],
     /// Centre of its bounding box, mm.
@@ -90,7 +95,7 @@ pub struct MeshFacts {
     pub surface: Surface,
     /// Rows of the sensor's pixels that its triangles fill, summed up, in the mean capture of a side: time goes with it.
     pub rows_per_capture: f64,
-    /// The six sides as captured; none if the mesh is too large, too small or too slow for that.
+    /// The six sides as captured; none if the mesh is too large, too small or too slow for that, or is one of a set.
     pub sides: Vec<Side>,
 }
 
@@ -142,22 +147,25 @@ impl SensorPad {
 }
 
 impl MeshFacts {
-    fn new(loaded: Loaded, unit: Unit, pad: &SensorPad) -> Self {
-        let Loaded { mesh, cleaned, sha256, given } = loaded;
+    fn new(loaded: Loaded, pad: &SensorPad, look: Look) -> Self {
+        let Loaded { mesh, cleaned, sha256, given, mm_per_unit } = loaded;
         // The bounding box is centred on zero.
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
         let size_mm = [0, 1, 2].map(|k| 2.0 * f64::from(half(k)));
         let largest_mm = size_mm.into_iter().fold(0.0, f64::max);
         let readings = Unit::ALL.map(|other| {
-            let largest_mm = largest_mm / unit.mm() * other.mm();
+            let largest_mm = largest_mm / mm_per_unit * other.mm();
             Reading { unit: other, largest_mm, plausible: is_plausible(largest_mm, pad.field_of_view_mm) }
         });
         let rows_per_capture = sides::rows(&mesh, pad);
-        let is_captured = (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm) && rows_per_capture <= sides::MOST_ROWS;
+        let is_captured = look == Look::Close
+            && (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm)
+            && rows_per_capture <= sides::MOST_ROWS;
         Self {
             given,
             sha256,
-            unit,
+            unit: Unit::of_mm(mm_per_unit),
+            mm_per_unit,
             size_mm,
             centre_mm: mesh.centre_mm,
             readings,
@@ -176,11 +184,28 @@ impl MeshFacts {
     }
 }
 
-/// Reads a mesh whose coordinates are in `unit`, and looks at it as `pad` would.
-pub fn inspect(path: &Path, unit: Unit, pad: &SensorPad) -> Inspection {
-    let (mesh, mut findings) = match mesh::load(path, unit.mm()) {
+/// How much of a mesh is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// All, with captures of its six sides.
+    Close,
+    /// All but the captures, which take most of the time.
+    Brief,
+}
+
+/// Looks briefly at many meshes, on all threads; the worst first, those as bad as each other by their names.
+pub fn inspect_set(paths: &[PathBuf], unit: Option<Unit>, pad: &SensorPad) -> Vec<Inspection> {
+    let mut found: Vec<Inspection> = paths.par_iter().map(|path| inspect(path, unit, pad, Look::Brief)).collect();
+    found.sort_by(|a, b| b.severity.cmp(&a.severity).then_with(|| a.file.cmp(&b.file)));
+    found
+}
+
+/// Reads a mesh whose coordinates are in `unit`, or in what the file says, and looks at it as `pad` would.
+pub fn inspect(path: &Path, unit: Option<Unit>, pad: &SensorPad, look: Look) -> Inspection {
+    let reading = mesh::Reading { mm_per_unit: unit.map(Unit::mm), ..Default::default() };
+    let (mesh, mut findings) = match mesh::load(path, reading) {
         Ok(loaded) => {
-            let facts = MeshFacts::new(loaded, unit, pad);
+            let facts = MeshFacts::new(loaded, pad, look);
             let findings = findings::find(&facts, pad);
             (Some(facts), findings)
         }

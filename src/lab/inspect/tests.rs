@@ -56,7 +56,7 @@ fn inspected((vertices, triangles): &Shape, unit: Unit) -> Inspection {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("shape.obj");
     fs::write(&path, text).expect("a file");
-    inspect(&path, unit, &pad())
+    inspect(&path, Some(unit), &pad(), Look::Close)
 }
 
 fn pad() -> SensorPad {
@@ -162,7 +162,7 @@ fn extreme_coordinates_are_inspected_without_a_panic() {
 
 #[test]
 fn what_a_job_cannot_read_is_an_error_without_facts() {
-    let missing = inspect(Path::new("no-such-file.obj"), Unit::Mm, &pad());
+    let missing = inspect(Path::new("no-such-file.obj"), Some(Unit::Mm), &pad(), Look::Close);
     assert!(missing.mesh.is_none() && kinds(&missing) == [Kind::Unreadable]);
     assert_eq!(missing.severity, Severity::Error);
     let flat = inspected(&(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![[0, 1, 2]]), Unit::Mm);

@@ -6,6 +6,7 @@ use super::findings::{Finding, Severity};
 use super::{Inspection, MeshFacts, SensorPad};
 use crate::core::pose::Anchor;
 use crate::files::figures::{counted, figure, percent};
+use crate::job::config::object::Unit;
 
 /// What the meshes are held against, with an empty line at its end.
 pub fn heading(pad: &SensorPad) -> String {
@@ -52,11 +53,17 @@ fn about(facts: &MeshFacts) -> String {
         let _ = writeln!(text, "  {name:<8} {what}");
     };
     let MeshFacts { given, surface, .. } = facts;
-    let format = format!("{:?}", given.format).to_uppercase();
-    line("file", format!("{format}, {}, sha256 {}", counted(given.bytes, "byte", "bytes"), facts.sha256));
+    line(
+        "file",
+        format!("{}, {}, sha256 {}", given.format.name(), counted(given.bytes, "byte", "bytes"), facts.sha256),
+    );
     let [x, y, z] = facts.size_mm.map(figure);
     let [cx, cy, cz] = facts.centre_mm.map(figure);
-    line("size", format!("{x} x {y} x {z} mm around ({cx}, {cy}, {cz}), unit \"{}\"", facts.unit.name()));
+    let unit = match facts.unit {
+        Some(unit) => format!("unit \"{}\"", unit.name()),
+        None => Unit::written(facts.mm_per_unit),
+    };
+    line("size", format!("{x} x {y} x {z} mm around ({cx}, {cy}, {cz}), {unit}"));
     let readings: Vec<String> = facts
         .readings
         .iter()
@@ -122,7 +129,7 @@ fn sides(facts: &MeshFacts, pad: &SensorPad) -> String {
 }
 
 /// A file's name on one line, whatever is in it.
-fn printable(file: &str) -> String {
+pub(super) fn printable(file: &str) -> String {
     let plain = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
     file.chars().map(plain).collect()
 }

@@ -30,7 +30,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
         cutter.cut(&vertices, corners, &mut triangles)?;
         rest = after;
     }
-    Ok(Raw { vertices, triangles })
+    Ok(Raw { vertices, triangles, ..Raw::default() })
 }
 
 /// Polygons as they come: the vertices they index may follow later in the file.

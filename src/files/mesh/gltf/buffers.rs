@@ -1,0 +1,175 @@
+//! The numbers in a glTF file's buffers, wherever those are.
+
+use std::borrow::Cow;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::document::{Accessor, Document};
+use super::{malformed, unsupported};
+use crate::files::mesh::others::Others;
+use crate::files::mesh::{MeshFileError, MeshFileProblem, quoted};
+
+/// Buffers, read when something is first wanted of them.
+pub(super) struct Buffers<'a> {
+    document: &'a Document,
+    binary: Option<&'a [u8]>,
+    others: &'a mut Others,
+    read: Vec<Option<Cow<'a, [u8]>>>,
+    /// Bytes of the buffers that were read so far.
+    pub(super) bytes: usize,
+}
+
+/// How components are written: their number in glTF, and bytes.
+const COMPONENTS: [(u32, usize); 6] = [(5120, 1), (5121, 1), (5122, 2), (5123, 2), (5125, 4), (5126, 4)];
+
+impl<'a> Buffers<'a> {
+    pub(super) fn new(document: &'a Document, binary: Option<&'a [u8]>, others: &'a mut Others) -> Self {
+        Self { document, binary, others, read: vec![None; document.buffers.len()], bytes: 0 }
+    }
+
+    /// The points of an accessor.
+    pub(super) fn points(&mut self, number: usize) -> Result<Vec<[f64; 3]>, MeshFileError> {
+        let accessor = self.accessor(number, "VEC3")?;
+        let kind = accessor.component_type;
+        if kind == 5125 {
+            return malformed(format!("accessor {number} has points of component type 5125"));
+        }
+        // Whole numbers that stand for -1 to 1 or 0 to 1 are what a quantized mesh has.
+        let largest = match (accessor.normalized, kind) {
+            (true, 5120) => 127.0,
+            (true, 5121) => 255.0,
+            (true, 5122) => 32767.0,
+            (true, 5123) => 65535.0,
+            _ => 1.0,
+        };
+        let component = |bytes: &[u8]| match (kind, bytes) {
+            (5120, &[a]) => f64::from(a as i8),
+            (5121, &[a]) => f64::from(a),
+            (5122, &[a, b]) => f64::from(i16::from_le_bytes([a, b])),
+            (5123, &[a, b]) => f64::from(u16::from_le_bytes([a, b])),
+            (_, &[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
+            _ => f64::NAN,
+        };
+        let is_normalized = largest > 1.0;
+        let read = |bytes: &[u8]| {
+            let size = bytes.len() / 3;
+            let point = [0, 1, 2].map(|k| component(&bytes[k * size..(k + 1) * size]) / largest);
+            if is_normalized { point.map(|x| x.max(-1.0)) } else { point }
+        };
+        self.elements(number, 3, read)
+    }
+
+    /// The whole numbers of an accessor.
+    pub(super) fn indices(&mut self, number: usize) -> Result<Vec<u32>, MeshFileError> {
+        let kind = self.accessor(number, "SCALAR")?.component_type;
+        if !matches!(kind, 5121 | 5123 | 5125) {
+            return malformed(format!("accessor {number} has indices of component type {kind}"));
+        }
+        self.elements(number, 1, |bytes| bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
+    }
+
+    fn accessor(&self, number: usize, kind: &str) -> Result<&'a Accessor, MeshFileError> {
+        let Some(accessor) = self.document.accessors.get(number) else {
+            return malformed(format!("refers to accessor {number}, but there are {}", self.document.accessors.len()));
+        };
+        if accessor.kind != kind {
+            return malformed(format!("accessor {number} is {}, not {kind}", quoted(accessor.kind.as_bytes())));
+        }
+        Ok(accessor)
+    }
+
+    /// The elements of an accessor, of so many components each.
+    fn elements<T>(
+        &mut self,
+        number: usize,
+        components: usize,
+        element: impl Fn(&[u8]) -> T,
+    ) -> Result<Vec<T>, MeshFileError> {
+        let document = self.document;
+        let accessor = &document.accessors[number];
+        if accessor.sparse.is_some() {
+            return unsupported(format!("accessor {number} is sparse, which is not read"));
+        }
+        let Some((_, size)) = COMPONENTS.iter().find(|(kind, _)| *kind == accessor.component_type) else {
+            return malformed(format!("accessor {number} has component type {}", accessor.component_type));
+        };
+        let size = size * components;
+        let Some(view) = accessor.buffer_view.and_then(|view| document.buffer_views.get(view)) else {
+            return malformed(format!("accessor {number} has no buffer view"));
+        };
+        let stride = view.byte_stride.filter(|stride| *stride > 0).unwrap_or(size);
+        if stride < size {
+            return malformed(format!("the elements of accessor {number} lie over each other"));
+        }
+        let bytes = self.buffer(view.buffer)?;
+        let end = view.byte_offset.saturating_add(view.byte_length).min(bytes.len());
+        let bytes = bytes.get(view.byte_offset.saturating_add(accessor.byte_offset)..end).unwrap_or_default();
+        let room = bytes.len().checked_sub(size).map_or(0, |rest| 1 + rest / stride);
+        if accessor.count > room {
+            let what = format!("elements in accessor {number}");
+            return Err(MeshFileProblem::Room { claimed: accessor.count as u64, what, room: room as u64 }.into());
+        }
+        Ok((0..accessor.count).map(|i| element(&bytes[i * stride..i * stride + size])).collect())
+    }
+
+    fn buffer(&mut self, number: usize) -> Result<&[u8], MeshFileError> {
+        let Some(buffer) = self.document.buffers.get(number) else {
+            return malformed(format!("refers to buffer {number}, but there are {}", self.document.buffers.len()));
+        };
+        if self.read[number].is_none() {
+            let bytes: Cow<'a, [u8]> = match (&buffer.uri, self.binary) {
+                (None, Some(binary)) if number == 0 => Cow::Borrowed(binary),
+                (None, _) => return malformed(format!("buffer {number} is not in the file and has no name")),
+                (Some(uri), _) => Cow::Owned(fetch(uri, self.others)?),
+            };
+            if bytes.len() < buffer.byte_length {
+                let (claimed, room) = (buffer.byte_length as u64, bytes.len() as u64);
+                return Err(MeshFileProblem::Room { claimed, what: format!("bytes in buffer {number}"), room }.into());
+            }
+            self.bytes += bytes.len();
+            self.read[number] = Some(bytes);
+        }
+        Ok(self.read[number].as_deref().unwrap_or_default())
+    }
+}
+
+/// The bytes that a URI stands for: those in it, or those of the file beside.
+fn fetch(uri: &str, others: &mut Others) -> Result<Vec<u8>, MeshFileError> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        let Some((_, base64)) = data.split_once(";base64,") else {
+            return unsupported(String::from("has a data URI that is not base64"));
+        };
+        return STANDARD
+            .decode(base64)
+            .map_err(|error| MeshFileProblem::Malformed(format!("a buffer is not base64: {error}")).into());
+    }
+    let name = decoded(uri);
+    if uri.contains("://") || name.starts_with('/') {
+        return unsupported(format!("names {}, which is no file beside it", quoted(uri.as_bytes())));
+    }
+    match others.folder().map(|folder| folder.join(&name)) {
+        Some(path) => others.read(uri, &path),
+        None => unsupported(format!("names another file, {}", quoted(uri.as_bytes()))),
+    }
+}
+
+/// A URI's path with what stands for other characters replaced: `%20` is a blank.
+pub(super) fn decoded(uri: &str) -> String {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let [first, after @ ..] = rest {
+        let hex = |digits: &[u8]| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok();
+        match (first, after.get(..2).and_then(hex)) {
+            (b'%', Some(byte)) if after[..2].iter().all(u8::is_ascii_hexdigit) => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(*first);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}

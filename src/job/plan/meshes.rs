@@ -1,0 +1,108 @@
+//! The mesh files of a job: where they are, and what is read from them.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use crate::core::mesh::Cleaned;
+use crate::core::mesh::clusters::Clusters;
+use crate::files::mesh::{self, Loaded, MeshFileError};
+use crate::job::config::object::{Object, Parts};
+
+/// A file that an `[[object]]` names.
+pub struct File {
+    /// Number of the table.
+    pub entry: usize,
+    /// Where it is.
+    pub path: PathBuf,
+    /// The same for labels.
+    pub label: String,
+}
+
+impl File {
+    /// The file at `path`, which the table of this number names; relative paths in it start from `folder`. In labels it is as
+    /// written, or as a pattern found it from the folder on.
+    pub fn new(entry: usize, path: PathBuf, object: &Object, folder: &Path) -> Self {
+        let written = object.path.as_deref().unwrap_or_default();
+        let label = match &object.label_path {
+            Some(label) => label.clone(),
+            None if path == folder.join(written) => written.to_owned(),
+            None => path.strip_prefix(folder).unwrap_or(&path).to_string_lossy().into_owned(),
+        };
+        Self { entry, path, label }
+    }
+}
+
+/// A mesh of a file, ready to be pressed.
+pub struct Part {
+    /// Its name in the file; none if it is all of it.
+    pub name: Option<String>,
+    /// Its geometry.
+    pub clusters: Arc<Clusters>,
+    /// What cleaning removed.
+    pub cleaned: Cleaned,
+    /// Its longest extent, mm.
+    pub largest_mm: f64,
+    /// Millimetres that a coordinate of 1 was taken for.
+    pub mm_per_unit: f64,
+    /// The format or the file says what a coordinate of 1 is.
+    pub knows_its_unit: bool,
+    /// SHA-256 of the file, lower-case hex.
+    pub sha256: String,
+}
+
+impl Part {
+    fn new(name: Option<String>, loaded: Loaded) -> Self {
+        let Loaded { mesh, cleaned, sha256, given, mm_per_unit } = loaded;
+        // The bounding box is centred on zero.
+        let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
+        Self {
+            name,
+            clusters: Arc::new(Clusters::new(&mesh)),
+            cleaned,
+            largest_mm: 2.0 * f64::from(half),
+            mm_per_unit,
+            knows_its_unit: given.format.knows_its_unit(),
+            sha256,
+        }
+    }
+}
+
+/// What a file holds, or why it cannot be used.
+pub type Read = Arc<Result<Vec<Part>, MeshFileError>>;
+
+/// Reads the files, on all threads and each once, however many tables take a part of it.
+pub fn read(objects: &[Object], files: &[File]) -> Vec<Read> {
+    let key = |file: &File| {
+        let object = &objects[file.entry];
+        let apart = object.part.is_some() || object.parts == Parts::Separate;
+        (file.path.clone(), object.unit, object.urdf, apart)
+    };
+    let mut numbers = HashMap::new();
+    let mut different = Vec::new();
+    let places: Vec<usize> = files
+        .iter()
+        .map(|file| {
+            *numbers.entry(key(file)).or_insert_with(|| {
+                different.push(file);
+                different.len() - 1
+            })
+        })
+        .collect();
+    let read: Vec<Read> = different
+        .par_iter()
+        .map(|file| {
+            let (_, _, _, apart) = key(file);
+            let reading = objects[file.entry].reading();
+            let parts = match apart {
+                true => mesh::load_parts(&file.path, reading),
+                false => mesh::load(&file.path, reading).map(|loaded| vec![(String::new(), loaded)]),
+            };
+            let part = |(name, loaded): (String, Loaded)| Part::new(Some(name).filter(|name| !name.is_empty()), loaded);
+            Arc::new(parts.map(|parts| parts.into_iter().map(part).collect()))
+        })
+        .collect();
+    places.into_iter().map(|place| Arc::clone(&read[place])).collect()
+}

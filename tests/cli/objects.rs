@@ -1,0 +1,197 @@
+//! What `[[object]]` names: classes from folders, parts, scales, meshes that are left out, and what labels say of them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+
+use serde_json::Value;
+
+use crate::support::{Folder, JOB, edited};
+
+/// The job with these tables for its objects.
+fn job(objects: &str) -> String {
+    let start = JOB.find("[[object]]").expect("objects");
+    let end = JOB.find("[pose]").expect("a pose");
+    format!("{}{objects}\n\n{}", &JOB[..start], &JOB[end..])
+}
+
+/// A folder with `from` copied to each of `to`.
+fn copies(from: &str, to: &[&str]) -> Folder {
+    let folder = Folder::new();
+    for name in to {
+        let path = folder.path(name);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        fs::copy(folder.path(from), path).expect("a copy");
+    }
+    folder
+}
+
+fn field<'a>(label: &'a Value, key: &str) -> &'a str {
+    label["object"][key].as_str().unwrap_or_else(|| panic!("{key} in {label}"))
+}
+
+/// Class and path of each object, as the labels say.
+fn classes(folder: &Folder, out: &str) -> BTreeMap<String, String> {
+    folder.labels(out).values().map(|label| (field(label, "path").into(), field(label, "class").into())).collect()
+}
+
+#[test]
+fn folders_name_classes_where_files_share_a_name_and_labels_give_paths() {
+    let folder = copies("cube.obj", &["ycb/1_can/g/n.obj", "ycb/2_mug/g/n.obj"]);
+    let text = job("[[object]]\npath = \"ycb/*/g/n.obj\"\n[[object]]\npath = \"cone.obj\"");
+    folder.write("job.toml", &text);
+    let said = folder.succeed("generate job.toml");
+    assert!(said.contains("2 meshes are called `n`") && said.contains("class_from = \"stem\""), "{said}");
+    let expected = [("cone.obj", "cone"), ("ycb/1_can/g/n.obj", "1_can"), ("ycb/2_mug/g/n.obj", "2_mug")];
+    assert_eq!(classes(&folder, "out/small"), expected.map(|(path, class)| (path.into(), class.into())).into());
+
+    for (from, expected) in [("stem", "n"), ("file", "n.obj")] {
+        folder.write("job.toml", text.replacen("n.obj\"\n", &format!("n.obj\"\nclass_from = \"{from}\"\n"), 1));
+        let said = folder.succeed(&format!("generate job.toml --out {from}"));
+        assert!(!said.contains("are called"), "{said}");
+        assert_eq!(classes(&folder, from)["ycb/1_can/g/n.obj"], expected);
+    }
+    folder.write("job.toml", text.replacen("n.obj\"\n", "n.obj\"\nclass_from = \"folder\"\n", 1));
+    folder.succeed("generate job.toml --out folders");
+    assert_eq!(classes(&folder, "folders")["ycb/2_mug/g/n.obj"], "2_mug");
+}
+
+#[test]
+fn a_sample_is_made_again_whatever_its_object_is() {
+    let folder = copies("cube.obj", &["m/a/n.obj", "m/b/n.obj"]);
+    folder.write("two.obj", "o lid\nv 0 0 0\nv 5 0 0\nv 0 5 0\nf 1 2 3\no pot/x\nv 0 0 1\nv 5 0 1\nv 0 5 2\nf 4 5 6\n");
+    folder.write(
+        "job.toml",
+        job("[[object]]\npath = \"m/*/n.obj\"\nscale = [0.5, 1.5]\n[[object]]\npath = \"two.obj\"\nparts = \"separate\""),
+    );
+    folder.succeed("generate job.toml");
+    let labels = folder.labels("out/small");
+    let seen: BTreeSet<&str> = labels.values().map(|label| field(label, "id")).collect();
+    assert!(seen.is_subset(&["n", "n-2", "two/lid", "two/pot/x"].into()) && seen.len() > 1, "{seen:?}");
+    for label in labels.values() {
+        let scale = label["object"]["scale"].as_f64().expect("a scale");
+        let is_scaled = field(label, "path").starts_with("m/");
+        assert!(if is_scaled { (0.5..1.5).contains(&scale) && scale != 1.0 } else { scale == 1.0 }, "{label}");
+    }
+    for key in labels.keys() {
+        folder.gelsim(&format!("reproduce out/small {key}")).assert().success();
+    }
+    folder.gelsim("verify out/small").assert().success();
+}
+
+/// A line of an OBJ, this many times as large.
+fn scaled(line: &str, by: f64) -> String {
+    let Some(numbers) = line.strip_prefix("v ") else { return format!("{line}\n") };
+    let numbers = numbers.split(' ').map(|x| (by * x.parse::<f64>().expect("a number")).to_string());
+    format!("v {}\n", numbers.collect::<Vec<_>>().join(" "))
+}
+
+#[test]
+fn a_scale_is_the_same_as_a_larger_mesh() {
+    let folder = Folder::new();
+    let text: String = folder.read("cube.obj").lines().map(|line| scaled(line, 2.0)).collect();
+    folder.write("twice.obj", text);
+    let of = |object: &str, out: &str| {
+        folder.write("job.toml", job(&format!("[[object]]\nclass = \"c\"\n{object}")));
+        folder.succeed(&format!("generate job.toml --out {out}"));
+        folder.samples(out)
+    };
+    let (scaled, large) = (of("path = \"cube.obj\"\nscale = 2.0", "scaled"), of("path = \"twice.obj\"", "large"));
+    for (key, members) in &scaled {
+        assert_eq!(members["depth.exr"], large[key]["depth.exr"], "{key}");
+    }
+}
+
+#[test]
+fn parts_are_objects_of_their_own_or_one_of_them_is() {
+    let folder = Folder::new();
+    folder.write("two.obj", "g a\nv 0 0 0\nv 5 0 0\nv 0 5 0\nf 1 2 3\ng b\nv 0 0 1\nv 5 0 1\nv 0 5 2\nf 4 5 6\n");
+    folder.write("job.toml", job("[[object]]\npath = \"two.obj\"\npart = \"b\""));
+    folder.succeed("generate job.toml");
+    assert!(folder.labels("out/small").values().all(|label| field(label, "class") == "two/b"));
+    folder.write("job.toml", job("[[object]]\npath = \"two.obj\"\npart = \"c\""));
+    let error = folder.fail("generate job.toml --out no", 2);
+    assert!(error.contains("two.obj has no part `c`") && error.contains("its parts: a, b"), "{error}");
+    // Parts are different objects, though their file is one.
+    let split = edited(
+        &job("[[object]]\npath = \"two.obj\"\nparts = \"separate\""),
+        &[(
+            "splits = { train = 0.5, val = 0.25, test = 0.25 }",
+            "split_by = \"object\"\nsplits = { train = 0.5, val = 0.5 }",
+        )],
+    );
+    folder.write("job.toml", split);
+    folder.succeed("generate job.toml --out split");
+    let of_split = |split: &str| -> BTreeSet<String> {
+        let labels = folder.labels("split");
+        labels.values().filter(|label| label["split"] == split).map(|label| field(label, "class").into()).collect()
+    };
+    assert_eq!((of_split("train").len(), of_split("val").len()), (1, 1));
+    assert_ne!(of_split("train"), of_split("val"));
+}
+
+#[test]
+fn bad_meshes_are_a_mistake_unless_they_may_be_left_out() {
+    let folder = copies("cube.obj", &["m/good.obj"]);
+    folder.write("m/bad.obj", "v 0 0 0\nf 1 2 3\n");
+    folder.write("job.toml", job("[[object]]\npath = \"m/*.obj\""));
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("m/bad.obj:2: face refers to vertex 2") && error.contains("on_bad = \"skip\""), "{error}");
+    folder.write("job.toml", job("[[object]]\npath = \"m/*.obj\"\non_bad = \"skip\""));
+    let said = folder.succeed("generate job.toml");
+    assert!(said.contains("left out: m/bad.obj:2: face refers"), "{said}");
+    assert!(folder.labels("out/small").values().all(|label| field(label, "class") == "good"));
+    folder.write("job.toml", job("[[object]]\npath = \"m/b*.obj\"\non_bad = \"skip\""));
+    let error = folder.fail("generate job.toml --out none", 2);
+    assert!(error.contains("all meshes are left out, the first because of m/bad.obj:2"), "{error}");
+}
+
+#[test]
+fn a_robot_that_changed_is_not_rendered_as_if_it_had_not() {
+    let folder = Folder::new();
+    let robot = r#"<robot name="r"><link name="a"><visual><geometry><mesh filename="cube.obj"/></geometry></visual></link></robot>"#;
+    folder.write("r.urdf", robot);
+    folder.write("job.toml", job("[[object]]\npath = \"r.urdf\"\nunit = \"mm\""));
+    folder.succeed("generate job.toml");
+    folder.gelsim("reproduce out/small 0").assert().success();
+    folder.write("cube.obj", folder.read("cube.obj") + "# changed\n");
+    let error = folder.fail("reproduce out/small 0", 2);
+    assert!(error.contains("r.urdf has changed: its SHA-256 is"), "{error}");
+}
+
+#[test]
+fn init_writes_a_job_that_works_for_a_folder_of_meshes() {
+    let folder = copies("cube.obj", &["meshes/a/n.obj", "meshes/b/n.obj", "meshes/b/n.stl"]);
+    fs::write(folder.path("meshes/b/n.stl"), "solid\nendsolid\n").expect("a file");
+    for sensor in ["gelsight-2014", "gelsight-2017", "gelsight-mini", "digit", "gelsight-series2", "tactip"] {
+        let said = folder.succeed(&format!("init --sensor {sensor} --objects meshes {sensor}.toml"));
+        assert!(said.contains(&format!("wrote {sensor}.toml")), "{said}");
+        let job = folder.read(&format!("{sensor}.toml"));
+        assert!(job.contains("path = \"meshes/**/*.obj\"") && job.contains("class_from = \"folder\""), "{job}");
+        assert!(job.contains("on_bad = \"skip\""), "{job}");
+        folder
+            .succeed(&format!("generate {sensor}.toml --samples 2 --set sensor.resolution_px=[48,64] --out {sensor}"));
+    }
+    folder.succeed("generate digit.toml --samples 8 --set sensor.resolution_px=[48,64] --out classes");
+    let seen: BTreeSet<String> = classes(&folder, "classes").into_values().collect();
+    assert_eq!(seen, ["a".into(), "b".into()].into());
+    let again = folder.fail("init --objects meshes digit.toml", 2);
+    assert!(again.contains("digit.toml exists already"), "{again}");
+}
+
+#[test]
+fn init_guesses_units_and_refuses_what_holds_no_mesh() {
+    let folder = Folder::new();
+    fs::create_dir_all(folder.path("m s/deep")).expect("a folder");
+    fs::create_dir_all(folder.path("empty")).expect("a folder");
+    let text = folder.read("cube.obj");
+    folder.write("m s/one.obj", text.lines().map(|line| scaled(line, 0.001)).collect::<String>());
+    let assert = folder.gelsim("init --objects").arg("m s").assert().success();
+    let text = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+    assert!(text.contains("path = \"m s/*.obj\"") && text.contains("unit = \"m\" "), "{text}");
+    assert!(text.contains("name = \"m-s\""), "{text}");
+    assert!(folder.fail("init --objects empty job.toml", 2).contains("there is no mesh in empty"));
+    assert!(folder.fail("init --objects none job.toml", 2).contains("none: does not exist"));
+    folder.write("empty/bad.obj", "v 0 0 0\n");
+    assert!(folder.fail("init --objects empty job.toml", 2).contains("no mesh in empty can be used"));
+    assert!(!folder.path("job.toml").exists());
+}
