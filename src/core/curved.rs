@@ -20,6 +20,7 @@ use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::normals::Normals;
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::gelpad::elastic::inplane::InPlane;
+use crate::core::gelpad::elastic::model_error::curvature_error_of_mm;
 use crate::core::gelpad::elastic::shear::{Friction, Motion};
 use crate::core::gelpad::material::Material;
 use crate::core::gelpad::sliding::Wrench;
@@ -36,6 +37,9 @@ use crate::core::pose::Pose;
 
 /// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
 const NEAR: f64 = 0.2;
+
+/// Of the angle beyond which slopes of a gel count alike: 76 degrees, where the theory ended long before.
+const LEAST_COSINE: f64 = 0.24;
 
 /// A gel that is not flat and the camera inside it, made ready.
 pub struct Curved {
@@ -215,6 +219,7 @@ impl Curved {
                 }
             }
         };
+        self.add_curvature_error(&mut contact, f64::from(depth.deepest_mm), &chart);
         let shear = shear.map(|shear| Shear { motion: self.on_chart(shear.motion, &chart), ..*shear });
         contact.tangential = tangential(in_plane, material, contact.load.as_ref(), held, shear.as_ref(), None, effects);
         let about_mm = shear.map_or([0.0; 2], |shear| shear.motion.about_mm);
@@ -265,6 +270,29 @@ impl Curved {
             }
         };
         PinPositions { rest: resting.clone(), moved }
+    }
+
+    /// Adds what the gel's own curve makes of the model's error: the slope of the gel at the contact's edge, over the plane that
+    /// touches it in the contact's middle.
+    fn add_curvature_error(&self, contact: &mut Contact, depth_mm: f64, chart: &Chart) {
+        let Some(error_um) = contact.numerics.model_error_um.as_mut() else { return };
+        let place = |x: usize, y: usize| self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+        let (mut middle, mut touched) = (DVec2::ZERO, 0.0);
+        for y in 0..contact.mask.height {
+            for (x, _) in contact.mask.row(y).iter().enumerate().filter(|(_, value)| **value > 0) {
+                middle += DVec2::from_array(place(x, y));
+                touched += 1.0;
+            }
+        }
+        if touched == 0.0 {
+            return;
+        }
+        let up = chart.rest((middle / touched).to_array()).normal;
+        let slope_squared = |x: usize, y: usize| {
+            let cosine = chart.rest(place(x, y)).normal.dot(up).max(LEAST_COSINE);
+            1.0 / (cosine * cosine) - 1.0
+        };
+        *error_um += 1e3 * curvature_error_of_mm(depth_mm, &contact.mask, slope_squared);
     }
 
     /// Share of the contact that the image shows, 0 without contact. A dome's chart ends where the image does.

@@ -61,7 +61,7 @@ macro_rules! fine {
     };
 }
 
-const CASES: [Case; 22] = [
+const CASES: [Case; 24] = [
     Case {
         name: "gelsight_2014_sphere",
         object: "sphere",
@@ -166,6 +166,20 @@ const CASES: [Case; 22] = [
         show: Show::Image,
         job: "sensor.preset = \"tactip\"\nindentation.depth_mm = 3.0\ncamera = { threshold = 0.0, read_noise_levels = 0.0 }\n\
               pose = { anchor = \"origin\", yaw_deg = 30.0, y_mm = 2.0 }",
+    },
+    Case {
+        name: "geltip_cube_from_the_side",
+        object: "cube",
+        show: Show::Image,
+        job: "sensor.preset = \"geltip\"\nsensor.resolution_px = [80, 60]\nindentation.depth_mm = 1.0\n\
+              pose = { from_tip_mm = 16.0, around_deg = 40.0, yaw_deg = 20.0 }",
+    },
+    Case {
+        name: "allsight_letter_at_the_tip",
+        object: "letter",
+        show: Show::Image,
+        job: "sensor.preset = \"allsight\"\nsensor.resolution_px = [80, 60]\nindentation.depth_mm = 0.8\n\
+              pose = { from_tip_mm = 3.0, around_deg = 200.0 }",
     },
     Case {
         name: "surface_under_a_thin_ridge",
@@ -324,6 +338,8 @@ mod found {
         depth_of_a_tilted_bolt,
         gelsight_series2_gear,
         tactip_beside_an_edge,
+        geltip_cube_from_the_side,
+        allsight_letter_at_the_tip,
         surface_under_a_thin_ridge,
         contact_of_a_key,
         normals_under_a_torus,

@@ -30,3 +30,8 @@ mod taxim;
 fn thorough() -> bool {
     std::env::var_os("GELSIM_THOROUGH").is_some()
 }
+
+/// True of a preset whose gel has no shape: with those a depth frame can be pressed, and any fidelity level.
+fn is_flat(preset: &str) -> bool {
+    gelsim::Sensor::preset(preset).expect("a preset").shape.is_none()
+}

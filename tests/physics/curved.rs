@@ -177,6 +177,19 @@ fn the_same_press_anywhere_on_a_dome_gives_the_same_force() {
     }
 }
 
+/// A ball of 3.3 mm on a dome of 10 mm has several times the flat pad's error (docs/gelpad-accuracy.md).
+#[test]
+fn labels_say_what_the_gels_curve_adds_to_the_models_error() {
+    let error = |radius_mm: f64| {
+        let simulator = Simulator::new(&dome(radius_mm, 12.0, 128, 3.0), Fidelity::High).expect("a sound sensor");
+        let pressed = press_ball(&simulator, radius_mm, 3.3, 0.6, 0.0, 0.0);
+        pressed.contact.numerics.model_error_um.expect("an elastic pad")
+    };
+    let [flat, gentle, steep] = [1e5, 30.0, 10.0].map(error);
+    println!("model error on a flat pad, and on domes of 30 and 10 mm: {flat:.1}, {gentle:.1}, {steep:.1} um");
+    assert!(gentle > flat && (2.0..8.0).contains(&(steep / flat)), "{flat} {gentle} {steep}");
+}
+
 #[test]
 fn a_dome_of_a_kilometre_is_a_flat_pad() {
     let job = |sensor: &str| {

@@ -125,13 +125,13 @@ fn along_meridian(wave: f64, step: f64) -> Vec<f64> {
     // What is in a cell, as a share of what is in the next.
     let mut shares: Vec<f64> = Vec::with_capacity(CELLS[0]);
     let mut density = vec![0.0; CELLS[0] + 1];
-    for row in 0..CELLS[0] {
+    for (row, density) in density.iter_mut().enumerate().take(CELLS[0]) {
         let here = radius_at(row, step);
         let (inner, outer) = (radius(row as f64 * step), radius((row + 1) as f64 * step));
         let lost = step * step * (wave * wave / here + here / (REACH * REACH));
         let from_inner = shares.last().map_or(0.0, |share| inner * (1.0 - share));
         shares.push(outer / (outer + lost + from_inner));
-        density[row] = step * source / (lost + from_inner);
+        *density = step * source / (lost + from_inner);
     }
     density[CELLS[0]] = density[CELLS[0] - 1] + step * source;
     for row in (0..CELLS[0] - 1).rev() {

@@ -143,21 +143,28 @@ pub fn force_over_linear(mean_mm: f64, thickness_mm: f64, edge: Option<ContactEd
 /// around the mask.
 pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, mm_per_px: [f64; 2]) -> f64 {
     let per_px = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
-    let mut steepest_squared = 0.0_f32;
+    curvature_error_of_mm(depth_mm, mask, |x, y| {
+        let row = |down: usize| &drop_mm.row(y + SURFACE_BORDER + down - 1)[SURFACE_BORDER - 1..];
+        let (upper, here, lower) = (row(0), row(1), row(2));
+        let [across, down] = [(here[x + 2] - here[x]) * per_px[0], (lower[x + 1] - upper[x + 1]) * per_px[1]];
+        f64::from(across * across + down * down)
+    })
+}
+
+/// The same of a pad the square of whose slope is known at each pixel.
+pub fn curvature_error_of_mm(depth_mm: f64, mask: &Grid<u8>, slope_squared: impl Fn(usize, usize) -> f64) -> f64 {
+    let mut steepest_squared = 0.0_f64;
     for y in 0..mask.height {
         let touching = mask.row(y);
         let (above, below) = (touching_in(mask, y.checked_sub(1)), touching_in(mask, Some(y + 1)));
-        let row = |down: usize| &drop_mm.row(y + SURFACE_BORDER + down - 1)[SURFACE_BORDER - 1..];
-        let (upper, here, lower) = (row(0), row(1), row(2));
         for x in 0..mask.width {
             let beside = [x.checked_sub(1).map(|x| touching[x]), touching.get(x + 1).copied(), above(x), below(x)];
             if beside.into_iter().flatten().any(|other| other != touching[x]) {
-                let [across, down] = [(here[x + 2] - here[x]) * per_px[0], (lower[x + 1] - upper[x + 1]) * per_px[1]];
-                steepest_squared = steepest_squared.max(across * across + down * down);
+                steepest_squared = steepest_squared.max(slope_squared(x, y));
             }
         }
     }
-    depth_mm * CURVED * f64::from(steepest_squared)
+    depth_mm * CURVED * steepest_squared
 }
 
 /// The mask in a row, if there is one.
