@@ -11,7 +11,7 @@ use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::rng;
-use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::base::view::View;
 use crate::core::camera::gel_map::{GelMap, Slopes};
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
 use crate::core::camera::projection::Projection;
@@ -234,7 +234,10 @@ impl Curved {
         for effect in [Effect::Supersampling, Effect::Grain, Effect::Shadows] {
             effects.enable(effect, Requirement::Absent("a gel that has a shape is seen without it"));
         }
-        let map = GelMap::new(&self.shape, &self.camera, Arc::clone(&self.sites), &chart, &self.view);
+        let [width, height] = self.view.resolution_px;
+        let touching = depth.touching.seen_from(depth.margin_px, depth.margin_px, width, height);
+        let part = contact.region.united(touching);
+        let map = GelMap::new(&self.shape, &self.camera, Arc::clone(&self.sites), &chart, &self.view, part);
         let (pins, light) = match &self.seen {
             Seen::Pins(picture) => {
                 for effect in [Effect::Shading, Effect::Darkening] {
@@ -445,11 +448,12 @@ fn shaded(
     effects.timed(Effect::Shading, || {
         let slopes = Slopes::new(&contact.surface, view);
         let mut normals = Vec::with_capacity(changed.area());
-        let displaced_mm = map.plane(&contact.surface.inner(SURFACE_BORDER)).crop(changed).data;
+        let mut displaced_mm = Vec::with_capacity(changed.area());
         for y in changed.y0..changed.y1 {
             for x in changed.x0..changed.x1 {
-                let normal = map.normal(&slopes, y * width + x).unwrap_or(DVec3::NEG_Z);
+                let (normal, down_mm) = map.pressed(&slopes, y * width + x).unwrap_or((DVec3::NEG_Z, 0.0));
                 normals.push(normal.as_vec3().to_array());
+                displaced_mm.push(down_mm);
             }
         }
         skin.shade(&PressedSkin { region: changed, normals: &normals, displaced_mm: &displaced_mm }, picture, darkens)

@@ -825,7 +825,7 @@ fn gels_lenses_and_pins_that_make_no_sense_are_refused() {
         "add [sensor.shape]",
     );
     mistake(
-        "shape = { capsule = { radius_mm = 10.0, length_mm = «8.0» } }",
+        "shape = { capsule = { radius_mm = 30.0, length_mm = «8.0» } }",
         "8 mm long, and its cap alone 30",
         "from the tip",
     );
@@ -834,7 +834,6 @@ fn gels_lenses_and_pins_that_make_no_sense_are_refused() {
         "40 times as long as its radius",
         "up to 20 times",
     );
-    mistake("background = «\"a.png\"»", "`background` does not go with pins", "leave one of the two out");
     let finger = |written: &str, title: &str, help: &str| {
         one_mistake("[sensor]", &format!("[sensor]\npreset = \"geltip\"\n{written}"), title, help);
     };

@@ -49,14 +49,22 @@ struct Lattice {
 }
 
 impl GelMap {
-    /// Of the points of a gel that the pixels of this camera show; `None` where one shows no gel.
-    pub fn new(shape: &GelShape, camera: &Projection, sites: Arc<[Option<Site>]>, chart: &Chart, view: &View) -> Self {
+    /// Of the points of a gel that the pixels of this camera show; `None` where one shows no gel. Of a capsule's chart only a part
+    /// is looked for: outside of it there is nothing to be shown.
+    pub fn new(
+        shape: &GelShape,
+        camera: &Projection,
+        sites: Arc<[Option<Site>]>,
+        chart: &Chart,
+        view: &View,
+        part: Rect,
+    ) -> Self {
         let lattice = OnceLock::new();
         let at = match shape.wall_mm() {
             None => on_dome(&sites, chart, view),
             Some(wall_mm) => {
                 let lattice = lattice.get_or_init(|| Lattice::new(chart, view));
-                on_capsule(wall_mm, camera, &sites, chart, view, lattice)
+                on_capsule(wall_mm, camera, &sites, chart, view, lattice, part)
             }
         };
         Self { view: *view, chart: *chart, sites, at, lattice }
@@ -110,18 +118,19 @@ impl GelMap {
     /// the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
     pub fn normals(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
         let slopes = Slopes::new(surface, &self.view);
-        let normal =
-            |index: usize| self.normal(&slopes, index).map_or([0.0, 0.0, -1.0], |normal| normal.as_vec3().to_array());
+        let normal = |index: usize| {
+            self.pressed(&slopes, index).map_or([0.0, 0.0, -1.0], |(normal, _)| normal.as_vec3().to_array())
+        };
         (0..self.at.len()).map(normal).collect()
     }
 
-    /// The same at one pixel; `None` where there is no gel.
-    pub fn normal(&self, slopes: &Slopes<'_>, index: usize) -> Option<DVec3> {
+    /// The same at one pixel, and how far the gel is displaced there, mm; `None` where there is no gel.
+    pub fn pressed(&self, slopes: &Slopes<'_>, index: usize) -> Option<(DVec3, f32)> {
         let site = self.sites[index]?;
         let at = self.at[index];
-        let (Some([down, x, y]), true) = (slopes.at(at), at[0].is_finite()) else { return Some(-site.normal) };
+        let (Some([down, x, y]), true) = (slopes.at(at), at[0].is_finite()) else { return Some((-site.normal, 0.0)) };
         if x == 0.0 && y == 0.0 {
-            return Some(-site.normal);
+            return Some((-site.normal, down));
         }
         let [along_x, along_y] = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view)).gradients_at(at);
         let gradient = f64::from(x) * along_x + f64::from(y) * along_y;
@@ -130,7 +139,7 @@ impl GelMap {
         let along = if site.below_mm > 0.0 { DVec3::new(0.0, 0.0, gradient.z) } else { DVec3::ZERO };
         let slope = along + (gradient - along) / shrunk.max(0.05);
         // A dent leans the gel's inside towards where it is deeper.
-        Some(-(site.normal + slope).normalize())
+        Some((-(site.normal + slope).normalize(), down))
     }
 
     fn layer<T: Copy + Default>(&self, value: impl Fn([f32; 2]) -> T) -> Grid<T> {
@@ -237,6 +246,7 @@ fn on_capsule(
     chart: &Chart,
     view: &View,
     lattice: &Lattice,
+    part: Rect,
 ) -> Vec<[f32; 2]> {
     let [width, height] = view.resolution_px;
     let (columns, rows) = (lattice.columns, lattice.rests.len() / lattice.columns);
@@ -249,7 +259,6 @@ fn on_capsule(
         let px = camera.point_px(point).filter(|_| on_gel)?;
         Some((DVec2::from_array(px), DVec2::from_array(place)))
     };
-    let nodes: Vec<_> = (0..rows).flat_map(|row| (0..columns).map(move |column| node(column, row))).collect();
     let mut at = vec![[f32::NAN; 2]; width * height];
     let mut away = vec![f32::INFINITY; width * height];
     let pitch = DVec2::from_array(view.mm_per_px);
@@ -281,9 +290,13 @@ fn on_capsule(
             }
         }
     };
-    for row in 1..rows {
-        for column in 1..columns {
-            let corner = |dx: usize, dy: usize| nodes[(row - dy) * columns + column - dx];
+    let cells = |first: usize, end: usize, count: usize| {
+        // A node more on every side, for what lies between nodes of the part and others.
+        if first < end { first.saturating_sub(1) / CELL + 1..((end + 1).div_ceil(CELL) + 1).min(count) } else { 0..0 }
+    };
+    for row in cells(part.y0, part.y1, rows) {
+        for column in cells(part.x0, part.x1, columns) {
+            let corner = |dx: usize, dy: usize| node(column - dx, row - dy);
             if let [Some(a), Some(b), Some(c), Some(d)] = [corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)] {
                 draw([a, b, c]);
                 draw([a, c, d]);

@@ -22,9 +22,9 @@ use crate::core::pose::Pose;
 const MOST_TURN: f64 = 2.3;
 
 /// Nodes on a side of the blocks in which the normals of a capsule are looked through.
-const BLOCK: usize = 16;
+const BLOCK: usize = 8;
 /// Blocks that are passed over at once.
-const GROUP: usize = 8;
+const GROUP: usize = 16;
 
 /// The normals of the gel at the nodes of charts.
 #[derive(Debug)]
