@@ -3,6 +3,7 @@
 use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
+use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
 use crate::core::effects::Effect;
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::LightSource;
@@ -69,12 +70,20 @@ impl List {
                 let line = |(name, text)| {
                     let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
                     let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
-                    let lights = match sensor.lamp.len() {
-                        0 => format!("{} LEDs", sensor.led.len()),
-                        lamps => format!("{lamps} lamps"),
+                    let size = match sensor.shape {
+                        None => format!("{x} x {y} mm"),
+                        Some(GelShape::Dome(GelDome { radius_mm })) => format!("dome of radius {radius_mm} mm"),
+                        Some(GelShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
+                            format!("finger of radius {radius_mm} mm, {length_mm} mm long")
+                        }
+                    };
+                    let lights = match (&sensor.pins, sensor.lamp.len()) {
+                        (Some(pins), _) => format!("{} pins", pins.count),
+                        (None, 0) => format!("{} LEDs", sensor.led.len()),
+                        (None, lamps) => format!("{lamps} lamps"),
                     };
                     Ok(format!(
-                        "{name:<16} {w}x{h} px, {x} x {y} mm, gelpad {} mm {} kPa nu {}, {lights}",
+                        "{name:<16} {w}x{h} px, {size}, gelpad {} mm {} kPa nu {}, {lights}",
                         sensor.gelpad_thickness_mm, sensor.gelpad_youngs_modulus_kpa, sensor.gelpad_poisson_ratio,
                     ))
                 };

@@ -43,7 +43,7 @@ pub struct Rest {
 
 impl Latitude {
     /// Of the radius.
-    const STEP: f64 = 0.2;
+    pub const STEP: f64 = 0.2;
 
     /// How many there are on a gel.
     pub fn count(shape: &GelShape) -> usize {

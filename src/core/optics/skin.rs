@@ -2,7 +2,7 @@
 //!
 //! Diffuse and specular reflection are those of [`super::phong`], with the camera where it is. An LED's light comes straight from
 //! where the LED is, its brightness falling with the square of the distance, 1 at the gel's tip; or it runs along the gel
-//! ([`super::heat`]).
+//! (`heat.rs`).
 
 use glam::DVec3;
 

@@ -260,7 +260,7 @@ pub struct UnknownPreset {
 }
 
 impl sensor::Sensor {
-    /// A sensor that gelsim knows: `gelsight-2014`, `gelsight-2017`, `gelsight-mini`, `digit` or `gelsight-series2`.
+    /// A sensor that gelsim knows, by a name of [`PRESETS`].
     ///
     /// # Errors
     ///

@@ -8,6 +8,7 @@ use glob::Pattern;
 
 use super::findings::Severity;
 use super::{Inspection, SensorPad, inspect_set, set};
+use crate::core::sensor::Sensor;
 use crate::files::diagnostic::{Report, user_error};
 use crate::files::figures::{counted, figure};
 use crate::files::mesh::{ENDINGS, Format};
@@ -17,6 +18,8 @@ use crate::job::config::object::Unit;
 const DEPTHS: [f64; 2] = [0.05, 0.3];
 /// Share of the view's sides by which objects are moved out of its middle.
 const SHIFT: f64 = 0.1;
+/// How far from the tip of a curved gel, in its radii.
+const FROM_TIP: f64 = 1.5;
 
 /// Meshes of one ending.
 struct Group {
@@ -58,7 +61,17 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Str
         return Err(user_error(message, format!("gelsim inspect {} says why", folder.display())));
     }
     let [low, high] = DEPTHS.map(|share| figure(share * pad.thickness_mm));
-    let [x, y] = pad.field_of_view_mm.map(|mm| figure(SHIFT * mm));
+    let place = match Sensor::preset(preset) {
+        // From all sides, as far as a camera inside sees well.
+        Ok(Sensor { shape: Some(shape), pins: None, .. }) => format!(
+            "from_tip_mm = [0.0, {}]                 # over the gel, along its curve\naround_deg = [0.0, 360.0]\n",
+            figure(FROM_TIP * shape.radius_mm())
+        ),
+        _ => {
+            let [x, y] = pad.field_of_view_mm.map(|mm| figure(SHIFT * mm));
+            format!("x_mm = [-{x}, {x}]\ny_mm = [-{y}, {y}]\n")
+        }
+    };
     Ok(format!(
         "# {} in {}. Look first:  gelsim preview THIS-FILE --out sheet.png\n\
          # Every key: gelsim init my-job.toml\n\n\
@@ -69,8 +82,7 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Str
          face = \"any\"                              # any side of the object faces the pad\n\
          yaw_deg = [0.0, 360.0]\n\
          tilt_deg = [0.0, 5.0]\n\
-         x_mm = [-{x}, {x}]\n\
-         y_mm = [-{y}, {y}]\n\
+         {place}\
          anchor = \"contact\"                        # the point that touches first stays in view\n\n\
          [indentation]\n\
          depth_mm = [{low}, {high}]                 # the pad is {} mm thick\n\n\
