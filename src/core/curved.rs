@@ -232,7 +232,7 @@ impl Curved {
         seconds.gelpad += clock.lap();
 
         for effect in [Effect::Supersampling, Effect::Grain, Effect::Shadows] {
-            effects.enable(effect, Requirement::Absent("a gel that has a shape is seen without it"));
+            effects.enable(effect, Requirement::Absent("not simulated on a gel that has a shape"));
         }
         let [width, height] = self.view.resolution_px;
         let touching = depth.touching.seen_from(depth.margin_px, depth.margin_px, width, height);
