@@ -47,8 +47,7 @@ impl Latitude {
 
     /// How many there are on a gel.
     pub fn count(shape: &GelShape) -> usize {
-        let length = FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0) / shape.radius_mm();
-        libm::round(length / Self::STEP) as usize + 1
+        libm::round(shape.length_over_mm() / (shape.radius_mm() * Self::STEP)) as usize + 1
     }
 
     /// Its number, from the tip on.
@@ -160,8 +159,12 @@ impl Chart {
 
     /// The point of the gel's surface at a point of the chart, in the sensor's frame, mm.
     pub fn point_mm(&self, at: [f64; 2]) -> DVec3 {
-        let Rest { normal, below_mm, .. } = self.rest(at);
-        self.radius_mm * normal - DVec3::new(0.0, 0.0, self.radius_mm + below_mm)
+        self.point_of_mm(&self.rest(at))
+    }
+
+    /// The same of what the gel is there.
+    pub fn point_of_mm(&self, rest: &Rest) -> DVec3 {
+        self.radius_mm * rest.normal - DVec3::new(0.0, 0.0, self.radius_mm + rest.below_mm)
     }
 
     /// The gel at a point of the chart, and what slopes of 1 along x and along y of the chart are there: slopes on the gel.

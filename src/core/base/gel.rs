@@ -64,6 +64,11 @@ impl GelShape {
         }
     }
 
+    /// From the tip to the end of the gel over its curve, mm.
+    pub fn length_over_mm(&self) -> f64 {
+        FRAC_PI_2 * self.radius_mm() + self.wall_mm().unwrap_or(0.0)
+    }
+
     /// The point that all normals of the tip come from.
     pub fn centre_mm(&self) -> DVec3 {
         DVec3::new(0.0, 0.0, -self.radius_mm())

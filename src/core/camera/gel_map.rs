@@ -109,11 +109,6 @@ impl GelMap {
         self.view.resolution_px
     }
 
-    /// Which point of the gel pixel `index` shows.
-    pub fn site(&self, index: usize) -> Option<Site> {
-        self.sites[index]
-    }
-
     /// Unit normals of a pressed gel whose displacement on the chart is `surface`, as the image shows them: towards the inside of
     /// the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
     pub fn normals(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
@@ -255,8 +250,7 @@ fn on_capsule(
         let place = [column, row].map(|at| (at * CELL) as f64);
         let rest = lattice.rests[row * columns + column];
         let on_gel = rest.below_mm <= wall_mm + CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
-        let point = chart.radius_mm() * rest.normal - DVec3::new(0.0, 0.0, chart.radius_mm() + rest.below_mm);
-        let px = camera.point_px(point).filter(|_| on_gel)?;
+        let px = camera.point_px(chart.point_of_mm(&rest)).filter(|_| on_gel)?;
         Some((DVec2::from_array(px), DVec2::from_array(place)))
     };
     let mut at = vec![[f32::NAN; 2]; width * height];
@@ -294,9 +288,14 @@ fn on_capsule(
         // A node more on every side, for what lies between nodes of the part and others.
         if first < end { first.saturating_sub(1) / CELL + 1..((end + 1).div_ceil(CELL) + 1).min(count) } else { 0..0 }
     };
-    for row in cells(part.y0, part.y1, rows) {
-        for column in cells(part.x0, part.x1, columns) {
-            let corner = |dx: usize, dy: usize| node(column - dx, row - dy);
+    let (across, down) = (cells(part.x0, part.x1, columns), cells(part.y0, part.y1, rows));
+    // Each node is a corner of four cells. Before the first cell of a row or column there is one node more.
+    let in_row = |row: usize| (across.start.saturating_sub(1)..across.end).map(move |column| [column, row]);
+    let places = (down.start.saturating_sub(1)..down.end).flat_map(in_row);
+    let nodes: Vec<_> = places.map(|[column, row]| node(column, row)).collect();
+    for row in 0..down.len() {
+        for column in 0..across.len() {
+            let corner = |dx: usize, dy: usize| nodes[(row + 1 - dy) * (across.len() + 1) + column + 1 - dx];
             if let [Some(a), Some(b), Some(c), Some(d)] = [corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)] {
                 draw([a, b, c]);
                 draw([a, c, d]);

@@ -164,7 +164,7 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
     }
     let sound = check.sound("sensor.pins") && check.sound("sensor.shape");
     let Some(shape) = sensor.shape.filter(|_| sound) else { return };
-    let most_mm = shape.radius_mm() * std::f64::consts::FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0);
+    let most_mm = shape.length_over_mm();
     if pins.reach_mm() > most_mm {
         let message = format!("the outermost pins stand {:.1} mm from the tip, over the rim", pins.reach_mm());
         let help = format!("the gel ends after {most_mm:.1} mm: lower count or spacing_mm");
@@ -196,7 +196,7 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     if let Some(from_tip) = &pose.from_tip_mm
         && check.sound("sensor.shape")
     {
-        let end_mm = shape.radius_mm() * std::f64::consts::FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0);
+        let end_mm = shape.length_over_mm();
         let farthest_mm = from_tip.support().1;
         if farthest_mm > end_mm && farthest_mm <= 2e6 {
             let message = format!("from_tip_mm may be {farthest_mm}, and the gel ends {end_mm:.1} mm from its tip");
