@@ -20,7 +20,7 @@ use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::normals::Normals;
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::gelpad::elastic::inplane::InPlane;
-use crate::core::gelpad::elastic::model_error::curvature_error_of_mm;
+use crate::core::gelpad::elastic::model_error::{ContactEdge, error_on_core_mm, force_on_core};
 use crate::core::gelpad::elastic::shear::{Friction, Motion};
 use crate::core::gelpad::material::Material;
 use crate::core::gelpad::sliding::Wrench;
@@ -37,9 +37,6 @@ use crate::core::pose::Pose;
 
 /// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
 const NEAR: f64 = 0.2;
-
-/// Of the angle beyond which slopes of a gel count alike: 76 degrees, where the theory ended long before.
-const LEAST_COSINE: f64 = 0.24;
 
 /// A gel that is not flat and the camera inside it, made ready.
 pub struct Curved {
@@ -219,7 +216,7 @@ impl Curved {
                 }
             }
         };
-        self.add_curvature_error(&mut contact, f64::from(depth.deepest_mm), &chart);
+        self.on_core(&mut contact, &depth, &chart, material);
         let shear = shear.map(|shear| Shear { motion: self.on_chart(shear.motion, &chart), ..*shear });
         contact.tangential = tangential(in_plane, material, contact.load.as_ref(), held, shear.as_ref(), None, effects);
         let about_mm = shear.map_or([0.0; 2], |shear| shear.motion.about_mm);
@@ -275,27 +272,43 @@ impl Curved {
         PinPositions { rest: resting.clone(), moved }
     }
 
-    /// Adds what the gel's own curve makes of the model's error: the slope of the gel at the contact's edge, over the plane that
-    /// touches it in the contact's middle.
-    fn add_curvature_error(&self, contact: &mut Contact, depth_mm: f64, chart: &Chart) {
-        let Some(error_um) = contact.numerics.model_error_um.as_mut() else { return };
-        let place = |x: usize, y: usize| self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
-        let (mut middle, mut touched) = (DVec2::ZERO, 0.0);
-        for y in 0..contact.mask.height {
-            for (x, _) in contact.mask.row(y).iter().enumerate().filter(|(_, value)| **value > 0) {
-                middle += DVec2::from_array(place(x, y));
-                touched += 1.0;
-            }
-        }
-        if touched == 0.0 {
+    /// Corrects forces and the error that the model states for the core under the gel, which is curved as the gel is.
+    fn on_core(&self, contact: &mut Contact, depth: &Depth, chart: &Chart, material: &Material) {
+        let Some(edge) = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.view.mm_per_px) else {
             return;
-        }
-        let up = chart.rest((middle / touched).to_array()).normal;
-        let slope_squared = |x: usize, y: usize| {
-            let cosine = chart.rest(place(x, y)).normal.dot(up).max(LEAST_COSINE);
-            1.0 / (cosine * cosine) - 1.0
         };
-        *error_um += 1e3 * curvature_error_of_mm(depth_mm, &contact.mask, slope_squared);
+        // A disc's, or half the width of what is long.
+        let radius_mm = 2.0 * edge.area_over_perimeter_mm;
+        let curvature_per_mm = self.curvature_per_mm(contact, chart);
+        contact.stiffen(force_on_core(radius_mm, curvature_per_mm, material.thickness_mm, material.poisson_ratio));
+        if let Some(error_um) = contact.numerics.model_error_um.as_mut() {
+            let turn_rad = radius_mm * curvature_per_mm.abs();
+            *error_um = 1e3 * error_on_core_mm(1e-3 * *error_um, f64::from(depth.deepest_mm), turn_rad);
+        }
+    }
+
+    /// Mean curvature of the gel where it is touched: half of how its normals part, over all of the contact, so that nothing jumps
+    /// where it grows from a part of the gel into another.
+    fn curvature_per_mm(&self, contact: &Contact, chart: &Chart) -> f64 {
+        let place = |[x, y]: [usize; 2]| self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+        let mask = &contact.mask;
+        let touched = |y: usize| (0..mask.width).filter(move |x| mask.at(*x, y) > 0).map(move |x| [x, y]);
+        let (mut middle, mut count) = (DVec2::ZERO, 0.0);
+        for node in (0..mask.height).flat_map(touched) {
+            middle += DVec2::from_array(place(node));
+            count += 1.0;
+        }
+        let middle = (middle / f64::max(count, 1.0)).to_array();
+        let (up, from) = (chart.rest(middle).normal, chart.point_mm(middle));
+        let (mut parted, mut squares) = (0.0, 0.0);
+        // A mean needs no more than some of the nodes.
+        for node in (0..mask.height).flat_map(touched).step_by(1 + contact.region.area() / 2000) {
+            let rest = chart.rest(place(node));
+            let away = chart.point_of_mm(&rest) - from;
+            parted += (rest.normal - up).dot(away);
+            squares += away.length_squared();
+        }
+        if squares > 0.0 { parted / squares } else { 0.0 }
     }
 
     /// Share of the contact that the image shows, 0 without contact. A dome's chart ends where the image does.

@@ -2,8 +2,10 @@
 
     python finite_elements.py TABLE            solve every press and write the table (half an hour)
     python finite_elements.py TABLE --quick    a few presses (a few minutes)
+    python finite_elements.py TABLE --domes    balls on domes of constant thickness (a few minutes)
 
-tests/physics/data/finite_elements.json is such a table.
+tests/physics/data/finite_elements.json is such a table, finite_elements_domes.json one of domes: there is no linear answer in it, and
+distances are arcs from the tip over the gel, displacements along its normal.
 
 Needs numpy and scipy. Lengths in mm, stresses in units of Young's modulus.
 
@@ -140,9 +142,12 @@ def sag(dome, r):
 
 
 class Layer:
-    """Finite elements of the layer: matrices and forces at a given displacement u and pressure p."""
+    """Finite elements of the layer: matrices and forces at a given displacement u and pressure p.
 
-    def __init__(self, r_edges, z_edges, geometry, dome=None):
+    `dome` is the radius of a layer that is domed over a flat shell, `ball` that of one as thick everywhere on a ball.
+    """
+
+    def __init__(self, r_edges, z_edges, geometry, dome=None, ball=None):
         self.axisymmetric = geometry == "axisymmetric"
         nr, nz = len(r_edges) - 1, len(z_edges) - 1
         self.columns, self.rows = 2 * nr + 1, 2 * nz + 1
@@ -152,6 +157,9 @@ class Layer:
 
         r, z = np.meshgrid(with_middles(r_edges), with_middles(z_edges), indexing="ij")
         z = z * (1 - sag(dome, r) / THICKNESS)
+        if ball:
+            core = ball - THICKNESS
+            r, z = (core + z) * np.sin(r / ball), (core + z) * np.cos(r / ball) - core
         self.nodes = np.stack([r.ravel(), z.ravel()], -1)
         node = np.arange(r.size).reshape(r.shape)
         corner = np.arange((nr + 1) * (nz + 1)).reshape(nr + 1, nz + 1)
@@ -195,6 +203,8 @@ class Layer:
         fixed = np.zeros(self.unknowns, bool)
         fixed[2 * node[:, 0]] = fixed[2 * node[:, 0] + 1] = True
         fixed[2 * node[0, :]] = fixed[2 * node[-1, :]] = True
+        if ball:
+            fixed[2 * node[-1, :] + 1] = True
         self.free = np.flatnonzero(~fixed)
         self.plan_assembly(fixed)
 
@@ -536,6 +546,31 @@ def solve(name, shape, geometry, sticking, dome, strains=STRAINS, refine=1.0, lo
         yield row
 
 
+def solve_on_dome(ball_mm, dome_mm, strains=STRAINS, refine=1.0):
+    """Rows of the table for a ball on the tip of a dome: half a ball of gel of this radius, as thick everywhere."""
+    shape, depths = Ball(ball_mm), [s * THICKNESS for s in strains]
+    r_edges, z_edges = mesh(shape, depths[-1], refine)
+    rim = dome_mm * np.pi / 2
+    if r_edges[-1] > rim:
+        r_edges = np.append(r_edges[r_edges < rim - 0.3], rim)
+    press = Press(Layer(r_edges, z_edges, "axisymmetric", ball=dome_mm), shape, False)
+    for depth in depths:
+        if not press.to(depth, 0.08):
+            print(f"    stopped at {press.depth:.3f} mm", flush=True)
+            return
+        force, edge, r, below = press.answer()
+        up = dome_mm - below
+        arcs, w = dome_mm * np.arctan2(r, up), dome_mm - np.hypot(r, up)
+        edge_mm = dome_mm * np.arcsin(edge / dome_mm)
+        radii = np.linspace(0, edge_mm + 3, 61)
+        row = {"radius_mm": ball_mm, "dome_mm": dome_mm, "depth_mm": round(depth, 4), "contact_mm": round(edge_mm, 4)}
+        row |= {"force_over_modulus_mm2": round(2 * np.pi * float(force), 5)}
+        row |= {"r_mm": [round(float(x), 3) for x in radii]}
+        row |= {"w_mm": [round(float(x), 4) for x in np.interp(radii, arcs, w)]}
+        print(f"    s {depth / THICKNESS:.1f}  contact {edge_mm:.3f} mm  force {row['force_over_modulus_mm2']:.4f}", flush=True)
+        yield row
+
+
 def write_table(path, rows):
     """One line per press."""
     with open(path, "w") as table:
@@ -546,7 +581,16 @@ def main():
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("table", help="the table (JSON) to write")
     options.add_argument("--quick", action="store_true", help="a few presses")
+    options.add_argument("--domes", action="store_true", help="balls on domes of constant thickness")
+    options.add_argument("--refine", type=float, default=1.0, help="elements smaller by this factor, on domes")
     given = options.parse_args()
+    if given.domes:
+        rows = []
+        for ball_mm, dome_mm in [(3.3, 10.0), (3.3, 20.0), (3.3, 30.0), (6.0, 10.0)]:
+            print(f"ball of {ball_mm} mm on a dome of {dome_mm} mm", flush=True)
+            rows += solve_on_dome(ball_mm, dome_mm, refine=given.refine)
+            write_table(given.table, rows)
+        return
     series = presses()
     rows = []
     for number in QUICK if given.quick else range(len(series)):

@@ -232,7 +232,8 @@ pub struct Contact {
     pub force_n: Option<f64>,
     /// How the contact in view is part of a whole; set by [`crate::core::simulator::Simulator`].
     pub whole: Whole,
-    /// By what factor pressures and forces are larger than [`Contact::load`] has them: friction, as finite elements have it.
+    /// By what factor pressures and forces are larger than [`Contact::load`] has them: friction and a curved core, as finite
+    /// elements have them.
     pub stiffened: f64,
     /// Largest pressure in view, kPa, if the model knows it.
     pub peak_pressure_kpa: Option<f64>,
@@ -243,6 +244,16 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// Multiplies pressures and forces.
+    pub fn stiffen(&mut self, factor: f64) {
+        self.stiffened *= factor;
+        self.force_n = self.force_n.map(|force| factor * force);
+        self.peak_pressure_kpa = self.peak_pressure_kpa.map(|peak| factor * peak);
+        if let Some(pressure) = &mut self.pressure {
+            pressure.data.iter_mut().for_each(|kpa| *kpa *= factor as f32);
+        }
+    }
+
     /// Lowest and highest displacement of the surface in view, mm; numbers that are none do not count.
     pub fn range_mm(&self) -> [f32; 2] {
         let mut range = [0.0_f32; 2];

@@ -275,7 +275,9 @@ fn find_duplicates(triangles: &[[u32; 3]], vertices: usize) -> Vec<bool> {
     let mut is_duplicate = vec![false; triangles.len()];
     for (start, end) in starts.into_iter().zip(ends) {
         let others = &mut others[start as usize..end as usize];
-        others.sort_unstable();
+        if others.len() > 1 {
+            others.sort_unstable();
+        }
         for pair in others.windows(2) {
             if pair[0][..2] == pair[1][..2] {
                 is_duplicate[pair[1][2] as usize] = true;

@@ -57,9 +57,7 @@ fn face(words: &mut Words, count: usize, corners: &mut Vec<u32>) -> Result<(), M
     while let Some(word) = words.word() {
         // v, v/vt, v//vn or v/vt/vn
         let index = word.split(|&byte| byte == b'/').next().unwrap_or_default();
-        let index: i64 = str::from_utf8(index)
-            .ok()
-            .and_then(|index| index.parse().ok())
+        let index = whole(index)
             .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a corner of a face", quoted(word))))?;
         let from_start = match usize::try_from(index) {
             Ok(index) => index.checked_sub(1),
@@ -79,6 +77,14 @@ fn face(words: &mut Words, count: usize, corners: &mut Vec<u32>) -> Result<(), M
         return Err(MeshFileProblem::Malformed("a face has no corner".into()));
     }
     Ok(())
+}
+
+/// A whole number. Of a few digits, as most are, in half the time of the general way.
+fn whole(text: &[u8]) -> Option<i64> {
+    if (1..=9).contains(&text.len()) && text.iter().all(u8::is_ascii_digit) {
+        return Some(text.iter().fold(0, |number, digit| 10 * number + i64::from(digit - b'0')));
+    }
+    str::from_utf8(text).ok()?.parse().ok()
 }
 
 #[cfg(test)]

@@ -378,13 +378,7 @@ impl Drag {
         }
         let mean_mm = sum / f64::from(count.max(1));
         let more = (1.0 - self.slipping) * (force_over_linear(mean_mm, thickness_mm, edge) - 1.0);
-        let factor = 1.0 + more;
-        contact.stiffened = factor;
-        contact.force_n = contact.force_n.map(|force| factor * force);
-        contact.peak_pressure_kpa = contact.peak_pressure_kpa.map(|peak| factor * peak);
-        if let Some(pressure) = &mut contact.pressure {
-            pressure.data.iter_mut().for_each(|kpa| *kpa *= factor as f32);
-        }
+        contact.stiffen(1.0 + more);
     }
 
     /// The first of a line's pixels that this reaches, and what each from there on takes.

@@ -143,16 +143,12 @@ pub fn force_over_linear(mean_mm: f64, thickness_mm: f64, edge: Option<ContactEd
 /// around the mask.
 pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, mm_per_px: [f64; 2]) -> f64 {
     let per_px = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
-    curvature_error_of_mm(depth_mm, mask, |x, y| {
+    let slope_squared = |x: usize, y: usize| {
         let row = |down: usize| &drop_mm.row(y + SURFACE_BORDER + down - 1)[SURFACE_BORDER - 1..];
         let (upper, here, lower) = (row(0), row(1), row(2));
         let [across, down] = [(here[x + 2] - here[x]) * per_px[0], (lower[x + 1] - upper[x + 1]) * per_px[1]];
         f64::from(across * across + down * down)
-    })
-}
-
-/// The same of a pad the square of whose slope is known at each pixel.
-pub fn curvature_error_of_mm(depth_mm: f64, mask: &Grid<u8>, slope_squared: impl Fn(usize, usize) -> f64) -> f64 {
+    };
     let mut steepest_squared = 0.0_f64;
     for y in 0..mask.height {
         let touching = mask.row(y);
@@ -165,6 +161,31 @@ pub fn curvature_error_of_mm(depth_mm: f64, mask: &Grid<u8>, slope_squared: impl
         }
     }
     depth_mm * CURVED * steepest_squared
+}
+
+/// Of a gel that is as thick everywhere on a curved core: error under a contact that turns with the gel by so much, per rad and
+/// depth.
+const TURNED: f64 = 0.2;
+/// The share of a flat layer's error that is left at least where both errors cancel each other.
+const UNCANCELLED: f64 = 0.6;
+
+/// Force of a contact on a gel that is as thick everywhere, over a core of a mean curvature, over that of the same contact on a
+/// flat layer: material narrows towards a core that is bent outwards, as if the layer were thicker by 1 / (1 - h c). A force
+/// begins with that of a half-space times 1 + C a / h for a contact of radius a, C being that of Dimitriadis et al. (2002), so
+/// that 1 / (1 + C a c) is left. Of cores that are hollow nothing is known: they count as flat; and a gel that is thicker
+/// than its core's radius of curvature has none left.
+pub fn force_on_core(radius_mm: f64, curvature_per_mm: f64, thickness_mm: f64, poisson_ratio: f64) -> f64 {
+    let bent = curvature_per_mm.min(1.0 / thickness_mm).max(0.0);
+    let nu = poisson_ratio;
+    let per_radius = 2.0 / std::f64::consts::PI * (1.2876 - 1.4678 * nu + 1.3442 * nu * nu) / (1.0 - nu);
+    1.0 / (1.0 + per_radius * radius_mm * bent)
+}
+
+/// Largest error expected of the surface of such a gel, mm, whose flat layer's is `flat_mm`, under a contact of so many radians
+/// from its middle to its edge. The core's lowers the pad beside the contact, large strains raise it: within a factor of 2.2 of 16
+/// presses on domes.
+pub fn error_on_core_mm(flat_mm: f64, depth_mm: f64, turn_rad: f64) -> f64 {
+    (TURNED * depth_mm * turn_rad - flat_mm).abs().max(UNCANCELLED * flat_mm)
 }
 
 /// The mask in a row, if there is one.
