@@ -11,6 +11,7 @@ use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::{Texture, TextureSample};
 use crate::core::gelpad::elastic::shear::Motion;
+use crate::core::gelpad::material::ObjectMaterial;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Angles, Pose};
@@ -251,6 +252,7 @@ impl Scene {
         Press {
             indenter: self.indenter(plan),
             texture: self.texture.map(texture),
+            material: ObjectMaterial::default(),
             shear: plan.sampling.moves_objects.then_some(Shear { motion: self.motion, friction }),
             markers: self.markers,
             camera: self.camera,

@@ -38,6 +38,7 @@ mod rig;
 mod scene;
 mod sequences;
 mod shadow;
+mod soft;
 mod solutions;
 mod support;
 mod symmetry;
