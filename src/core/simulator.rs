@@ -531,7 +531,8 @@ impl Simulator {
         let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
         let (held, shear) = (self.held(press), press.sheared());
         let sliding = sliding.as_deref();
-        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, held, shear.as_ref(), sliding, &mut effects);
+        contact.tangential =
+            tangential(in_plane, &self.sensor.gelpad, load, held, shear.as_ref(), sliding, &mut effects);
         seconds.gelpad += clock.lap();
 
         // The light that the surface sends to the camera.

@@ -1,7 +1,7 @@
 //! The label of a sample: one documented struct that is the JSON label and its JSON Schema.
 //!
 //! The set of keys is the same for every sample of every dataset. Floats are always written with a decimal point, and
-//! null stands only for what the chosen model cannot know, then in every sample.
+//! null stands only for what cannot be known of a sample, or was not said of an object.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,6 +12,7 @@ use crate::core::base::view::View;
 use crate::core::camera::CameraParams;
 use crate::core::effects::{Note, PerEffect};
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
+use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::gelpad::tangential::TangentialMotion;
 use crate::core::impression::Impression;
 use crate::core::optics::led::Led;
@@ -97,6 +98,20 @@ pub struct ObjectLabel {
     /// Factor on the object's size: p = R (scale q) + t.
     #[serde(default = "unscaled")]
     pub scale: f64,
+    /// What it is made of.
+    #[serde(default)]
+    pub material: MaterialLabel,
+}
+
+/// What an object is made of; null is what nobody said of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MaterialLabel {
+    /// Young's modulus, kPa; null if the object is rigid.
+    pub youngs_modulus_kpa: Option<f64>,
+    /// Poisson ratio; null if the object is rigid.
+    pub poisson_ratio: Option<f64>,
+    /// Coefficient of friction between pad and object; null if the object has none of its own, but the job's.
+    pub friction: Option<f64>,
 }
 
 fn unscaled() -> f64 {
@@ -335,11 +350,11 @@ impl Label {
                 tilt_azimuth_deg: scene.pose.angles.tilt_azimuth_deg,
             },
             indentation_depth_mm: scene.indentation_depth_mm,
-            texture: scene.texture.map_or_else(TextureLabel::default, |(pattern, texture)| TextureLabel {
-                pattern: plan.job.texture.patterns[pattern].name().to_owned(),
-                amplitude_mm: texture.amplitude_mm,
-                scale_mm: texture.scale_mm,
-                angle_deg: texture.angle_deg,
+            texture: scene.texture.as_ref().map_or_else(TextureLabel::default, |texture| TextureLabel {
+                pattern: texture.pattern.to_owned(),
+                amplitude_mm: texture.sample.amplitude_mm,
+                scale_mm: texture.sample.scale_mm,
+                angle_deg: texture.sample.angle_deg,
             }),
             shear: shear(plan, scene, simulator, contact.tangential.as_ref()),
             sensor: SensorLabel {
@@ -442,6 +457,11 @@ fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
         mesh_sha256,
         path,
         scale: scene.scale,
+        material: MaterialLabel {
+            youngs_modulus_kpa: scene.material.soft.map(|soft| soft.youngs_modulus_kpa),
+            poisson_ratio: scene.material.soft.map(|soft| soft.poisson_ratio),
+            friction: scene.material.friction.and_then(Friction::coefficient),
+        },
     }
 }
 

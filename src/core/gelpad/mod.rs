@@ -119,7 +119,9 @@ impl Pad {
     /// The same pad under an object of its own material, if that makes any difference to the model.
     pub fn under(&self, object: &ObjectMaterial) -> Option<Self> {
         match self {
-            Self::Elastic(pad) if *object != ObjectMaterial::default() => Some(Self::Elastic(Box::new(pad.under(object)))),
+            Self::Elastic(pad) if *object != ObjectMaterial::default() => {
+                Some(Self::Elastic(Box::new(pad.under(object))))
+            }
             _ => None,
         }
     }

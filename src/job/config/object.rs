@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::files::figures::figure;
 use crate::files::mesh::{Reading, UrdfShapes};
 use crate::files::sensor::quantity::Quantity;
+use crate::job::config::texture::TextureDistribution;
 
 /// One `[[object]]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -47,7 +48,22 @@ pub struct Object {
     /// What labels give as the path; `path` as it is written where it is left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label_path: Option<String>,
+    /// Young's modulus of an object that gives way, kPa, 0.1 to 1e9; without it the object is rigid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub youngs_modulus_kpa: Option<Quantity>,
+    /// Its Poisson ratio, 0 to 0.5; 0.48 where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub poisson_ratio: Option<Quantity>,
+    /// Coefficient of friction between pad and object, 0 to 10, in place of the job's, where the job has any friction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Quantity>,
+    /// Micro relief of this object, in place of the job's `[texture]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture: Option<TextureDistribution>,
 }
+
+/// The Poisson ratio of an object that gives way, where its job says none: that of rubber.
+pub const POISSON_RATIO: f64 = 0.48;
 
 /// What names the class of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -114,6 +130,10 @@ impl Default for Object {
             scale: Quantity::Constant(1.0),
             on_bad: OnBad::default(),
             label_path: None,
+            youngs_modulus_kpa: None,
+            poisson_ratio: None,
+            friction: None,
+            texture: None,
         }
     }
 }

@@ -31,6 +31,7 @@ mod curved;
 pub mod draw;
 mod files;
 pub mod frames;
+mod materials;
 mod meshes;
 mod naming;
 mod notes;
@@ -147,13 +148,14 @@ impl Plan {
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
         ranges::models(&mut check, &job);
+        materials::check(&mut check, &job);
         curved::job(&mut check, &job, scope);
         // Where units do not differ, how much they would is no part of the job.
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = complete_sensor(&mut check, &mut job);
         let others = others_sensors(scope, &job, others, check.problems);
         let mut check = Check { document: &document, problems: &mut problems };
-        let textures = files::textures(&mut check, &mut job);
+        let textures = files::textures(&mut check, "texture", &mut job.texture);
         let mut notes = Vec::new();
         let found = match scope {
             Scope::Sensor => Some((Vec::new(), Draw::NOTHING)),

@@ -6,10 +6,12 @@ use std::sync::Arc;
 
 use super::check::Check;
 use super::draw::{Draw, Weighted};
-use super::meshes::{self, File, Part};
+use super::files;
+use super::meshes::{File, Part, read};
 use super::naming;
 use super::paths::find;
 use crate::core::base::rng::stream;
+use crate::core::depth::relief::Relief;
 use crate::core::mesh::cleaning::LARGEST_MM;
 use crate::core::mesh::clusters::Clusters;
 use crate::files::figures::figure;
@@ -36,6 +38,8 @@ pub struct Object {
     pub weight: f64,
     /// Its geometry.
     pub clusters: Arc<Clusters>,
+    /// The patterns of its own texture; none where it has the job's.
+    pub textures: Option<Vec<Arc<Relief>>>,
 }
 
 /// The objects of a job, as far as they could be read.
@@ -54,7 +58,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
     } else if job.object.is_empty() && check.sound("object") {
         check.error("object", "the list of objects is empty", "add an [[object]] table with path = \"...\"");
     }
-    let mut files: Vec<File> = Vec::new();
+    let mut meshes: Vec<File> = Vec::new();
     let mut unread = 0;
     for (i, entry) in job.object.iter().enumerate() {
         let path = |key: &str| format!("object.{i}.{key}");
@@ -71,7 +75,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             Some(written) => match find(check, &path("path"), written, FOLDER_OF_MESHES) {
                 Ok(found) => {
                     let folder = check.document.folder(&path("path"));
-                    files.extend(found.into_iter().map(|path| File::new(i, path, entry, folder)));
+                    meshes.extend(found.into_iter().map(|path| File::new(i, path, entry, folder)));
                 }
                 Err(count) => unread += count,
             },
@@ -85,12 +89,17 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         );
     }
 
-    let classes = naming::classes(&job.object, &files, notes);
-    let read = meshes::read(&job.object, &files);
+    let mut texture = |(i, entry): (usize, &mut Entry)| {
+        let texture = entry.texture.as_mut()?;
+        Some(files::textures(check, &format!("object.{i}.texture"), texture))
+    };
+    let textures: Vec<_> = job.object.iter_mut().enumerate().map(&mut texture).collect();
+    let classes = naming::classes(&job.object, &meshes, notes);
+    let found = read(&job.object, &meshes);
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
     let mut left_out = None;
-    for ((file, of_file), class) in files.iter().zip(read).zip(classes) {
+    for ((file, of_file), class) in meshes.iter().zip(found).zip(classes) {
         let File { entry: i, path, label } = file;
         let entry = &job.object[*i];
         let parts = match &*of_file {
@@ -101,7 +110,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
                 continue;
             }
             Err(error) => {
-                let help = match files.len() {
+                let help = match meshes.len() {
                     1 => error.help().to_owned(),
                     _ => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
                 };
@@ -170,6 +179,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
                 sha256: part.sha256.clone(),
                 weight,
                 clusters,
+                textures: textures[*i].clone(),
             });
         }
     }

@@ -122,6 +122,7 @@ impl Drawn {
             },
         };
         let scene = Scene::draw(plan, index, attempt);
+        let friction = scene.material.friction.unwrap_or(friction);
         let object = scene.clusters.clone().expect("an object is drawn");
         Self {
             phases: phases.collect(),

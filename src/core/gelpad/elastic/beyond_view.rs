@@ -132,8 +132,9 @@ impl Pad {
         let count = around.view().resolution_px.map(|px| px + 2 * self.margin_px);
         // Newtons from mm^2 of unit modulus: kPa mm^2 are mN.
         let force_n = Some(force * self.youngs_modulus_kpa * 1e-3);
-        let in_window =
-            |field: Option<Field>| field.filter(|_| area_mm2 > 0.0).map(|field| field.at(window.min, self.mm_per_px, count));
+        let in_window = |field: Option<Field>| {
+            field.filter(|_| area_mm2 > 0.0).map(|field| field.at(window.min, self.mm_per_px, count))
+        };
         let (displacement, object_gives) = (in_window(field), in_window(gives));
         Beyond { displacement, object_gives, force_n, area_mm2, solved }
     }

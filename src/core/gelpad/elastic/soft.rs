@@ -65,7 +65,8 @@ impl Pad {
         if let Some(gives) = beyond.and_then(|beyond| beyond.object_gives.as_ref()) {
             lower(&mut depth, gives, window);
         }
-        let solved = WORKSPACE.with_borrow_mut(|workspace| self.shape(workspace, &mut depth, half_space, beyond, window));
+        let solved =
+            WORKSPACE.with_borrow_mut(|workspace| self.shape(workspace, &mut depth, half_space, beyond, window));
         depth.measure();
         Some(Yielded { depth, solved })
     }
