@@ -456,6 +456,7 @@ impl Simulator {
             view: self.view,
             above_mm,
             lamps: None,
+            drop_mm: None,
         }
     }
 
@@ -572,6 +573,7 @@ impl Simulator {
             view,
             above_mm,
             lamps,
+            drop_mm: self.drop_mm.clone().filter(|_| self.policy != EffectPolicy::Without(Effect::RestShape)),
         }
     }
 

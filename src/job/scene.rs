@@ -16,7 +16,7 @@ use crate::core::gelpad::elastic::soft::Soft;
 use crate::core::gelpad::material::ObjectMaterial;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Angles, Pose};
+use crate::core::pose::{Angles, Pose, Side};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
 use crate::files::sensor::quantity::Quantity;
@@ -85,6 +85,8 @@ pub struct Scene {
     pub split: Split,
     /// What is pressed into the pad.
     pub pressed: Pressed,
+    /// Its side that faces the pad, from which the pose begins.
+    pub side: Side,
     /// Where it is.
     pub pose: Pose,
     /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
@@ -126,7 +128,7 @@ impl Scene {
         });
 
         let pose = &plan.job.pose;
-        let side = pose.face.sample(&mut stream("face"));
+        let side = pose.face.sample(plan.sampling.objects[object].richest, &mut stream("face"));
         let angles = Angles {
             yaw_deg: draw("yaw", &pose.yaw_deg),
             tilt_deg: draw("tilt", &pose.tilt_deg),
@@ -173,6 +175,7 @@ impl Scene {
         scene.motion.about_mm = position_mm;
         scene.beside_axis = beside_axis;
         scene.scale = scale;
+        scene.side = side;
         scene.clusters = Some(scaled);
         scene
     }
@@ -227,6 +230,7 @@ impl Scene {
             attempt,
             split,
             pressed,
+            side: Side::MinusZ,
             pose,
             indentation_depth_mm,
             texture,
