@@ -28,14 +28,14 @@ pub fn richest(object: &Clusters, reach_mm: f64) -> Side {
     ORDER[best]
 }
 
-/// The first side that is not flat, where this one is.
+/// The side with the most relief, where this one is flat and that is not.
 pub fn relief_beside(side: Side, object: &Clusters, reach_mm: f64) -> Option<Side> {
     let flat = |side: Side| {
         let (seen, _) = seen(side, object, reach_mm);
-        let deepest = seen.largest(|mm| mm);
-        seen.data.iter().all(|mm| *mm <= 0.0 || *mm > deepest - FLAT_MM)
+        let highest = seen.largest(|mm| mm);
+        seen.data.iter().all(|mm| *mm <= 0.0 || *mm > highest - FLAT_MM)
     };
-    if flat(side) { ORDER.into_iter().find(|other| !flat(*other)) } else { None }
+    flat(side).then(|| richest(object, reach_mm)).filter(|richest| !flat(*richest))
 }
 
 /// The change of the slope from point to point, each at most 1, summed over all points of a side within reach.
@@ -80,10 +80,12 @@ mod tests {
     /// A box with a ridge on one side, turned so that the axes go into one another `turns` times.
     fn ridged(turns: usize, up: f64) -> Clusters {
         let block = |low: [f64; 3], high: [f64; 3], first: u32| {
-            let corner = move |k: usize| std::array::from_fn(|axis| if k >> axis & 1 == 1 { high[axis] } else { low[axis] });
+            let corner =
+                move |k: usize| std::array::from_fn(|axis| if k >> axis & 1 == 1 { high[axis] } else { low[axis] });
             let quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
             let triangles = quads.map(|q: [u32; 4]| q.map(|corner| corner + first));
-            let triangles: Vec<[u32; 3]> = triangles.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+            let triangles: Vec<[u32; 3]> =
+                triangles.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
             ((0..8).map(corner).collect::<Vec<[f64; 3]>>(), triangles)
         };
         let (mut vertices, mut triangles) = block([-5.0, -5.0, -2.0], [5.0, 5.0, 2.0], 0);
