@@ -224,6 +224,11 @@ impl Plan {
         self.job.dataset.name.as_deref().unwrap_or("")
     }
 
+    /// Which sides of its objects are pressed, where the job leaves that open.
+    pub fn pressed_sides(&self) -> Option<String> {
+        objects::pressed_sides(&self.sampling.objects)
+    }
+
     /// Seed of all randomness.
     pub fn seed(&self) -> u64 {
         self.job.dataset.seed

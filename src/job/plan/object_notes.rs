@@ -28,8 +28,8 @@ const SEEN_PX: f64 = 2.0;
 pub struct Facets {
     /// Share of the mesh's area that they make up.
     pub share: f64,
-    /// Size of the mean one by area, mm.
-    pub size_mm: f64,
+    /// Their width from one such edge to the next, the mean by area, mm.
+    pub width_mm: f64,
     /// Angle between neighbours, the mean by area, degrees.
     pub angle_deg: f64,
 }
@@ -51,8 +51,8 @@ impl Facets {
             })
             .collect();
         let mut open: HashMap<[[u32; 3]; 2], usize> = HashMap::new();
-        // Of each triangle the steepest angle to a neighbour that still is a round surface's.
-        let mut angles = vec![0.0_f64; across.len()];
+        // Of each triangle the steepest angle to a neighbour that still is a round surface's, and its width across that edge.
+        let mut steepest = vec![[0.0_f64; 2]; across.len()];
         for (number, triangle) in mesh.triangles.iter().enumerate() {
             for k in 0..3 {
                 let mut edge = [place(triangle[k]), place(triangle[(k + 1) % 3])];
@@ -60,25 +60,28 @@ impl Facets {
                 if let Some(other) = open.insert(edge, number) {
                     let angle_deg = across[number].angle_between(across[other]).to_degrees();
                     if angle_deg > ROUND_DEG[0] && angle_deg <= ROUND_DEG[1] {
+                        let [a, b, _] = corners(&[triangle[k], triangle[(k + 1) % 3], 0]);
                         for own in [number, other] {
-                            angles[own] = angles[own].max(angle_deg);
+                            if steepest[own][0] < angle_deg {
+                                steepest[own] = [angle_deg, 2.0 * across[own].length() / a.distance(b)];
+                            }
                         }
                     }
                 }
             }
         }
-        let (mut all, mut round, mut size, mut angle) = (0.0, 0.0, 0.0, 0.0);
-        for (across, angle_deg) in across.iter().zip(angles) {
+        let (mut all, mut round, mut width, mut angle) = (0.0, 0.0, 0.0, 0.0);
+        for (across, [angle_deg, width_mm]) in across.iter().zip(steepest) {
             let area = across.length();
             all += area;
             if angle_deg > 0.0 {
                 round += area;
-                size += area * libm::sqrt(2.0 * area);
+                width += area * width_mm;
                 angle += area * angle_deg;
             }
         }
         let mean = |sum: f64| if round > 0.0 { sum / round } else { 0.0 };
-        Self { share: if all > 0.0 { round / all } else { 0.0 }, size_mm: mean(size), angle_deg: mean(angle) }
+        Self { share: if all > 0.0 { round / all } else { 0.0 }, width_mm: mean(width), angle_deg: mean(angle) }
     }
 }
 
@@ -95,13 +98,13 @@ pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &
 fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<String> {
     let sensor = &job.sensor;
     let pitch = (0..2).map(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k])).fold(0.0, f64::max);
-    let size_mm = facets.size_mm * scale.support().0;
-    (facets.share > MOSTLY && size_mm > SEEN_PX * pitch).then(|| {
+    let width_mm = facets.width_mm * scale.support().0;
+    (facets.share > MOSTLY && width_mm > SEEN_PX * pitch).then(|| {
         format!(
-            "{shown}: its round surfaces are facets of some {} mm ({:.0} px) that meet at some {:.1} degrees, which images \
+            "{shown}: its round surfaces are facets some {} mm ({:.0} px) wide that meet at some {:.1} degrees, which images \
              show: export it with smaller ones",
-            figure(size_mm),
-            size_mm / pitch,
+            figure(width_mm),
+            width_mm / pitch,
             facets.angle_deg
         )
     })
@@ -168,8 +171,7 @@ mod tests {
     fn facets_of_a_cylinder_meet_at_a_turn_over_its_corners() {
         let facets = Facets::of(&cylinder(36, 5.0));
         assert!((facets.angle_deg - 10.0).abs() < 0.01 && facets.share > 0.999, "{facets:?}");
-        // Half of a strip of 0.87 by 20 mm, twice that area's root.
-        assert!((facets.size_mm - (20.0 * 0.8716_f64).sqrt()).abs() < 0.01, "{facets:?}");
+        assert!((facets.width_mm - 0.8716).abs() < 1e-3, "{facets:?}");
         // Of six corners they are edges, of a thousand nobody sees them.
         assert_eq!(Facets::of(&cylinder(6, 5.0)).share, 0.0);
         assert_eq!(Facets::of(&cylinder(1000, 5.0)).share, 0.0);

@@ -205,7 +205,6 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             "name a mesh that can be read: gelsim inspect tells them apart",
         );
     }
-    notes.extend(pressed_sides(&objects));
     let names = objects.iter().map(|object| object.id.clone()).collect();
     for (object, id) in objects.iter_mut().zip(ids(names)) {
         object.id = id;
@@ -215,7 +214,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
 }
 
 /// Which sides `face = "auto"` presses: of the first objects, and of how many.
-fn pressed_sides(objects: &[Object]) -> Option<String> {
+pub fn pressed_sides(objects: &[Object]) -> Option<String> {
     const NAMED: usize = 8;
     let sides = objects.iter().filter_map(|object| Some((object, Face::of(object.richest?).name())));
     let sides: Vec<String> = sides.map(|(object, side)| format!("{side} of {}", object.id)).collect();
