@@ -54,6 +54,8 @@ class Sample(TypedDict, total=False):
     """(H, W): 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; of sequences."""
     flow: NDArray[np.float32]
     """(H, W, 2): motion of the pad's surface to the right and down since it was untouched, mm."""
+    points: NDArray[np.float32]
+    """(H, W, 3): the point of the pad's surface that each pixel shows, mm in the sensor's frame."""
     frames: list[Sample]
     """Of a sequence: its frames, each with `tactile` and the layers; the sequence itself has `frames` and `label` only."""
     label: dict[str, Any]
@@ -77,4 +79,5 @@ class Batch(TypedDict, total=False):
     reference: NDArray[np.uint8]
     lamps: NDArray[np.float32]
     flow: NDArray[np.float32]
+    points: NDArray[np.float32]
     label: list[dict[str, Any]]

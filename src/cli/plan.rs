@@ -49,6 +49,7 @@ impl Plan {
         let forecast = forecast(&plan, samples, shards.end - shards.start, threads.unwrap_or(cores));
         let forecast = forecast.map_err(|error| Failure::running(error.to_string()))?;
         let mut text = heading(&plan, &forecast);
+        text += &plan.pressed_sides().map_or_else(String::new, |sides| format!("{sides}\n\n"));
         text += &effects(&forecast);
         text += &stages(&forecast);
         text += &totals(&forecast, load_s, &root, free_bytes(&root));

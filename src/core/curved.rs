@@ -205,7 +205,9 @@ impl Curved {
                 false => Depth::clear(&self.view),
             };
             seconds.depth += clock.lap();
+            let (depth, shaped) = gelpad::shaped(pad, depth, None, window, effects);
             let mut contact = gelpad::deform(pad, &depth, None, None, in_plane.is_some(), effects);
+            contact.numerics.converged &= shaped;
             seconds.gelpad += clock.lap();
             match pad.higher(window, &contact) {
                 Some(higher) => window = higher,

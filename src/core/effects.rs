@@ -120,6 +120,11 @@ impl EffectLog {
         self.policy == EffectPolicy::All
     }
 
+    /// True if an effect never runs.
+    pub fn leaves_out(&self, effect: Effect) -> bool {
+        self.policy == EffectPolicy::Without(effect)
+    }
+
     /// Whether `effect` is to run; notes the answer.
     pub fn enable(&mut self, effect: Effect, need: Requirement) -> bool {
         let (ran, reason) = match (self.policy, need) {

@@ -50,6 +50,8 @@ pub struct Impression {
     /// Height over the undeformed pad up to which the object was captured, mm.
     pub(super) above_mm: f64,
     pub(super) lamps: Option<Arc<lamps::Shader>>,
+    /// How far a curved pad lies below its highest point, mm, on the grid of the surface.
+    pub(super) drop_mm: Option<Arc<Grid<f32>>>,
 }
 
 /// What friction did in a frame of a sequence.
@@ -105,6 +107,11 @@ impl Impression {
         self.mask_in_image(&self.contact.mask).data
     }
 
+    /// The same, where the image shows it in another geometry than the pad's own.
+    pub(crate) fn mask_where_warped(&self) -> Option<Grid<u8>> {
+        (self.gel_map.is_some() || self.lens.is_some()).then(|| self.mask_in_image(&self.contact.mask))
+    }
+
     /// Of each pixel 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it; 0 everywhere but
     /// in a frame of a sequence.
     pub fn slip(&self) -> Vec<u8> {
@@ -150,6 +157,23 @@ impl Impression {
             }
         }
         normals
+    }
+
+    /// The point of the pad's surface that each pixel shows, in the sensor's frame, mm; 0, 0, 0 where it shows no gel.
+    pub fn points_mm(&self) -> Vec<[f32; 3]> {
+        if let Some(map) = &self.gel_map {
+            return map.points_mm(&self.contact.surface);
+        }
+        let View { resolution_px: [width, height], .. } = self.view;
+        let plane = |value: &dyn Fn([usize; 2]) -> f32| {
+            let data = (0..width * height).map(|at| value([at % width, at / width])).collect();
+            self.through_lens(Grid { width, height, data })
+        };
+        let place = |[x, y]: [usize; 2]| self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+        let at = |grid: &Grid<f32>, [x, y]: [usize; 2]| grid.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
+        let below = |px| at(&self.contact.surface, px) + self.drop_mm.as_ref().map_or(0.0, |drop_mm| at(drop_mm, px));
+        let planes = [plane(&|px| place(px)[0] as f32), plane(&|px| place(px)[1] as f32), plane(&|px| 0.0 - below(px))];
+        (0..width * height).map(|at| planes.each_ref().map(|plane| plane[at])).collect()
     }
 
     /// Pressure between pad and object, kPa; 0 without contact. `None` if the model of the gelpad knows none.

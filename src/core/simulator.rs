@@ -21,7 +21,7 @@ use crate::core::fidelity::{Fidelity, Models};
 use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::curvature_error_mm;
 use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::material::Material;
+use crate::core::gelpad::material::{Material, ObjectMaterial};
 use crate::core::gelpad::sliding::{FramePad, Ground, ObjectStep, Sliding};
 use crate::core::gelpad::subpixel;
 use crate::core::gelpad::tangential::{Shear, tangential};
@@ -73,6 +73,8 @@ pub struct Press {
     pub indenter: Indenter,
     /// Micro-texture of the indenter. `None` if no press of the kind has any.
     pub texture: Option<Texture>,
+    /// What the indenter is made of. A frame of a sequence takes it for rigid.
+    pub material: ObjectMaterial,
     /// How the indenter then moves in the pad's plane. `None` if in no press of the kind it does.
     pub shear: Option<Shear>,
     /// The grid on which markers are printed, on a sensor that has markers.
@@ -404,18 +406,24 @@ impl Simulator {
         }
     }
 
+    /// What holds the pad to the object while it is pressed in, if anything does.
+    fn held(&self, press: &Press) -> Option<Friction> {
+        self.models.gelpad.friction().map(|held| press.material.friction.unwrap_or(held))
+    }
+
     /// The same on a gel that is not flat.
     fn pressed_into(&self, curved: &Curved, press: &Press) -> Impression {
         let mut seconds = Seconds::default();
         let mut effects = EffectLog::new(self.policy);
         let camera = press.camera.under(self.policy);
+        let (own_pad, shear) = (self.pad.under(&press.material), press.sheared());
         let gel = PressedGel {
             indenter: &press.indenter,
-            shear: press.shear.as_ref(),
+            shear: shear.as_ref(),
             unit_key: press.unit_key,
-            pad: &self.pad,
+            pad: own_pad.as_ref().unwrap_or(&self.pad),
             in_plane: self.in_plane.as_deref(),
-            held: self.models.gelpad.friction(),
+            held: self.held(press),
             material: &self.sensor.gelpad,
         };
         let CurvedPress { depth, contact, map, pins, wrench, light, above_mm } =
@@ -448,6 +456,7 @@ impl Simulator {
             view: self.view,
             above_mm,
             lamps: None,
+            drop_mm: None,
         }
     }
 
@@ -455,7 +464,7 @@ impl Simulator {
         if let Some(curved) = &self.curved {
             return self.pressed_into(curved, press);
         }
-        let Press { indenter, texture, shear, markers, camera, unit_key: _ } = press;
+        let Press { indenter, texture, material, shear: _, markers, camera, unit_key: _ } = press;
         if let Shape::HeightMap(map) = &indenter.shape {
             let size = [map.above_mm.width, map.above_mm.height];
             assert_eq!(size, self.view.resolution_px, "a height map has the size of the sensor's image");
@@ -468,7 +477,10 @@ impl Simulator {
         let unseen_mm = if let Pad::Elastic(pad) = &*self.pad { pad.unseen_mm() } else { 0.0 };
         let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
         let thickness_mm = self.sensor.gelpad.thickness_mm;
-        let mut window = self.pad.window(indenter.depth_mm);
+        // A sequence has a friction of its own, and takes objects for rigid.
+        let own_pad = self.pad.under(material).filter(|_| sliding.is_none());
+        let pad = own_pad.as_ref().unwrap_or(&self.pad);
+        let mut window = pad.window(indenter.depth_mm);
         let mut beyond = None;
         let (depth, mut contact) = loop {
             // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
@@ -482,16 +494,19 @@ impl Simulator {
                 let texture = texture.filter(|_| unless(Effect::Texture));
                 let drop_mm = drop_mm.filter(|_| unless(Effect::RestShape));
                 Surroundings::new(indenter, texture, drop_mm, thickness_mm, &self.view, window.margin_px)
-                    .map(|around| effects.timed(Effect::Deformation, || self.pad.beyond(&around)))
+                    .map(|around| effects.timed(Effect::Deformation, || pad.beyond(&around)))
             });
+            // The shape that an object takes which is not rigid.
+            let (depth, shaped) = gelpad::shaped(pad, depth, beyond.as_ref(), window, &mut effects);
             // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
             let (markers, drag) = (self.in_plane.is_some(), drag.as_ref().map(Option::as_ref));
-            let mut contact = gelpad::deform(&self.pad, &depth, beyond.as_ref(), drag, markers, &mut effects);
+            let mut contact = gelpad::deform(pad, &depth, beyond.as_ref(), drag, markers, &mut effects);
+            contact.numerics.converged &= shaped;
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
             let (shape, beyond) = (&indenter.shape, beyond.as_ref());
             contact.whole = Whole::of(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
             seconds.gelpad += clock.lap();
-            match self.pad.higher(window, &contact) {
+            match pad.higher(window, &contact) {
                 Some(higher) => window = higher,
                 None => break (depth, contact),
             }
@@ -502,11 +517,11 @@ impl Simulator {
         }
         // Between pixel centres, where it bends within a pixel.
         let scene = subpixel::Scene {
-            pad: &self.pad,
+            pad,
             indenter,
             window,
             depth: &depth,
-            retouched: texture.is_some() || self.drop_mm.is_some(),
+            retouched: texture.is_some() || self.drop_mm.is_some() || material.soft.is_some(),
             contact: &contact,
             view: &self.view,
             averages: self.shader.averages(),
@@ -515,10 +530,10 @@ impl Simulator {
         seconds.gelpad += clock.lap();
         // The motion of the elastomer in its own plane, where markers show it.
         let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
-        let held = self.models.gelpad.friction();
+        let (held, shear) = (self.held(press), press.sheared());
         let sliding = sliding.as_deref();
-        let shear = shear.as_ref();
-        contact.tangential = tangential(in_plane, &self.sensor.gelpad, load, held, shear, sliding, &mut effects);
+        contact.tangential =
+            tangential(in_plane, &self.sensor.gelpad, load, held, shear.as_ref(), sliding, &mut effects);
         seconds.gelpad += clock.lap();
 
         // The light that the surface sends to the camera.
@@ -558,6 +573,7 @@ impl Simulator {
             view,
             above_mm,
             lamps,
+            drop_mm: self.drop_mm.clone().filter(|_| self.policy != EffectPolicy::Without(Effect::RestShape)),
         }
     }
 
@@ -624,9 +640,22 @@ impl Simulator {
 }
 
 impl Press {
+    /// How the indenter moves, held by the friction of its own material where that has one.
+    fn sheared(&self) -> Option<Shear> {
+        self.shear.map(|shear| Shear { friction: self.material.friction.unwrap_or(shear.friction), ..shear })
+    }
+
     /// A press without texture or motion, with the sensor's own markers and camera.
     pub fn new(indenter: Indenter, sensor: &Sensor) -> Self {
         let markers = sensor.markers.and_then(|markers| markers.pattern);
-        Self { indenter, texture: None, shear: None, markers, camera: sensor.camera, unit_key: 0 }
+        Self {
+            indenter,
+            texture: None,
+            material: ObjectMaterial::default(),
+            shear: None,
+            markers,
+            camera: sensor.camera,
+            unit_key: 0,
+        }
     }
 }

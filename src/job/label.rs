@@ -1,7 +1,9 @@
 //! The label of a sample: one documented struct that is the JSON label and its JSON Schema.
 //!
 //! The set of keys is the same for every sample of every dataset. Floats are always written with a decimal point, and
-//! null stands only for what the chosen model cannot know, then in every sample.
+//! null stands only for what cannot be known of a sample, or was not said of an object.
+
+use std::f64::consts::PI;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,6 +14,7 @@ use crate::core::base::view::View;
 use crate::core::camera::CameraParams;
 use crate::core::effects::{Note, PerEffect};
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
+use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::gelpad::tangential::TangentialMotion;
 use crate::core::impression::Impression;
 use crate::core::optics::led::Led;
@@ -97,6 +100,20 @@ pub struct ObjectLabel {
     /// Factor on the object's size: p = R (scale q) + t.
     #[serde(default = "unscaled")]
     pub scale: f64,
+    /// What it is made of.
+    #[serde(default)]
+    pub material: MaterialLabel,
+}
+
+/// What an object is made of; null is what nobody said of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MaterialLabel {
+    /// Young's modulus, kPa; null if the object is rigid.
+    pub youngs_modulus_kpa: Option<f64>,
+    /// Poisson ratio; null if the object is rigid.
+    pub poisson_ratio: Option<f64>,
+    /// Coefficient of friction between pad and object; null if the object has none of its own, but the job's.
+    pub friction: Option<f64>,
 }
 
 fn unscaled() -> f64 {
@@ -246,6 +263,15 @@ pub struct ContactLabel {
     pub fraction: f64,
     /// Mean position of the pixels that touch, mm from the middle of the image; on a gel that is not flat from its axis.
     pub centroid_mm: [f64; 2],
+    /// Mean position of the pixels of the contact layer, px: the first pixel's centre is at (0.5, 0.5).
+    #[serde(default)]
+    pub centroid_px: [f64; 2],
+    /// Radius of a disc of that area, mm.
+    #[serde(default)]
+    pub equivalent_radius_mm: f64,
+    /// Radius of a disc of as many pixels as the contact layer has, px.
+    #[serde(default)]
+    pub equivalent_radius_px: f64,
     /// Smallest box around them, px: x0, y0, x1, y1, half open.
     pub bbox_px: [u32; 4],
     /// Largest depth of the object below the undeformed pad, mm.
@@ -310,13 +336,16 @@ impl Label {
         let (sensor, models) = (simulator.sensor(), simulator.models());
         let thickness_mm = sensor.gelpad.thickness_mm;
         let View { resolution_px: [width, height], mm_per_px: [mm_x, mm_y] } = *simulator.view();
-        let extent = extent(&contact.mask, &[mm_x, mm_y]);
+        let extent = Extent::of(&contact.mask);
         let bbox = match (gel_map, lens) {
             (Some(map), _) => map.box_of(&contact.mask),
             (None, Some(lens)) => lens.box_of(&contact.mask, extent.bbox),
             (None, None) => extent.bbox,
         };
         let in_contact = extent.pixels > 0;
+        let in_image = impression.mask_where_warped().filter(|_| in_contact).map(|mask| Extent::of(&mask));
+        let in_image = in_image.as_ref().unwrap_or(&extent);
+        let (area_mm2, centroid_mm) = (extent.pixels as f64 * mm_x * mm_y, extent.centroid_mm(simulator.view()));
         let view = Rect::whole(width, height);
         Self {
             schema_version: SCHEMA_VERSION,
@@ -335,11 +364,11 @@ impl Label {
                 tilt_azimuth_deg: scene.pose.angles.tilt_azimuth_deg,
             },
             indentation_depth_mm: scene.indentation_depth_mm,
-            texture: scene.texture.map_or_else(TextureLabel::default, |(pattern, texture)| TextureLabel {
-                pattern: plan.job.texture.patterns[pattern].name().to_owned(),
-                amplitude_mm: texture.amplitude_mm,
-                scale_mm: texture.scale_mm,
-                angle_deg: texture.angle_deg,
+            texture: scene.texture.as_ref().map_or_else(TextureLabel::default, |texture| TextureLabel {
+                pattern: texture.pattern.to_owned(),
+                amplitude_mm: texture.sample.amplitude_mm,
+                scale_mm: texture.sample.scale_mm,
+                angle_deg: texture.sample.angle_deg,
             }),
             shear: shear(plan, scene, simulator, contact.tangential.as_ref()),
             sensor: SensorLabel {
@@ -357,12 +386,15 @@ impl Label {
             },
             contact: ContactLabel {
                 in_contact,
-                area_mm2: extent.pixels as f64 * mm_x * mm_y,
+                area_mm2,
                 fraction: extent.pixels as f64 / view.area() as f64,
                 centroid_mm: match gel_map {
-                    Some(map) => map.place_mm(extent.centroid_mm),
-                    None => extent.centroid_mm,
+                    Some(map) => map.place_mm(centroid_mm),
+                    None => centroid_mm,
                 },
+                centroid_px: in_image.centroid_px,
+                equivalent_radius_mm: libm::sqrt(area_mm2 / PI),
+                equivalent_radius_px: libm::sqrt(in_image.pixels as f64 / PI),
                 bbox_px: [bbox.x0, bbox.y0, bbox.x1, bbox.y1].map(|px| px as u32),
                 max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
                 force_n: contact.force_n,
@@ -418,7 +450,8 @@ impl ShearLabel {
 
 struct Extent {
     pixels: u64,
-    centroid_mm: [f64; 2],
+    /// Mean position, px.
+    centroid_px: [f64; 2],
     bbox: Rect,
 }
 
@@ -442,6 +475,11 @@ fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
         mesh_sha256,
         path,
         scale: scene.scale,
+        material: MaterialLabel {
+            youngs_modulus_kpa: scene.material.soft.map(|soft| soft.youngs_modulus_kpa),
+            poisson_ratio: scene.material.soft.map(|soft| soft.poisson_ratio),
+            friction: scene.material.friction.and_then(Friction::coefficient),
+        },
     }
 }
 
@@ -520,31 +558,34 @@ impl MarkersLabel {
     }
 }
 
-/// Size and place of the contact in view.
-fn extent(mask: &Grid<u8>, mm_per_px: &[f64; 2]) -> Extent {
-    let bbox = bounding_box(mask, |value| value > 0);
-    let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
-    simd_dispatch(
-        #[inline(always)]
-        || {
-            for y in bbox.y0..bbox.y1 {
-                // A row's sums fit 32 bits, of which a vector holds eight.
-                let (mut in_row, mut columns) = (0_u32, 0_u32);
-                for (x, value) in mask.row(y)[bbox.x0..bbox.x1].iter().enumerate() {
-                    let touches = u32::from(*value > 0);
-                    in_row += touches;
-                    columns += touches * x as u32;
+impl Extent {
+    /// Size and place of a contact.
+    fn of(mask: &Grid<u8>) -> Self {
+        let bbox = bounding_box(mask, |value| value > 0);
+        let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in bbox.y0..bbox.y1 {
+                    // A row's sums fit 32 bits, of which a vector holds eight.
+                    let (mut in_row, mut columns) = (0_u32, 0_u32);
+                    for (x, value) in mask.row(y)[bbox.x0..bbox.x1].iter().enumerate() {
+                        let touches = u32::from(*value > 0);
+                        in_row += touches;
+                        columns += touches * x as u32;
+                    }
+                    pixels += u64::from(in_row);
+                    sum_x += u64::from(columns) + u64::from(in_row) * bbox.x0 as u64;
+                    sum_y += u64::from(in_row) * y as u64;
                 }
-                pixels += u64::from(in_row);
-                sum_x += u64::from(columns) + u64::from(in_row) * bbox.x0 as u64;
-                sum_y += u64::from(in_row) * y as u64;
-            }
-        },
-    );
-    let centre = |sum: u64, size: usize, pitch: f64| match pixels {
-        0 => 0.0,
-        _ => (sum as f64 / pixels as f64 + 0.5 - size as f64 / 2.0) * pitch,
-    };
-    let centroid_mm = [centre(sum_x, mask.width, mm_per_px[0]), centre(sum_y, mask.height, mm_per_px[1])];
-    Extent { pixels, centroid_mm, bbox }
+            },
+        );
+        let centre = |sum: u64| if pixels == 0 { 0.0 } else { sum as f64 / pixels as f64 + 0.5 };
+        Self { pixels, centroid_px: [centre(sum_x), centre(sum_y)], bbox }
+    }
+
+    /// Its middle, mm from that of the view; 0 without contact.
+    fn centroid_mm(&self, view: &View) -> [f64; 2] {
+        if self.pixels == 0 { [0.0; 2] } else { view.point_mm(self.centroid_px) }
+    }
 }

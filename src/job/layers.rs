@@ -39,6 +39,8 @@ pub enum OutputLayer {
     Flow,
     /// Tips of the pins at rest and now; only for sensors that have them.
     Pins,
+    /// Points of the pad's surface, one for each pixel, mm in the sensor's frame.
+    Points,
 }
 
 /// What is to be known of a layer to write, read, check and describe it.
@@ -79,7 +81,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 12] = [
+const TABLE: [LayerSpec; 13] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -165,6 +167,18 @@ const TABLE: [LayerSpec; 12] = [
         unit: None,
         meaning: "rest and moved positions of the pins' tips, px, and mm in the sensor's frame",
     },
+    LayerSpec {
+        layer: OutputLayer::Points,
+        name: "points",
+        form: Form::Floats {
+            channels: &["X", "Y", "Z"],
+            least: f32::NEG_INFINITY,
+            pixel: Some(Pixel::Float),
+            steps: None,
+        },
+        unit: Some("mm"),
+        meaning: "the point of the pad's surface that each pixel shows, in the sensor's frame; 0, 0, 0 where it shows no gel",
+    },
 ];
 
 // Rows are found by number.
@@ -214,6 +228,8 @@ impl OutputLayer {
     /// How it is written where float layers have the format `format`.
     pub fn coding(self, format: DepthFormat) -> Coding {
         match (self.spec().form, format) {
+            // What loads point clouds loads arrays.
+            _ if self == Self::Points => Coding::Npy,
             (Form::Grey | Form::Rgb, _) => Coding::Png,
             (Form::Positions, _) => Coding::Json,
             (Form::Floats { steps: Some(scale), .. }, DepthFormat::Png16) => Coding::Png16(scale),
@@ -373,13 +389,13 @@ mod tests {
         let bytes = |layer: OutputLayer, ending| layer.spec().form.bytes_per_px(ending, Pixel::Half);
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "exr")),
-            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12), None, Some(4), None]
+            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12), None, Some(4), None, Some(12)]
         );
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "npy")),
-            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24), None, Some(8), None]
+            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24), None, Some(8), None, Some(12)]
         );
-        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None];
+        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None, None];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

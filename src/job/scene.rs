@@ -9,14 +9,18 @@ use crate::core::camera::CameraParams;
 use crate::core::camera::markers::MarkerPattern;
 use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::relief::Relief;
 use crate::core::depth::texture::{Texture, TextureSample};
-use crate::core::gelpad::elastic::shear::Motion;
+use crate::core::gelpad::elastic::shear::{Friction, Motion};
+use crate::core::gelpad::elastic::soft::Soft;
+use crate::core::gelpad::material::ObjectMaterial;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Angles, Pose};
+use crate::core::pose::{Angles, Pose, Side};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
 use crate::files::sensor::quantity::Quantity;
+use crate::job::config::object::POISSON_RATIO;
 use crate::job::config::scene::At;
 use crate::job::layout::Split;
 use crate::job::plan::Plan;
@@ -59,6 +63,17 @@ pub struct KnownPress {
     pub indentation_depth_mm: f64,
 }
 
+/// A texture that was drawn.
+#[derive(Clone, Debug)]
+pub struct DrawnTexture {
+    /// Name of its pattern.
+    pub pattern: &'static str,
+    /// The pattern.
+    pub relief: Arc<Relief>,
+    /// How it lies on the object.
+    pub sample: TextureSample,
+}
+
 /// What happens in one sample.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -70,12 +85,16 @@ pub struct Scene {
     pub split: Split,
     /// What is pressed into the pad.
     pub pressed: Pressed,
+    /// Its side that faces the pad, from which the pose begins.
+    pub side: Side,
     /// Where it is.
     pub pose: Pose,
     /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
     pub indentation_depth_mm: f64,
-    /// The texture of the object, if the job has any: number of the pattern, and how it lies.
-    pub texture: Option<(usize, TextureSample)>,
+    /// The texture of the object, if it has any.
+    pub texture: Option<DrawnTexture>,
+    /// What the object is made of.
+    pub material: ObjectMaterial,
     /// How the object moves in the pad's plane after that.
     pub motion: Motion,
     /// The pattern of the pad's markers, if it has any.
@@ -109,7 +128,7 @@ impl Scene {
         });
 
         let pose = &plan.job.pose;
-        let side = pose.face.sample(&mut stream("face"));
+        let side = pose.face.sample(plan.sampling.objects[object].richest, &mut stream("face"));
         let angles = Angles {
             yaw_deg: draw("yaw", &pose.yaw_deg),
             tilt_deg: draw("tilt", &pose.tilt_deg),
@@ -156,6 +175,7 @@ impl Scene {
         scene.motion.about_mm = position_mm;
         scene.beside_axis = beside_axis;
         scene.scale = scale;
+        scene.side = side;
         scene.clusters = Some(scaled);
         scene
     }
@@ -167,17 +187,35 @@ impl Scene {
         let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
         let KnownPress { split, pressed, pose, indentation_depth_mm } = press;
         let job = &plan.job;
-        let texture = (!plan.sampling.textures.is_empty()).then(|| {
-            let texture = &job.texture;
+        let number = match &pressed {
+            Pressed::Object(number) => Some(*number),
+            Pressed::Frame(_) => None,
+        };
+        let own = number.and_then(|number| {
+            job.object[number].texture.as_ref().zip(plan.sampling.objects[number].textures.as_ref())
+        });
+        let (texture, reliefs) = own.unwrap_or((&job.texture, &plan.sampling.textures));
+        let texture = (!reliefs.is_empty()).then(|| {
             let mut offset = stream("texture offset");
-            let pattern = stream("texture pattern").below(plan.sampling.textures.len());
+            let pattern = stream("texture pattern").below(reliefs.len());
             let sample = TextureSample {
                 amplitude_mm: draw("texture amplitude", &texture.amplitude_mm),
                 scale_mm: draw("texture scale", &texture.scale_mm),
                 angle_deg: draw("texture angle", &texture.angle_deg),
                 offset: [offset.unit(), offset.unit()],
             };
-            (pattern, sample)
+            DrawnTexture { pattern: texture.patterns[pattern].name(), relief: Arc::clone(&reliefs[pattern]), sample }
+        });
+        let material = number.map_or_else(ObjectMaterial::default, |number| {
+            let entry = &job.object[number];
+            let drawn =
+                |name: &str, quantity: &Option<Quantity>| quantity.as_ref().map(|quantity| draw(name, quantity));
+            let soft = drawn("object modulus", &entry.youngs_modulus_kpa).map(|youngs_modulus_kpa| Soft {
+                youngs_modulus_kpa,
+                poisson_ratio: drawn("object poisson ratio", &entry.poisson_ratio).unwrap_or(POISSON_RATIO),
+            });
+            let friction = drawn("object friction", &entry.friction);
+            ObjectMaterial { soft, friction: friction.map(|coefficient| Friction::Coulomb { coefficient }) }
         });
         let shear = &job.shear;
         let motion = Motion {
@@ -186,18 +224,17 @@ impl Scene {
             about_mm: [pose.translation_mm.x, pose.translation_mm.y],
         };
         let noise_key = stream("noise").bits();
-        let clusters = match &pressed {
-            Pressed::Object(number) => Some(Arc::clone(&plan.sampling.objects[*number].clusters)),
-            Pressed::Frame(_) => None,
-        };
+        let clusters = number.map(|number| Arc::clone(&plan.sampling.objects[number].clusters));
         Self {
             index,
             attempt,
             split,
             pressed,
+            side: Side::MinusZ,
             pose,
             indentation_depth_mm,
             texture,
+            material,
             motion,
             markers: job.markers.as_ref().and_then(|markers| markers.sample(draw)),
             camera: job.camera.sample(noise_key, draw),
@@ -242,15 +279,16 @@ impl Scene {
 
     /// What the simulator is to do.
     pub fn press(&self, plan: &Plan) -> Press {
-        let texture = |(pattern, sample): (usize, TextureSample)| Texture {
-            relief: Arc::clone(&plan.sampling.textures[pattern]),
-            sample,
+        let texture = |DrawnTexture { relief, sample, .. }: &DrawnTexture| Texture {
+            relief: Arc::clone(relief),
+            sample: *sample,
             laid: None,
         };
         let friction = plan.job.shear.friction;
         Press {
             indenter: self.indenter(plan),
-            texture: self.texture.map(texture),
+            texture: self.texture.as_ref().map(texture),
+            material: self.material,
             shear: plan.sampling.moves_objects.then_some(Shear { motion: self.motion, friction }),
             markers: self.markers,
             camera: self.camera,

@@ -226,6 +226,9 @@ const NULLS: &[&str] = &[
     "contact.peak_pressure_kpa",
     "numerics.residual_um",
     "numerics.model_error_um",
+    "object.material.youngs_modulus_kpa",
+    "object.material.poisson_ratio",
+    "object.material.friction",
 ];
 
 /// The keys that the contract promises.
@@ -243,6 +246,9 @@ const LEAST_KEYS: &[&str] = &[
     "object.mesh_sha256",
     "object.path",
     "object.scale",
+    "object.material.youngs_modulus_kpa",
+    "object.material.poisson_ratio",
+    "object.material.friction",
     "pose.quaternion_xyzw",
     "pose.translation_mm",
     "pose.yaw_deg",
@@ -261,6 +267,9 @@ const LEAST_KEYS: &[&str] = &[
     "contact.area_mm2",
     "contact.fraction",
     "contact.centroid_mm",
+    "contact.centroid_px",
+    "contact.equivalent_radius_mm",
+    "contact.equivalent_radius_px",
     "contact.bbox_px",
     "contact.max_depth_mm",
     "contact.force_n",

@@ -941,3 +941,39 @@ fn keys_of_objects_that_make_no_sense_are_refused() {
     mistake("on_bad = «\"ignore\"»", "unknown choice `ignore`", "one of");
     mistake("part = «\"lid\"»", "cone.obj has no part `lid`", "");
 }
+
+#[test]
+fn what_an_object_says_of_its_material_and_size_is_checked_where_it_stands() {
+    let mistake = |written: &str, title: &str, help: &str| {
+        one_mistake("weight = 2.0", &format!("weight = 2.0\n{written}"), title, help);
+    };
+    mistake("youngs_modulus_kpa = «0.0»", "youngs_modulus_kpa may be 0", "allowed: 0.1 to 1000000000 kPa");
+    mistake("youngs_modulus_kpa = 50.0\npoisson_ratio = «0.6»", "poisson_ratio may be 0.6", "allowed: 0 to 0.5");
+    mistake("poisson_ratio = «0.4»", "without youngs_modulus_kpa is rigid", "add youngs_modulus_kpa");
+    mistake(
+        "friction = «0.4»",
+        "nothing in this job uses the friction",
+        "gelpad.elastic.friction, [shear] or [sequence]",
+    );
+    mistake("texture.amplitude_mm = «-1.0»", "amplitude_mm may be -1", "allowed: 0 to 10 mm");
+    mistake("texture = { patterns = «[]» }", "no pattern to choose from", "patterns = [");
+    mistake("mm_per_px = «0.1»", "mm_per_px is for height maps", "`unit` and `scale`");
+    one_mistake(
+        "weight = 2.0\n",
+        "youngs_modulus_kpa = «90.0»\n[gelpad.gaussian]\n",
+        "the gelpad model `gaussian` knows no pressure",
+        "gelpad.elastic",
+    );
+    let folder = Folder::new();
+    folder.write("map.png", "no picture");
+    let map = |keys: &str, title: &str, help: &str| {
+        one_mistake_in(&folder, "path = \"cone.obj\"", keys, title, help);
+    };
+    map(
+        "path = «\"map.png\"»\nmm_per_px = 0.1\nheight_mm = 1.0",
+        "map.png: is no height map",
+        "a grey PNG of 8 or 16 bits",
+    );
+    map("path = \"map.png\"\nmm_per_px = «0.0»\nheight_mm = 1.0", "mm_per_px = 0 is out of range", "0.0001 to 100 mm");
+    map("«path» = \"map.png\"\nmm_per_px = 0.1", "missing key `height_mm` in [[object]]", "height_mm = 0.5");
+}

@@ -197,3 +197,167 @@ fn init_guesses_units_and_refuses_what_holds_no_mesh() {
     assert!(folder.fail("init --objects empty job.toml", 2).contains("no mesh in empty can be used"));
     assert!(!folder.path("job.toml").exists());
 }
+
+/// A float32 array as an npy file, row by row.
+fn npy(width: usize, values: &[f32]) -> Vec<u8> {
+    let height = values.len() / width;
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((text.len() as u16).to_le_bytes());
+    bytes.extend(text.as_bytes());
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
+
+/// The last values of an npy file of float32.
+fn floats(npy: &[u8], count: usize) -> Vec<f32> {
+    npy[npy.len() - 4 * count..].as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+}
+
+/// One sample of 48 x 36 px of 0.1 mm, level and in the middle.
+fn level(object: &str, layers: &str) -> String {
+    let sensor = "[sensor]\nresolution_px = [48, 36]\nfield_of_view_mm = [4.8, 3.6]";
+    let output = format!("[output]\ndepth_format = \"npy\"\nlayers = {layers}");
+    format!(
+        "[dataset]\nname = \"small\"\nsamples = 1\n{sensor}\n[[object]]\n{object}\n[indentation]\ndepth_mm = 0.3\n{output}\n"
+    )
+}
+
+#[test]
+fn a_height_map_is_pressed_upright_as_high_as_it_is_said_to_be() {
+    let map: Vec<f32> = (0..16 * 12).map(|at| ((at % 16 + 2 * (at / 16)) % 11) as f32 / 10.0).collect();
+    let folder = Folder::with_job(&level("path = \"map.npy\"\nmm_per_px = 0.1\nheight_mm = 0.25", "[\"depth\"]"));
+    folder.write("map.npy", npy(16, &map));
+    let said = folder.succeed("generate job.toml --quiet");
+    assert_eq!(said, "");
+    let sample = folder.samples("out/small").into_values().next().expect("a sample");
+    let depth = floats(&sample["depth.npy"], 48 * 36);
+    for (at, found) in depth.iter().enumerate() {
+        let (column, row) = ((at % 48).wrapping_sub(16), (at / 48).wrapping_sub(12));
+        let inside = column < 16 && row < 12;
+        let expected = if inside { 0.3 - 0.25 * (1.0 - map[row * 16 + column]) } else { 0.0 };
+        assert!((found - expected).abs() < 1e-5, "{at}: {found} instead of {expected}");
+    }
+    let label: Value = serde_json::from_slice(&sample["json"]).expect("JSON");
+    assert_eq!(label["object"]["class"], "map");
+    assert_eq!(label["object"]["mesh_sha256"], crate::support::sha256(&folder.read_bytes("map.npy")));
+    // Of a rigid object nothing is said.
+    assert!(label["object"]["material"].as_object().expect("a table").values().all(Value::is_null));
+}
+
+#[test]
+fn an_object_has_its_own_softness_friction_and_texture() {
+    let object = "path = \"cube.obj\"\nscale = 0.1\nyoungs_modulus_kpa = [100.0, 200.0]\nfriction = 0.25\n\
+                  texture = { patterns = [\"knurled\"], amplitude_mm = 0.05 }";
+    let text =
+        format!("{}\n[gelpad.elastic.friction.coulomb]\ncoefficient = 0.9\n", level(object, "[\"depth\", \"gap\"]"));
+    let folder = Folder::with_job(&text);
+    folder.succeed("generate job.toml --quiet --strict");
+    let sample = folder.samples("out/small").into_values().next().expect("a sample");
+    let label: Value = serde_json::from_slice(&sample["json"]).expect("JSON");
+    let material = &label["object"]["material"];
+    let modulus = material["youngs_modulus_kpa"].as_f64().expect("a number");
+    assert!((100.0..=200.0).contains(&modulus) && material["poisson_ratio"] == 0.48 && material["friction"] == 0.25);
+    assert_eq!(label["texture"]["pattern"], "knurled");
+    // In the shape that it takes the object is no deeper than the pad, and touches it.
+    let (depth, gap) = (floats(&sample["depth.npy"], 48 * 36), floats(&sample["gap.npy"], 48 * 36));
+    let deepest = depth.iter().copied().fold(0.0, f32::max);
+    assert!(deepest < 0.28 && deepest > 0.05, "{deepest}");
+    assert!(depth.iter().zip(&gap).any(|(depth, gap)| *depth > 0.0 && *gap == 0.0));
+    folder.succeed("verify out/small --quiet");
+}
+
+#[test]
+fn points_are_the_surface_in_the_sensors_frame() {
+    let folder = Folder::with_job(&level("path = \"cube.obj\"\nscale = 0.1", "[\"surface\", \"points\"]"));
+    folder.succeed("generate job.toml --quiet --set output.depth_format=\"exr\" --out exr");
+    folder.succeed("generate job.toml --quiet");
+    folder.succeed("verify out/small --quiet");
+    let sample = |out: &str| folder.samples(out).into_values().next().expect("a sample");
+    let (surface, points) = (sample("out/small")["surface.npy"].clone(), sample("out/small")["points.npy"].clone());
+    assert_eq!(sample("exr")["points.npy"], points, "an array whatever the format of the others");
+    let surface = floats(&surface, 48 * 36);
+    assert!(surface.iter().any(|w| *w > 0.25));
+    for (at, point) in floats(&points, 3 * 48 * 36).as_chunks::<3>().0.iter().enumerate() {
+        let place = |at: usize, size: usize| 0.1 * (at as f32 + 0.5 - size as f32 / 2.0);
+        let expected = [place(at % 48, 48), place(at / 48, 36), -surface[at]];
+        assert!(point.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{at}: {point:?}, {expected:?}");
+    }
+}
+
+#[test]
+fn points_of_a_gel_that_is_not_flat_lie_on_it() {
+    let text = edited(
+        &level("path = \"cube.obj\"\nscale = 0.1", "[\"points\", \"surface\"]"),
+        &[("resolution_px = [48, 36]\nfield_of_view_mm = [4.8, 3.6]", "preset = \"tactip\"\nresolution_px = [64, 64]")],
+    );
+    let folder = Folder::with_job(&text);
+    folder.succeed("generate job.toml --quiet");
+    let sample = folder.samples("out/small").into_values().next().expect("a sample");
+    let (points, surface) = (floats(&sample["points.npy"], 3 * 64 * 64), floats(&sample["surface.npy"], 64 * 64));
+    let mut seen = 0;
+    for (point, down) in points.as_chunks::<3>().0.iter().zip(&surface).filter(|(point, _)| **point != [0.0; 3]) {
+        let [x, y, z] = point.map(f64::from);
+        let radius = (x * x + y * y + (z + 20.0) * (z + 20.0)).sqrt() + f64::from(*down);
+        assert!((radius - 20.0).abs() < 1e-4, "{point:?}: {radius}");
+        seen += 1;
+    }
+    assert!(seen > 1000 && surface.iter().any(|down| *down > 0.1), "{seen}");
+}
+
+#[test]
+fn the_contact_is_measured_in_pixels_of_its_layer() {
+    let text =
+        format!("{}\n[camera]\ndistortion_k1 = 0.2\n", level("path = \"cube.obj\"\nscale = 0.05", "[\"contact\"]"));
+    let folder =
+        Folder::with_job(&edited(&text, &[("depth_mm = 0.3", "depth_mm = 0.3\n[pose]\nx_mm = 1.0\ny_mm = -0.6")]));
+    folder.succeed("generate job.toml --quiet");
+    let sample = folder.samples("out/small").into_values().next().expect("a sample");
+    let label: Value = serde_json::from_slice(&sample["json"]).expect("JSON");
+    let mask = image::load_from_memory(&sample["contact.png"]).expect("a picture").into_luma8();
+    let touching: Vec<[f64; 2]> = mask
+        .enumerate_pixels()
+        .filter(|(_, _, value)| value.0[0] > 0)
+        .map(|(x, y, _)| [f64::from(x) + 0.5, f64::from(y) + 0.5])
+        .collect();
+    let count = touching.len() as f64;
+    let number = |key: &str| label["contact"][key].as_f64().expect("a number");
+    for k in 0..2 {
+        let mean = touching.iter().map(|at| at[k]).sum::<f64>() / count;
+        let found = label["contact"]["centroid_px"][k].as_f64().expect("a number");
+        assert!((found - mean).abs() < 1e-9, "{found} instead of {mean}");
+    }
+    let disc = |area: f64| (area / std::f64::consts::PI).sqrt();
+    assert!((number("equivalent_radius_px") - disc(count)).abs() < 1e-9);
+    assert!((number("equivalent_radius_mm") - disc(number("area_mm2"))).abs() < 1e-9);
+}
+
+#[test]
+fn the_side_with_the_most_relief_is_pressed_and_said() {
+    // Ridges on the side towards -z of a plate; the job turns another side to the pad.
+    let map: Vec<f32> = (0..16 * 12).map(|at| if at % 16 / 2 % 2 == 0 { 1.0 } else { 0.0 }).collect();
+    let object = "path = \"map.npy\"\nmm_per_px = 0.1\nheight_mm = 0.25";
+    let folder = Folder::with_job(&format!("{}\n[pose]\nface = \"+z\"\n", level(object, "[\"depth\"]")));
+    folder.write("map.npy", npy(16, &map));
+    let said = folder.succeed("generate job.toml");
+    assert!(said.contains("note: map.npy: its side +z, which [pose] face presses, is flat"), "{said}");
+    assert!(said.contains("face = \"-z\", or face = \"auto\""), "{said}");
+    let said = folder.succeed("generate job.toml --out auto --set pose.face=\"auto\"");
+    assert!(!said.contains("is flat"), "{said}");
+    folder.succeed("generate job.toml --out turned --quiet --set pose.face=\"-z\"");
+    let depth = |out: &str| folder.samples(out).into_values().next().expect("a sample")["depth.npy"].clone();
+    assert_eq!(depth("auto"), depth("turned"));
+    let planned = folder.gelsim("plan job.toml --out none --set pose.face=\"auto\"").assert().success();
+    let planned = String::from_utf8_lossy(&planned.get_output().stdout).into_owned();
+    assert!(planned.contains("face = \"auto\" presses the sides with the most relief: -z of map"), "{planned}");
+}
+
+#[test]
+fn an_object_that_is_never_in_view_is_noted() {
+    let text = level("path = \"cube.obj\"\nscale = 0.1", "[\"depth\"]");
+    let folder = Folder::with_job(&format!("{text}\n[pose]\nx_mm = [60.0, 70.0]\n"));
+    let said = folder.succeed("generate job.toml");
+    assert!(said.contains("cube.obj is never in view: [pose] places it at x_mm = 60 to 70"), "{said}");
+    let said = folder.succeed("generate job.toml --overwrite --set pose.x_mm=[0.0,70.0]");
+    assert!(!said.contains("never in view"), "{said}");
+}

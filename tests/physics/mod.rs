@@ -39,6 +39,7 @@ mod rig;
 mod scene;
 mod sequences;
 mod shadow;
+mod soft;
 mod solutions;
 mod support;
 mod symmetry;

@@ -164,7 +164,12 @@ impl Chart {
 
     /// The same of what the gel is there.
     pub fn point_of_mm(&self, rest: &Rest) -> DVec3 {
-        self.radius_mm * rest.normal - DVec3::new(0.0, 0.0, self.radius_mm + rest.below_mm)
+        self.site_mm(Site { normal: rest.normal, below_mm: rest.below_mm })
+    }
+
+    /// The same of a point of the gel.
+    pub fn site_mm(&self, site: Site) -> DVec3 {
+        self.radius_mm * site.normal - DVec3::new(0.0, 0.0, self.radius_mm + site.below_mm)
     }
 
     /// The gel at a point of the chart, and what slopes of 1 along x and along y of the chart are there: slopes on the gel.

@@ -119,6 +119,16 @@ impl GelMap {
         (0..self.at.len()).map(normal).collect()
     }
 
+    /// Points of such a gel as the image shows them, in the sensor's frame, mm; 0, 0, 0 where there is no gel.
+    pub fn points_mm(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
+        let down = self.plane(&surface.inner(SURFACE_BORDER));
+        let point = |(site, down): (&Option<Site>, &f32)| {
+            let pressed = |site: Site| self.chart.site_mm(site) - f64::from(*down) * site.normal;
+            site.map_or([0.0; 3], |site| pressed(site).as_vec3().to_array())
+        };
+        self.sites.iter().zip(&down.data).map(point).collect()
+    }
+
     /// The same at one pixel, and how far the gel is displaced there, mm; `None` where there is no gel.
     pub fn pressed(&self, slopes: &Slopes<'_>, index: usize) -> Option<(DVec3, f32)> {
         let site = self.sites[index]?;

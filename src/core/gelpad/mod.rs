@@ -25,9 +25,10 @@ use elastic::friction::Drag;
 use elastic::inplane::{InPlane, Load};
 use elastic::layer::ElasticLayer;
 use elastic::shear::Friction;
+use elastic::soft::Yielded;
 use elastic::{Elastic, Given};
 use gaussian::Gaussian;
-use material::Material;
+use material::{Material, ObjectMaterial};
 use mean_blur::MeanBlur;
 use none::NoDeformation;
 use subpixel::Subpixel;
@@ -115,6 +116,24 @@ impl Pad {
         }
     }
 
+    /// The same pad under an object of its own material, if that makes any difference to the model.
+    pub fn under(&self, object: &ObjectMaterial) -> Option<Self> {
+        match self {
+            Self::Elastic(pad) if *object != ObjectMaterial::default() => {
+                Some(Self::Elastic(Box::new(pad.under(object))))
+            }
+            _ => None,
+        }
+    }
+
+    /// The shape that an object takes under its load, captured in `window`; `None` if it keeps its own.
+    pub fn yielded(&self, depth: &Depth, beyond: Option<&Beyond>, window: Window) -> Option<Yielded> {
+        match self {
+            Self::Elastic(pad) => pad.yielded(depth, beyond, window),
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
     /// What of an object pressed in by `depth_mm` the model has to know.
     pub fn window(&self, depth_mm: f64) -> Window {
         match self {
@@ -162,6 +181,24 @@ impl Pad {
             Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
             Self::Elastic(pad) => pad.press_with(depth, beyond),
         }
+    }
+}
+
+/// The object in the shape that it takes under its load, captured in `window`, and whether that was found within the
+/// tolerance. Where nothing is deformed it keeps its own.
+pub fn shaped(
+    pad: &Pad,
+    depth: Depth,
+    beyond: Option<&Beyond>,
+    window: Window,
+    effects: &mut EffectLog,
+) -> (Depth, bool) {
+    if effects.leaves_out(Effect::Deformation) {
+        return (depth, true);
+    }
+    match effects.timed(Effect::Deformation, || pad.yielded(&depth, beyond, window)) {
+        Some(Yielded { depth, solved }) => (depth, solved),
+        None => (depth, true),
     }
 }
 

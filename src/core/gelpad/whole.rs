@@ -13,6 +13,8 @@ use crate::core::depth::indenter::Shape;
 pub struct Beyond {
     /// Displacement that its pressure causes, mm, on the grid of [`Depth::overlap`], if the model knows it.
     pub displacement: Option<Grid<f32>>,
+    /// How far an object that is not rigid gives way there under that pressure, mm, on the same grid.
+    pub object_gives: Option<Grid<f32>>,
     /// Its normal force, N, if the model knows it.
     pub force_n: Option<f64>,
     /// Its area, mm^2.
@@ -38,7 +40,7 @@ impl Beyond {
                 area_mm2 += (1.0 - window.share(&cells, x, y)) * pitch_mm * pitch_mm;
             }
         }
-        Self { displacement: None, force_n: None, area_mm2, solved: true }
+        Self { displacement: None, object_gives: None, force_n: None, area_mm2, solved: true }
     }
 }
 

@@ -37,6 +37,9 @@ pub enum MeshFileProblem {
     /// The file is sound, and uses what is not read.
     #[error("{0}")]
     Unsupported(String),
+    /// A picture or array is no height map.
+    #[error("is no height map: {0}")]
+    NoHeightMap(String),
     /// A header says that there is more (or, in binary STL, less) than there is.
     #[error("says {claimed} {what} but has room for {room}")]
     Room {
@@ -62,6 +65,9 @@ impl MeshFileError {
             MeshFileProblem::Unreadable(_) => "check the path and who may read it",
             MeshFileProblem::UnknownExtension => "export it as one of these, or give the file the ending of its format",
             MeshFileProblem::Unsupported(_) => "export it without that, or in another format",
+            MeshFileProblem::NoHeightMap(_) => {
+                "a grey PNG of 8 or 16 bits, or an npy or EXR file with values from 0 to 1, belongs here"
+            }
             _ => "repair the mesh, or leave it out",
         }
     }

@@ -111,11 +111,11 @@ impl Job {
 
     /// The paths of all files that it names.
     pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
-        let objects = self.object.iter_mut().filter_map(|object| object.path.as_mut());
-        let textures = self.texture.patterns.iter_mut().filter_map(|pattern| match pattern {
-            texture::Pattern::Image(image) => Some(&mut image.path),
-            _ => None,
+        let objects = self.object.iter_mut().flat_map(|object| {
+            let textures = object.texture.iter_mut().flat_map(texture::TextureDistribution::paths_mut);
+            object.path.iter_mut().chain(textures)
         });
+        let textures = self.texture.paths_mut();
         let shape = match &mut self.sensor.rest_shape {
             Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
             _ => None,

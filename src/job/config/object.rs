@@ -4,14 +4,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::files::figures::figure;
-use crate::files::mesh::{Reading, UrdfShapes};
+use crate::files::mesh::{PlateSize, Reading, UrdfShapes};
 use crate::files::sensor::quantity::Quantity;
+use crate::job::config::texture::TextureDistribution;
 
 /// One `[[object]]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Object {
-    /// A mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf) or a robot (.urdf), relative to the file this stands in;
+    /// A mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf), a robot (.urdf) or a height map (.png, .npy, .exr), relative to the file this stands in;
     /// `*`, `?` and `[..]` name several.
     #[schemars(required)]
     pub path: Option<String>,
@@ -47,7 +48,28 @@ pub struct Object {
     /// What labels give as the path; `path` as it is written where it is left out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label_path: Option<String>,
+    /// Distance between the samples of a height map, mm, 0.0001 to 100.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mm_per_px: Option<f64>,
+    /// Height of a height map's largest possible value over the smallest, mm, 0.0001 to 100.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_mm: Option<f64>,
+    /// Young's modulus of an object that gives way, kPa, 0.1 to 1e9; without it the object is rigid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub youngs_modulus_kpa: Option<Quantity>,
+    /// Its Poisson ratio, 0 to 0.5; 0.48 where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub poisson_ratio: Option<Quantity>,
+    /// Coefficient of friction between pad and object, 0 to 10, in place of the job's, where the job has any friction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub friction: Option<Quantity>,
+    /// Micro relief of this object, in place of the job's `[texture]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture: Option<TextureDistribution>,
 }
+
+/// The Poisson ratio of an object that gives way, where its job says none: that of rubber.
+pub const POISSON_RATIO: f64 = 0.48;
 
 /// What names the class of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -92,6 +114,12 @@ impl Object {
     pub fn reading(&self) -> Reading {
         Reading { mm_per_unit: self.unit.map(Unit::mm), urdf: self.urdf }
     }
+
+    /// How large its height maps are, if it says so.
+    pub fn plate_size(&self) -> Option<PlateSize> {
+        let (mm_per_px, height_mm) = self.mm_per_px.zip(self.height_mm)?;
+        (mm_per_px > 0.0 && height_mm > 0.0).then_some(PlateSize { mm_per_px, height_mm })
+    }
 }
 
 /// Keys that nobody wrote are left out, so that a job reads as it did before there were any.
@@ -114,6 +142,12 @@ impl Default for Object {
             scale: Quantity::Constant(1.0),
             on_bad: OnBad::default(),
             label_path: None,
+            mm_per_px: None,
+            height_mm: None,
+            youngs_modulus_kpa: None,
+            poisson_ratio: None,
+            friction: None,
+            texture: None,
         }
     }
 }

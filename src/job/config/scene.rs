@@ -65,6 +65,9 @@ pub enum Face {
     /// One of the six, each as likely as the others.
     #[serde(rename = "any")]
     Any,
+    /// The one with the most relief, of each object its own.
+    #[serde(rename = "auto")]
+    Auto,
     /// The side towards +x.
     #[serde(rename = "+x")]
     PlusX,
@@ -87,15 +90,27 @@ pub enum Face {
 }
 
 impl Face {
-    /// One of the six sides for [`Face::Any`], else the side itself.
-    pub fn sample(self, stream: &mut Stream) -> Side {
-        self.side().unwrap_or_else(|| Side::ALL[stream.below(Side::ALL.len())])
+    /// One of the six sides for [`Face::Any`], the object's `richest` for [`Face::Auto`], else the side itself.
+    pub fn sample(self, richest: Option<Side>, stream: &mut Stream) -> Side {
+        self.side().or(richest).unwrap_or_else(|| Side::ALL[stream.below(Side::ALL.len())])
+    }
+
+    /// As a side is written in jobs.
+    pub fn of(side: Side) -> Self {
+        match side {
+            Side::PlusX => Self::PlusX,
+            Side::MinusX => Self::MinusX,
+            Side::PlusY => Self::PlusY,
+            Side::MinusY => Self::MinusY,
+            Side::PlusZ => Self::PlusZ,
+            Side::MinusZ => Self::MinusZ,
+        }
     }
 
     /// The side, if it is one.
     pub fn side(self) -> Option<Side> {
         match self {
-            Self::Any => None,
+            Self::Any | Self::Auto => None,
             Self::PlusX => Some(Side::PlusX),
             Self::MinusX => Some(Side::MinusX),
             Self::PlusY => Some(Side::PlusY),
@@ -109,6 +124,7 @@ impl Face {
     pub fn name(self) -> &'static str {
         match self {
             Self::Any => "any",
+            Self::Auto => "auto",
             Self::PlusX => "+x",
             Self::MinusX => "-x",
             Self::PlusY => "+y",

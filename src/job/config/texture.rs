@@ -21,6 +21,16 @@ pub struct TextureDistribution {
     pub angle_deg: Quantity,
 }
 
+impl TextureDistribution {
+    /// The paths of the files that it names.
+    pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
+        self.patterns.iter_mut().filter_map(|pattern| match pattern {
+            Pattern::Image(image) => Some(&mut image.path),
+            _ => None,
+        })
+    }
+}
+
 impl Default for TextureDistribution {
     fn default() -> Self {
         Self {

@@ -217,6 +217,9 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     };
     refuse(job.sequence.is_some(), "sequence", "a sequence");
     refuse(job.texture.amplitude_mm.support() != (0.0, 0.0), "texture.amplitude_mm", "texture");
+    for (i, texture) in job.object.iter().enumerate().filter_map(|(i, object)| Some((i, object.texture.as_ref()?))) {
+        refuse(texture.amplitude_mm.support() != (0.0, 0.0), &format!("object.{i}.texture.amplitude_mm"), "texture");
+    }
     refuse(job.markers.is_some(), "markers", "print");
     let placed = pose.from_tip_mm.is_some() || pose.around_deg.is_some();
     let moved =

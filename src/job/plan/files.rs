@@ -13,7 +13,7 @@ use crate::core::optics::calibrated::Table;
 use crate::files::sensor::RestShape;
 use crate::files::{hash, heights, input, png};
 use crate::job::config::Job;
-use crate::job::config::texture::Pattern;
+use crate::job::config::texture::{Pattern, TextureDistribution};
 
 /// Reads the file that the key at `key` names. Sets `path` to where it was found and `sha256` to its hash, which must be
 /// the one that the job gives. `None` after a mistake.
@@ -185,15 +185,16 @@ pub fn calibration(check: &mut Check<'_>, job: &mut Job) -> Option<Table> {
     read(check, "sensor.calibration", "calibration", path, &mut job.sensor.calibration_sha256, Table::parse)
 }
 
-/// The texture's patterns, made ready; none if no sample has any. Those that cannot be read are left out, and said.
-pub fn textures(check: &mut Check<'_>, job: &mut Job) -> Vec<Arc<Relief>> {
+/// The patterns of the texture at the key `at`, made ready; none if no sample has any. Those that cannot be read are left out,
+/// and said.
+pub fn textures(check: &mut Check<'_>, at: &str, texture: &mut TextureDistribution) -> Vec<Arc<Relief>> {
     // Patterns take a while to make: not for a job that is refused anyway.
-    let wanted = job.texture.amplitude_mm.support().1 > 0.0 && check.problems.is_empty();
+    let wanted = texture.amplitude_mm.support().1 > 0.0 && check.problems.is_empty();
     let mut ready = Vec::new();
-    for (i, pattern) in job.texture.patterns.iter_mut().enumerate() {
+    for (i, pattern) in texture.patterns.iter_mut().enumerate() {
         let relief = match pattern {
             Pattern::Image(image) => {
-                let key = format!("texture.patterns.{i}.image.path");
+                let key = format!("{at}.patterns.{i}.image.path");
                 read(check, &key, "height map", &mut image.path, &mut image.sha256, heights::decode)
                     .map(Relief::from_heights)
             }

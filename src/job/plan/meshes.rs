@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use crate::core::mesh::Cleaned;
+use super::object_notes::Facets;
 use crate::core::mesh::clusters::Clusters;
+use crate::core::mesh::{Cleaned, Mesh};
 use crate::files::mesh::{self, Loaded, MeshFileError};
 use crate::job::config::object::{Object, Parts};
 
@@ -41,6 +42,8 @@ pub struct Part {
     pub name: Option<String>,
     /// Its geometry.
     pub clusters: Arc<Clusters>,
+    /// Its facets.
+    pub facets: Facets,
     /// What cleaning removed.
     pub cleaned: Cleaned,
     /// Its longest extent, mm.
@@ -56,15 +59,22 @@ pub struct Part {
 impl Part {
     fn new(name: Option<String>, loaded: Loaded) -> Self {
         let Loaded { mesh, cleaned, sha256, given, mm_per_unit } = loaded;
+        let knows_its_unit = given.format.knows_its_unit();
+        Self { name, mm_per_unit, knows_its_unit, ..Self::of(&mesh, cleaned, sha256) }
+    }
+
+    /// A mesh in millimetres that is all of its file.
+    fn of(mesh: &Mesh, cleaned: Cleaned, sha256: String) -> Self {
         // The bounding box is centred on zero.
         let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
         Self {
-            name,
-            clusters: Arc::new(Clusters::new(&mesh)),
+            name: None,
+            clusters: Arc::new(Clusters::new(mesh)),
+            facets: Facets::of(mesh),
             cleaned,
             largest_mm: 2.0 * f64::from(half),
-            mm_per_unit,
-            knows_its_unit: given.format.knows_its_unit(),
+            mm_per_unit: 1.0,
+            knows_its_unit: true,
             sha256,
         }
     }
@@ -78,7 +88,8 @@ pub fn read(objects: &[Object], files: &[File]) -> Vec<Read> {
     let key = |file: &File| {
         let object = &objects[file.entry];
         let apart = object.part.is_some() || object.parts == Parts::Separate;
-        (file.path.clone(), object.unit, object.urdf, apart)
+        let plate = object.plate_size().map(|size| [size.mm_per_px, size.height_mm].map(f64::to_bits));
+        (file.path.clone(), object.unit, object.urdf, apart, plate)
     };
     let mut numbers = HashMap::new();
     let mut different = Vec::new();
@@ -94,8 +105,13 @@ pub fn read(objects: &[Object], files: &[File]) -> Vec<Read> {
     let read: Vec<Read> = different
         .par_iter()
         .map(|file| {
-            let (_, _, _, apart) = key(file);
-            let reading = objects[file.entry].reading();
+            let (.., apart, _) = key(file);
+            let object = &objects[file.entry];
+            if let Some(size) = object.plate_size().filter(|_| mesh::is_height_map(&file.path)) {
+                let plate = mesh::load_plate(&file.path, size);
+                return Arc::new(plate.map(|(mesh, cleaned, sha256)| vec![Part::of(&mesh, cleaned, sha256)]));
+            }
+            let reading = object.reading();
             let parts = match apart {
                 true => mesh::load_parts(&file.path, reading),
                 false => mesh::load(&file.path, reading).map(|loaded| vec![(String::new(), loaded)]),

@@ -29,11 +29,14 @@ use crate::job::layout::Layout;
 pub mod check;
 mod curved;
 pub mod draw;
+mod faces;
 mod files;
 pub mod frames;
+mod materials;
 mod meshes;
 mod naming;
 mod notes;
+mod object_notes;
 mod objects;
 mod paths;
 pub mod ranges;
@@ -147,13 +150,14 @@ impl Plan {
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
         ranges::models(&mut check, &job);
+        materials::check(&mut check, &job);
         curved::job(&mut check, &job, scope);
         // Where units do not differ, how much they would is no part of the job.
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = complete_sensor(&mut check, &mut job);
         let others = others_sensors(scope, &job, others, check.problems);
         let mut check = Check { document: &document, problems: &mut problems };
-        let textures = files::textures(&mut check, &mut job);
+        let textures = files::textures(&mut check, "texture", &mut job.texture);
         let mut notes = Vec::new();
         let found = match scope {
             Scope::Sensor => Some((Vec::new(), Draw::NOTHING)),
@@ -218,6 +222,11 @@ impl Plan {
     /// Name of the dataset; empty where there is none.
     pub fn name(&self) -> &str {
         self.job.dataset.name.as_deref().unwrap_or("")
+    }
+
+    /// Which sides of its objects are pressed, where the job leaves that open.
+    pub fn pressed_sides(&self) -> Option<String> {
+        objects::pressed_sides(&self.sampling.objects)
     }
 
     /// Seed of all randomness.

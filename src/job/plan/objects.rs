@@ -1,23 +1,27 @@
 //! The objects of a plan: files found, read, named, and divided between the splits.
 
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::check::Check;
 use super::draw::{Draw, Weighted};
-use super::meshes::{self, File, Part};
+use super::meshes::{File, Part, read};
 use super::naming;
 use super::paths::find;
+use super::{faces, files, object_notes};
 use crate::core::base::rng::stream;
+use crate::core::depth::relief::Relief;
 use crate::core::mesh::cleaning::LARGEST_MM;
 use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::Side;
 use crate::files::figures::figure;
 use crate::files::mesh;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
 use crate::job::config::object::{Object as Entry, OnBad, Parts, Unit, is_plausible};
+use crate::job::config::scene::Face;
 
 /// An object ready to be pressed.
 #[derive(Debug)]
@@ -36,6 +40,10 @@ pub struct Object {
     pub weight: f64,
     /// Its geometry.
     pub clusters: Arc<Clusters>,
+    /// The side with the most relief, where the job presses that.
+    pub richest: Option<Side>,
+    /// The patterns of its own texture; none where it has the job's.
+    pub textures: Option<Vec<Arc<Relief>>>,
 }
 
 /// The objects of a job, as far as they could be read.
@@ -54,7 +62,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
     } else if job.object.is_empty() && check.sound("object") {
         check.error("object", "the list of objects is empty", "add an [[object]] table with path = \"...\"");
     }
-    let mut files: Vec<File> = Vec::new();
+    let mut meshes: Vec<File> = Vec::new();
     let mut unread = 0;
     for (i, entry) in job.object.iter().enumerate() {
         let path = |key: &str| format!("object.{i}.{key}");
@@ -70,8 +78,9 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             }
             Some(written) => match find(check, &path("path"), written, FOLDER_OF_MESHES) {
                 Ok(found) => {
+                    height_maps(check, i, entry, &found);
                     let folder = check.document.folder(&path("path"));
-                    files.extend(found.into_iter().map(|path| File::new(i, path, entry, folder)));
+                    meshes.extend(found.into_iter().map(|path| File::new(i, path, entry, folder)));
                 }
                 Err(count) => unread += count,
             },
@@ -85,12 +94,22 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         );
     }
 
-    let classes = naming::classes(&job.object, &files, notes);
-    let read = meshes::read(&job.object, &files);
+    let mut texture = |(i, entry): (usize, &mut Entry)| {
+        let texture = entry.texture.as_mut()?;
+        Some(files::textures(check, &format!("object.{i}.texture"), texture))
+    };
+    let textures: Vec<_> = job.object.iter_mut().enumerate().map(&mut texture).collect();
+    let classes = naming::classes(&job.object, &meshes, notes);
+    // A height map of unknown size is missed above, and no mesh.
+    let known = |file: &File| !mesh::is_height_map(&file.path) || job.object[file.entry].plate_size().is_some();
+    let named = meshes.len();
+    let (classes, meshes): (Vec<_>, Vec<_>) = classes.into_iter().zip(meshes).filter(|(_, file)| known(file)).unzip();
+    unread += named - meshes.len();
+    let found = read(&job.object, &meshes);
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
     let mut left_out = None;
-    for ((file, of_file), class) in files.iter().zip(read).zip(classes) {
+    for ((file, of_file), class) in meshes.iter().zip(found).zip(classes) {
         let File { entry: i, path, label } = file;
         let entry = &job.object[*i];
         let parts = match &*of_file {
@@ -101,7 +120,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
                 continue;
             }
             Err(error) => {
-                let help = match files.len() {
+                let help = match meshes.len() {
                     1 => error.help().to_owned(),
                     _ => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
                 };
@@ -129,9 +148,12 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             if let Some(warning) = part.cleaned.warning() {
                 notes.push(format!("{shown}: {warning}"));
             }
-            if let Some(note) = odd_unit(&shown, part, &entry.scale, job.sensor.field_of_view_mm) {
+            let measured = mesh::is_height_map(path);
+            if let Some(note) = odd_unit(&shown, part, &entry.scale, job.sensor.field_of_view_mm).filter(|_| !measured)
+            {
                 notes.push(note);
             }
+            notes.extend(object_notes::of(&shown, job, &entry.scale, clusters, &part.facets));
             if let Some(expected) = &entry.sha256
                 && *expected != part.sha256
             {
@@ -161,7 +183,6 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             // A weight that is none is reported above; the object counts all the same.
             let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
             let id = self::name(&path.to_string_lossy(), name.as_deref());
-            let clusters = Arc::clone(clusters);
             objects.push(Object {
                 id,
                 class,
@@ -169,7 +190,10 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
                 part: name.clone(),
                 sha256: part.sha256.clone(),
                 weight,
-                clusters,
+                richest: (job.pose.face == Face::Auto)
+                    .then(|| faces::richest(clusters, job.sensor.gelpad_thickness_mm)),
+                clusters: Arc::clone(clusters),
+                textures: textures[*i].clone(),
             });
         }
     }
@@ -187,6 +211,47 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
     }
     job.object = entries;
     Found { objects, unread }
+}
+
+/// Which sides `face = "auto"` presses: of the first objects, and of how many.
+pub fn pressed_sides(objects: &[Object]) -> Option<String> {
+    const NAMED: usize = 8;
+    let sides = objects.iter().filter_map(|object| Some((object, Face::of(object.richest?).name())));
+    let sides: Vec<String> = sides.map(|(object, side)| format!("{side} of {}", object.id)).collect();
+    let more = match sides.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(", and of {more} more theirs"),
+    };
+    let named = sides[..sides.len().min(NAMED)].join(", ");
+    (!sides.is_empty()).then(|| format!("face = \"auto\" presses the sides with the most relief: {named}{more}"))
+}
+
+/// What an `[[object]]` has to say of the height maps among its files, and what it may not say without any.
+fn height_maps(check: &mut Check<'_>, i: usize, entry: &Entry, found: &[PathBuf]) {
+    let path = |key: &str| format!("object.{i}.{key}");
+    let numbers = [("mm_per_px", entry.mm_per_px, "0.02"), ("height_mm", entry.height_mm, "0.5")];
+    let Some(map) = found.iter().find(|path| mesh::is_height_map(path)) else {
+        for (key, ..) in numbers.iter().filter(|(_, value, _)| value.is_some()) {
+            let message = format!("{key} is for height maps (.png, .npy, .exr), and `path` names none");
+            check.error(&path(key), message, "leave it out; `unit` and `scale` say how large a mesh is");
+        }
+        return;
+    };
+    for (key, value, example) in numbers {
+        match value {
+            Some(value) => check.number(&path(key), value, 1e-4..=100.0, "mm"),
+            None => {
+                check.missing(&path(key), &format!("how large is {}? For example {key} = {example}", map.display()))
+            }
+        }
+    }
+    if entry.unit.is_some() {
+        check.error(
+            &path("unit"),
+            "a height map has no unit",
+            "leave it out: mm_per_px and height_mm say how large it is",
+        );
+    }
 }
 
 const FOLDER_OF_MESHES: &str =

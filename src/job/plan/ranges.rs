@@ -17,6 +17,7 @@ use crate::files::sensor::unit::Unit;
 use crate::job::config::Job;
 use crate::job::config::document::Document;
 use crate::job::config::fidelity::FidelityChoice;
+use crate::job::config::texture::TextureDistribution;
 use crate::job::layers::OutputLayer;
 
 /// LEDs that a sensor may have.
@@ -377,18 +378,23 @@ pub fn pad_surface(check: &mut Check<'_>, job: &Job) {
 
 /// `[texture]` and `[shear]`.
 pub fn object_effects(check: &mut Check<'_>, job: &Job) {
-    let texture = &job.texture;
-    if texture.patterns.is_empty() {
-        check.error("texture.patterns", "no pattern to choose from", "for example patterns = [\"noise\"]");
-    }
-    check.quantity("texture.amplitude_mm", &texture.amplitude_mm, 0.0..=10.0, "mm");
-    check.quantity("texture.scale_mm", &texture.scale_mm, 1e-3..=1e3, "mm");
-    check.quantity("texture.angle_deg", &texture.angle_deg, -3600.0..=3600.0, "degrees");
+    texture(check, "texture", &job.texture);
     let shear = &job.shear;
     check.quantity("shear.x_mm", &shear.x_mm, -10.0..=10.0, "mm");
     check.quantity("shear.y_mm", &shear.y_mm, -10.0..=10.0, "mm");
     check.quantity("shear.twist_deg", &shear.twist_deg, -45.0..=45.0, "degrees");
     friction(check, "shear.friction", shear.friction);
+}
+
+/// A table of texture at `at`.
+pub fn texture(check: &mut Check<'_>, at: &str, texture: &TextureDistribution) {
+    let path = |key: &str| format!("{at}.{key}");
+    if texture.patterns.is_empty() {
+        check.error(&path("patterns"), "no pattern to choose from", "for example patterns = [\"noise\"]");
+    }
+    check.quantity(&path("amplitude_mm"), &texture.amplitude_mm, 0.0..=10.0, "mm");
+    check.quantity(&path("scale_mm"), &texture.scale_mm, 1e-3..=1e3, "mm");
+    check.quantity(&path("angle_deg"), &texture.angle_deg, -3600.0..=3600.0, "degrees");
 }
 
 fn friction(check: &mut Check<'_>, at: &str, friction: Friction) {

@@ -8,7 +8,7 @@ use crate::core::depth::texture::Laid;
 use crate::core::effects::{Effect, PerEffect};
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Pose, Side};
+use crate::core::pose::Pose;
 use crate::core::simulator::Press;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::output::OnUnhealthy;
@@ -89,7 +89,6 @@ struct Drawn {
     /// At its start, the object just touching the pad.
     scene: Scene,
     object: Arc<Clusters>,
-    side: Side,
     phases: Vec<DrawnPhase>,
     friction: Friction,
     frame_rate_hz: f64,
@@ -122,16 +121,9 @@ impl Drawn {
             },
         };
         let scene = Scene::draw(plan, index, attempt);
+        let friction = scene.material.friction.unwrap_or(friction);
         let object = scene.clusters.clone().expect("an object is drawn");
-        Self {
-            phases: phases.collect(),
-            friction,
-            frame_rate_hz: sequence.frame_rate_hz,
-            object,
-            // As the scene draws it.
-            side: plan.job().pose.face.sample(&mut rng::stream(plan.seed(), "face", redrawn)),
-            scene,
-        }
+        Self { phases: phases.collect(), friction, frame_rate_hz: sequence.frame_rate_hz, object, scene }
     }
 }
 
@@ -155,7 +147,7 @@ pub fn render<E>(
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
     let about_mm = drawn.scene.motion.about_mm;
     let object = Arc::clone(&drawn.object);
-    let mover = Mover::new(&object, drawn.side, drawn.scene.pose, about_mm, 0.0, longest_mm / ROLLING_PX);
+    let mover = Mover::new(&object, drawn.scene.side, drawn.scene.pose, about_mm, 0.0, longest_mm / ROLLING_PX);
 
     let rate = drawn.frame_rate_hz;
     let phases = std::mem::take(&mut drawn.phases);

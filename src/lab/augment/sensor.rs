@@ -33,7 +33,7 @@ pub fn job(check: &mut Check<'_>, written: &Augment, size: Option<[usize; 2]>) -
         }
         sensor.resolution_px = [width as u32, height as u32];
     }
-    if written.pose.face == Face::Any && check.sound("pose") {
+    if matches!(written.pose.face, Face::Any | Face::Auto) && check.sound("pose") {
         check.error("pose.face", "a real sample has one side that faces the pad", "name it: one of +x -x +y -y +z -z");
     }
     Job {

@@ -29,6 +29,9 @@ const CELLS: f64 = 128.0;
 /// Most cells along all that a grid could hold: the displacement is wanted up to the window, wherever the contact is.
 const WIDEST: f64 = 256.0;
 
+/// Cells along a grid and what it displaces, at most.
+const MOST: usize = WIDEST as usize + 4 * BORDER + 8;
+
 /// Cells around the contact, and around the next grid, where values between cells are needed.
 const BORDER: usize = 2;
 
@@ -88,18 +91,20 @@ impl Pad {
     fn beyond_in(&self, workspace: &mut Workspace, around: &Surroundings<'_>) -> Beyond {
         let window = Area::around(around.view(), self.margin_px);
         let (mut force, mut area_mm2, mut solved) = (0.0, 0.0, true);
-        let mut field: Option<Field> = None;
+        // Of the pad, and of an object that gives way.
+        let (mut field, mut gives): (Option<Field>, Option<Field>) = (None, None);
         for Level { inner, outer, cells, size } in
             self.levels(window, around.below(BULGE * around.depth_mm())).iter().rev()
         {
             let mut overlap = around.overlap(cells);
-            if let Some(field) = &field {
+            for field in field.iter().chain(&gives) {
                 let given = field.at(cells.corner_mm, [cells.pitch_mm; 2], cells.count);
                 overlap.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
             }
             let deepest = overlap.largest(|g| g);
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
-            let solution = pad.solve(workspace, &overlap, &mut [], Rect::default(), None);
+            let both = self.object().map(|object| pad.softened(object, [MOST; 2]));
+            let solution = both.as_ref().unwrap_or(&pad).solve(workspace, &overlap, &mut [], Rect::default(), None);
             solved &= solution.converged;
             let whole = Rect::whole(overlap.width, overlap.height);
             let mut pressure = Grid::new(overlap.width, overlap.height);
@@ -118,18 +123,20 @@ impl Pad {
                     }
                 }
             }
-            let mut own = pad.displaced(workspace, cells, &pressure, *inner);
-            if let Some(field) = &field {
-                let given = field.at(own.cells.corner_mm, [own.cells.pitch_mm; 2], own.cells.count);
-                own.values.data.iter_mut().zip(&given.data).for_each(|(own, given)| *own += given);
+            field = Some(pad.displaced(&pad.response, workspace, (cells, &pressure), *inner).over(field));
+            if let Some(object) = self.object() {
+                let alone = pad.response.object_alone(object, [MOST; 2]);
+                gives = Some(pad.displaced(&alone, workspace, (cells, &pressure), *inner).over(gives));
             }
-            field = Some(own);
         }
         let count = around.view().resolution_px.map(|px| px + 2 * self.margin_px);
         // Newtons from mm^2 of unit modulus: kPa mm^2 are mN.
         let force_n = Some(force * self.youngs_modulus_kpa * 1e-3);
-        let displacement = field.filter(|_| area_mm2 > 0.0).map(|field| field.at(window.min, self.mm_per_px, count));
-        Beyond { displacement, force_n, area_mm2, solved }
+        let in_window = |field: Option<Field>| {
+            field.filter(|_| area_mm2 > 0.0).map(|field| field.at(window.min, self.mm_per_px, count))
+        };
+        let (displacement, object_gives) = (in_window(field), in_window(gives));
+        Beyond { displacement, object_gives, force_n, area_mm2, solved }
     }
 
     /// The grids that it takes, from the window outwards.
@@ -160,11 +167,10 @@ impl Pad {
     /// The same layer on a grid of cells.
     fn on_cells(&self, size: usize, pitch_mm: f64, deepest_mm: f64) -> Self {
         let Grids { responses, lengths } = &*self.grids;
-        let most = WIDEST as usize + 4 * BORDER + 8;
         let responses = shared(responses, || (0..SIZES).map(|_| OnceLock::new()).collect());
-        let lengths = shared(lengths, || Arc::new(Lengths::new(4 * most)));
+        let lengths = shared(lengths, || Arc::new(Lengths::new(4 * MOST)));
         let own = shared(&responses[size], || {
-            let kernel = response(self.layer, pitch_mm, 2 * most);
+            let kernel = response(self.layer, pitch_mm, 2 * MOST);
             Arc::new(Response::of(self.layer, [pitch_mm; 2], kernel, Arc::clone(lengths)))
         });
         let tolerance_um = self.elastic.tolerance_um.max(1e3 * TOLERANCE * deepest_mm);
@@ -180,7 +186,13 @@ impl Pad {
     }
 
     /// The displacement under a pressure on `cells`, in cells over an area.
-    fn displaced(&self, workspace: &mut Workspace, cells: &Cells, pressure: &Grid<f32>, over: Area) -> Field {
+    fn displaced(
+        &self,
+        response: &Response,
+        workspace: &mut Workspace,
+        (cells, pressure): (&Cells, &Grid<f32>),
+        over: Area,
+    ) -> Field {
         let pitch = cells.pitch_mm;
         // Columns (or rows) of these cells that the target begins and ends with.
         let reach = |k: usize| {
@@ -192,7 +204,7 @@ impl Pad {
         let count = reaches.map(|(low, high)| (high - low) as usize);
         let [x0, y0] = reaches.map(|(low, _)| -low as usize);
         let source = Rect { x0, y0, x1: x0 + cells.count[0], y1: y0 + cells.count[1] };
-        let operator = self.response.operator(source, Rect::whole(count[0], count[1]));
+        let operator = response.operator(source, Rect::whole(count[0], count[1]));
         operator.prepare(&mut workspace.operator);
         let mut values = Grid::default();
         operator.displace(pressure, &mut workspace.operator, &mut values);
@@ -202,6 +214,15 @@ impl Pad {
 }
 
 impl Field {
+    /// On top of that of wider grids.
+    fn over(mut self, wider: Option<Self>) -> Self {
+        if let Some(wider) = wider {
+            let given = wider.at(self.cells.corner_mm, [self.cells.pitch_mm; 2], self.cells.count);
+            self.values.data.iter_mut().zip(&given.data).for_each(|(own, given)| *own += given);
+        }
+        self
+    }
+
     /// At the middles of pixels, the first of which begins at `corner_mm`: by cubics between cells (Catmull and Rom).
     fn at(&self, corner_mm: [f64; 2], mm_per_px: [f64; 2], count: [usize; 2]) -> Grid<f32> {
         let along = |k: usize| -> Vec<([usize; 4], [f32; 4])> {

@@ -150,6 +150,17 @@ fn in_space(curve: &Curve, pitch: [f64; 2], size: [usize; 2]) -> Grid<f64> {
     grid
 }
 
+/// Displacement at lags from 0 up from a pixel under pressure 1, of a half-space whose response times frequency this is.
+pub(super) fn half_space(response: f64, pitch: [f64; 2], size: [usize; 2]) -> Grid<f32> {
+    let mut grid = Grid::new(size[0], size[1]);
+    for (j, row) in grid.data.chunks_exact_mut(size[0]).enumerate() {
+        for (i, value) in row.iter_mut().enumerate() {
+            *value = (response / TAU * pressed_rectangle(i as f64 * pitch[0], j as f64 * pitch[1], pitch)) as f32;
+        }
+    }
+    grid
+}
+
 /// Offsets in pixels and weights.
 const GAUSS_3: [(f64, f64); 3] =
     [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];

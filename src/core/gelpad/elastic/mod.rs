@@ -38,6 +38,7 @@ pub mod plane;
 mod resample;
 pub mod response;
 pub mod shear;
+pub mod soft;
 mod solution;
 mod solve;
 mod surface;
@@ -124,6 +125,8 @@ pub struct Pad {
     coarser: Option<Box<Pad>>,
     /// For what lies beyond the window.
     grids: Arc<Grids>,
+    /// See [`Self::object`].
+    object: Option<f64>,
 }
 
 /// Memory that one thread needs, kept from sample to sample.
@@ -177,6 +180,7 @@ impl Pad {
             response: Arc::new(Response::by(curve, coarse_mm_per_px, reach_mm, window, elastic.tolerance_um)),
             coarser: elastic.coarser().map(|coarser| Box::new(Self::by(curve, &coarser, material, view))),
             grids: Arc::default(),
+            object: None,
         }
     }
 

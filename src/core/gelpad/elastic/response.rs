@@ -11,7 +11,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use super::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
-use super::kernel::{Curve, kernel_by, lags};
+use super::kernel::{Curve, half_space, kernel_by, lags};
 use super::layer::ElasticLayer;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
@@ -49,6 +49,8 @@ pub struct Response {
     layer: ElasticLayer,
     mm_per_px: [f64; 2],
     softest: f64,
+    /// What an object on the layer adds to its response, times frequency; 0 if it is rigid.
+    object: f64,
     /// Near and far field in one.
     whole: Grid<f32>,
     lengths: Arc<Lengths>,
@@ -89,12 +91,28 @@ impl Response {
         let whole = wide.crop(Rect::whole(size[0], size[1]));
         // A coarser grid may have a pixel more than counted here, depending on how it is come by.
         let lengths = Arc::new(Lengths::new(2 * window[0].max(window[1]) + 16));
-        Self { layer, mm_per_px, softest: layer.softest(), whole, lengths, fields }
+        Self { layer, mm_per_px, softest: layer.softest(), object: 0.0, whole, lengths, fields }
     }
 
     /// The same from a response that is known, in one part.
     pub fn of(layer: ElasticLayer, mm_per_px: [f64; 2], whole: Grid<f32>, lengths: Arc<Lengths>) -> Self {
-        Self { layer, mm_per_px, softest: layer.softest(), whole, lengths, fields: None }
+        Self { layer, mm_per_px, softest: layer.softest(), object: 0.0, whole, lengths, fields: None }
+    }
+
+    /// That of an object which gives way like a half-space, at up to `most` lags, in one part; and `beside` that.
+    pub(super) fn and_object(&self, object: f64, most: [usize; 2], beside: Option<&Grid<f32>>) -> Self {
+        let Self { layer, mm_per_px, lengths, .. } = self;
+        let mut whole = half_space(object, *mm_per_px, most);
+        if let Some(beside) = beside {
+            for y in 0..whole.height.min(beside.height) {
+                whole.row_mut(y).iter_mut().zip(beside.row(y)).for_each(|(sum, layer)| *sum += layer);
+            }
+        }
+        // The longest wave that the grid holds.
+        let longest_mm = (0..2).map(|k| 2.0 * most[k] as f64 * mm_per_px[k]).fold(0.0, f64::max);
+        let softest = self.softest + object * longest_mm / TAU;
+        let lengths = Arc::clone(lengths);
+        Self { layer: *layer, mm_per_px: *mm_per_px, softest, object, whole, lengths, fields: None }
     }
 
     /// Displacement around one pressed pixel, mm, for Young's modulus 1: lags from 0 up along x and y, 0 beyond the last.
@@ -250,14 +268,14 @@ impl Operator<'_> {
     /// Gets ready for [`Self::undo`], after [`Self::prepare`]: below the frequency `cutoff`, rad/mm, the response is taken
     /// for what it is there.
     pub fn prepare_undo(&self, cutoff: f64, memory: &mut Memory) {
-        let Response { layer, mm_per_px, softest, .. } = self.response;
+        let Response { layer, mm_per_px, softest, object, .. } = self.response;
         let Memory { near, inverse, .. } = memory;
         inverse.clone_from(near);
         if let Some(FarOperator { fields, .. }) = &self.far {
             let end = fields.per_value * fields.spectrum.len() as f64;
             self.near.add(inverse, *mm_per_px, end, |q| fields.spectrum_at(q));
         }
-        self.near.invert(inverse, *mm_per_px, cutoff, layer.normal(cutoff), *softest);
+        self.near.invert(inverse, *mm_per_px, cutoff, layer.normal(cutoff) + object / cutoff, *softest);
     }
 
     /// The displacement under `pressure`.

@@ -189,7 +189,7 @@ impl CounterpartRenderer {
         let lowest_mm = if indentation_depth_mm > 0.0 { -indentation_depth_mm } else { NO_CONTACT_GAP_MM };
         let object = &plan.sampling.objects[metadata.object].clusters;
         let pose_config = &plan.job().pose;
-        let side = pose_config.face.side().expect("a file whose face is `any` is refused");
+        let side = pose_config.face.side().expect("a file whose face is no side is refused");
         let pose = match metadata.orientation {
             Orientation::Angles(angles) => {
                 Pose::new(side, angles, metadata.position_mm, pose_config.anchor, lowest_mm, object)

@@ -1,0 +1,140 @@
+//! Objects that are not rigid: pad and object share the overlap by their compliance.
+//!
+//! Under pressure p of frequency q an object gives way like a half-space, v = 2 (1 - nu^2) / (E q) p (Johnson 1985, section
+//! 3.2), and the contact's pressure is the one under which w + v >= g, w being the pad's displacement. That is solved for with
+//! both responses in one. To the pad it is the same as a rigid object of the shape g - v that the object takes: all that
+//! comes after the shape is a press of that one, and friction acts on it.
+
+use serde::{Deserialize, Serialize};
+
+use super::resample::Shape;
+use super::response::Response;
+use super::walls::Thinned;
+use super::{Elastic, Given, Pad, WORKSPACE, Workspace};
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::depth::{Depth, Window};
+use crate::core::gelpad::material::ObjectMaterial;
+use crate::core::gelpad::whole::Beyond;
+
+/// What an object is made of that is not rigid.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+pub struct Soft {
+    /// Young's modulus, kPa, above 0.
+    pub youngs_modulus_kpa: f64,
+    /// Poisson ratio, 0 to 0.5.
+    pub poisson_ratio: f64,
+}
+
+impl Soft {
+    /// What a displacement is times frequency, under pressure 1 in units of a pad's Young's modulus.
+    fn half_space(self, pad_youngs_modulus_kpa: f64) -> f64 {
+        2.0 * (1.0 - self.poisson_ratio * self.poisson_ratio) * pad_youngs_modulus_kpa / self.youngs_modulus_kpa
+    }
+}
+
+/// An object in the shape that it takes under its load.
+pub struct Yielded {
+    /// Its depth map.
+    pub depth: Depth,
+    /// The shape was solved for within the tolerance.
+    pub solved: bool,
+}
+
+impl Pad {
+    /// The same pad under an object of its own material. Friction is the object's where there is any.
+    pub fn under(&self, object: &ObjectMaterial) -> Self {
+        let friction = self.elastic.friction.map(|held| object.friction.unwrap_or(held));
+        let elastic = Elastic { friction, ..self.elastic };
+        Self { elastic, object: object.soft.map(|soft| soft.half_space(self.youngs_modulus_kpa)), ..self.clone() }
+    }
+
+    /// How an object gives way: what its displacement is times frequency, under pressure 1 at Young's modulus 1; none if it is
+    /// rigid.
+    pub(super) fn object(&self) -> Option<f64> {
+        self.object
+    }
+
+    /// The shape that the object takes, captured in `window`; `None` if it keeps its own.
+    pub fn yielded(&self, depth: &Depth, beyond: Option<&Beyond>, window: Window) -> Option<Yielded> {
+        let half_space = self.object?;
+        if depth.touching.is_empty() && beyond.is_none_or(|beyond| beyond.object_gives.is_none()) {
+            return None;
+        }
+        let mut depth = depth.clone();
+        if let Some(gives) = beyond.and_then(|beyond| beyond.object_gives.as_ref()) {
+            lower(&mut depth, gives, window);
+        }
+        let solved =
+            WORKSPACE.with_borrow_mut(|workspace| self.shape(workspace, &mut depth, half_space, beyond, window));
+        depth.measure();
+        Some(Yielded { depth, solved })
+    }
+
+    fn shape(
+        &self,
+        workspace: &mut Workspace,
+        depth: &mut Depth,
+        half_space: f64,
+        beyond: Option<&Beyond>,
+        window: Window,
+    ) -> bool {
+        let lattice = self.lattice(depth);
+        let [width, height] = lattice.size();
+        // A coarser grid may have a pixel more.
+        let both = self.softened(half_space, [width + 2, height + 2]);
+        let mut thinned = Thinned::default();
+        both.thin_out(depth, lattice, &mut thinned);
+        let Thinned { mut overlap, mut cut } = thinned;
+        if lattice.factor == 1 {
+            overlap.clone_from(&depth.overlap);
+        }
+        let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
+        Given { beyond, drag: None }.add_to(&mut overlap, self.placed(depth, lattice), lattice, [0; 2], -1.0);
+        let solution = both.solve(workspace, &overlap, &mut cut, Rect::default(), None);
+        if !solution.contact_box.is_empty() {
+            let alone = self.response.object_alone(half_space, [width, height]);
+            let whole = Rect::whole(width, height);
+            let operator = alone.operator(solution.contact_box, whole);
+            operator.prepare(&mut workspace.operator);
+            let mut gives = Grid::default();
+            operator.displace(&solution.pressure, &mut workspace.operator, &mut gives);
+            if lattice.factor > 1 {
+                let fine = Rect::whole(depth.overlap.width, depth.overlap.height);
+                gives = lattice.enlarge(&gives, whole, fine, Shape::Cubic);
+            }
+            lower(depth, &gives, window);
+        }
+        workspace.displacement = solution.displacement;
+        solution.converged
+    }
+
+    /// The pad with an object that gives way on top, as one body; on grids of up to so many pixels.
+    pub(super) fn softened(&self, half_space: f64, most: [usize; 2]) -> Self {
+        let coarser = self.coarser.as_ref().map(|coarser| Box::new(coarser.softened(half_space, most)));
+        // What is left wrong is the pad's share of it.
+        let share = self.layer.half_space() / (self.layer.half_space() + half_space);
+        let elastic = Elastic { tolerance_um: self.elastic.tolerance_um * share, ..self.elastic };
+        Self { elastic, response: self.response.softened(half_space, most).into(), coarser, ..self.clone() }
+    }
+}
+
+/// Takes off what an object gives. What was not captured stays so.
+fn lower(depth: &mut Depth, gives: &Grid<f32>, window: Window) {
+    let ceiling = 0.0 - window.above_mm as f32;
+    for (overlap, gives) in depth.overlap.data.iter_mut().zip(&gives.data) {
+        *overlap = (*overlap - gives).max(ceiling);
+    }
+}
+
+impl Response {
+    /// That of an object alone, which gives way like a half-space.
+    pub(super) fn object_alone(&self, half_space: f64, most: [usize; 2]) -> Self {
+        self.and_object(half_space, most, None)
+    }
+
+    /// This and that of an object, in one.
+    pub(super) fn softened(&self, half_space: f64, most: [usize; 2]) -> Self {
+        self.and_object(half_space, most, Some(self.kernel()))
+    }
+}

@@ -1,0 +1,179 @@
+//! What is allowed of an object and yet probably not meant, said once for each mesh.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+
+use super::faces;
+use crate::core::mesh::Mesh;
+use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::Anchor;
+use crate::files::figures::figure;
+use crate::files::sensor::quantity::Quantity;
+use crate::job::config::Job;
+use crate::job::config::scene::Face;
+
+/// Angles between neighbouring facets, degrees, that stand for a round surface: below it no image shows them, above it they
+/// are edges.
+const ROUND_DEG: [f64; 2] = [1.0, 30.0];
+
+/// Share of a mesh's area in facets that stand for round surfaces, from which on it is said.
+const MOSTLY: f64 = 0.5;
+
+/// Size of a facet that is seen, px.
+const SEEN_PX: f64 = 2.0;
+
+/// The facets of a mesh that stand for round surfaces.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Facets {
+    /// Share of the mesh's area that they make up.
+    pub share: f64,
+    /// Their width from one such edge to the next, the mean by area, mm.
+    pub width_mm: f64,
+    /// Angle between neighbours, the mean by area, degrees.
+    pub angle_deg: f64,
+}
+
+impl Facets {
+    /// Those of a mesh.
+    pub fn of(mesh: &Mesh) -> Self {
+        // Some formats repeat a vertex for each of its triangles: places count, not numbers.
+        let place = |vertex: u32| mesh.vertices[vertex as usize].map(f32::to_bits);
+        let corners = |triangle: &[u32; 3]| {
+            triangle.map(|vertex| DVec3::from_array(mesh.vertices[vertex as usize].map(f64::from)))
+        };
+        let across: Vec<DVec3> = mesh
+            .triangles
+            .iter()
+            .map(|triangle| {
+                let [a, b, c] = corners(triangle);
+                0.5 * (b - a).cross(c - a)
+            })
+            .collect();
+        let mut open: HashMap<[[u32; 3]; 2], usize> = HashMap::new();
+        // Of each triangle the steepest angle to a neighbour that still is a round surface's, and its width across that edge.
+        let mut steepest = vec![[0.0_f64; 2]; across.len()];
+        for (number, triangle) in mesh.triangles.iter().enumerate() {
+            for k in 0..3 {
+                let mut edge = [place(triangle[k]), place(triangle[(k + 1) % 3])];
+                edge.sort_unstable();
+                if let Some(other) = open.insert(edge, number) {
+                    let angle_deg = across[number].angle_between(across[other]).to_degrees();
+                    if angle_deg > ROUND_DEG[0] && angle_deg <= ROUND_DEG[1] {
+                        let [a, b, _] = corners(&[triangle[k], triangle[(k + 1) % 3], 0]);
+                        for own in [number, other] {
+                            if steepest[own][0] < angle_deg {
+                                steepest[own] = [angle_deg, 2.0 * across[own].length() / a.distance(b)];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        let (mut all, mut round, mut width, mut angle) = (0.0, 0.0, 0.0, 0.0);
+        for (across, [angle_deg, width_mm]) in across.iter().zip(steepest) {
+            let area = across.length();
+            all += area;
+            if angle_deg > 0.0 {
+                round += area;
+                width += area * width_mm;
+                angle += area * angle_deg;
+            }
+        }
+        let mean = |sum: f64| if round > 0.0 { sum / round } else { 0.0 };
+        Self { share: if all > 0.0 { round / all } else { 0.0 }, width_mm: mean(width), angle_deg: mean(angle) }
+    }
+}
+
+/// All that is to be said of a mesh that messages call `shown`.
+pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &Facets) -> Vec<String> {
+    if job.sensor.resolution_px.contains(&0) {
+        return Vec::new();
+    }
+    let found = [faceted(shown, job, scale, facets), flat(shown, job, object), out_of_view(shown, job, scale, object)];
+    found.into_iter().flatten().collect()
+}
+
+/// Where the facets of round surfaces are so large that the image shows them.
+fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<String> {
+    let sensor = &job.sensor;
+    let pitch = (0..2).map(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k])).fold(0.0, f64::max);
+    let width_mm = facets.width_mm * scale.support().0;
+    (facets.share > MOSTLY && width_mm > SEEN_PX * pitch).then(|| {
+        format!(
+            "{shown}: its round surfaces are facets some {} mm ({:.0} px) wide that meet at some {:.1} degrees, which images \
+             show: export it with smaller ones",
+            figure(width_mm),
+            width_mm / pitch,
+            facets.angle_deg
+        )
+    })
+}
+
+/// Where the side that is pressed, always level, is flat and another is not.
+fn flat(shown: &str, job: &Job, object: &Clusters) -> Option<String> {
+    let pose = &job.pose;
+    let level = pose.tilt_deg.support() == (0.0, 0.0) && pose.roll_deg.is_none() && pose.pitch_deg.is_none();
+    let side = pose.face.side().filter(|_| level && job.sequence.is_none() && job.sensor.shape.is_none())?;
+    let reach_mm = job.sensor.gelpad_thickness_mm;
+    let other = faces::relief_beside(side, object, reach_mm)?;
+    Some(format!(
+        "{shown}: its side {}, which [pose] face presses, is flat, and others are not: face = \"{}\", or face = \"auto\", which \
+         presses of each object the side with the most relief",
+        Face::of(side).name(),
+        Face::of(other).name()
+    ))
+}
+
+/// Where no draw of the pose brings any of the object into view.
+fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> Option<String> {
+    if job.sensor.shape.is_some() || job.sequence.is_some() {
+        return None;
+    }
+    let corner = [DVec3::X, DVec3::Y, DVec3::Z]
+        .map(|axis| object.extreme(axis.to_array()).max(object.extreme((-axis).to_array())));
+    // From the point that is placed to the farthest one, whatever the turn.
+    let across = DVec3::from_array(corner).length();
+    let reach_mm = scale.support().1
+        * match job.pose.anchor {
+            Anchor::Origin => across + DVec3::from_array(object.centre_mm()).length(),
+            Anchor::Bounds | Anchor::Contact => 2.0 * across,
+        };
+    let places = [&job.pose.x_mm, &job.pose.y_mm].map(|quantity| quantity.support());
+    let half_mm = job.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
+    let beyond = |k: &usize| places[*k].0 - reach_mm > half_mm[*k] || places[*k].1 + reach_mm < -half_mm[*k];
+    (0..2).find(beyond).map(|k| {
+        let (axis, (least, most)) = (["x", "y"][k], places[k]);
+        format!(
+            "{shown} is never in view: [pose] places it at {axis}_mm = {least} to {most}, it reaches {} mm from there at most, and \
+             the view ends at {} mm",
+            figure(reach_mm),
+            half_mm[k]
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cylinder around z of so many corners.
+    fn cylinder(corners: u32, radius_mm: f64) -> Mesh {
+        let angle = |k: u32| std::f64::consts::TAU * f64::from(k) / f64::from(corners);
+        let ring = |z: f64| (0..corners).map(move |k| [radius_mm * angle(k).cos(), radius_mm * angle(k).sin(), z]);
+        let vertices = ring(0.0).chain(ring(20.0)).collect();
+        let quad = |k: u32| [k, (k + 1) % corners, (k + 1) % corners + corners, k + corners];
+        let triangles = (0..corners).map(quad).flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        Mesh::new(vertices, triangles).expect("a mesh").0
+    }
+
+    #[test]
+    fn facets_of_a_cylinder_meet_at_a_turn_over_its_corners() {
+        let facets = Facets::of(&cylinder(36, 5.0));
+        assert!((facets.angle_deg - 10.0).abs() < 0.01 && facets.share > 0.999, "{facets:?}");
+        assert!((facets.width_mm - 0.8716).abs() < 1e-3, "{facets:?}");
+        // Of six corners they are edges, of a thousand nobody sees them.
+        assert_eq!(Facets::of(&cylinder(6, 5.0)).share, 0.0);
+        assert_eq!(Facets::of(&cylinder(1000, 5.0)).share, 0.0);
+    }
+}
