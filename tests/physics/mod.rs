@@ -13,6 +13,8 @@ mod capture;
 mod contact;
 mod convolution;
 mod curved;
+mod curved_sequences;
+mod curved_texture;
 mod finite_elements;
 mod frames;
 mod friction;
