@@ -98,7 +98,7 @@ fn sequences_on_a_gel_are_whole_and_the_same_on_any_number_of_threads() {
                 let touches = frame["slip"]["state"] != "none" || frame["slip"]["stick_fraction"] != 0.0;
                 assert_eq!(size > 0.0, touches, "{frame}");
                 assert_eq!(frame["numerics"]["converged"], true);
-                slipping |= frame["slip"]["state"] == "gross";
+                slipping |= frame["slip"]["state"] != "none";
                 // Of pressure and pull together no more than the law lets.
                 let normal = size / (1.0 + mu * mu).sqrt();
                 pulled |= size > 0.0 && frame["contact"]["force_n"].as_f64().expect("known") > normal;
@@ -159,8 +159,9 @@ fn a_way_that_leads_off_the_gel_is_noted_before_work_starts() {
 #[test]
 fn flow_and_gap_of_a_press_lie_where_it_is() {
     let layers = "[output]\nlayers = [\"gap\", \"flow\", \"contact\"]\n";
-    let shear = "[indentation]\ndepth_mm = 0.6\n[shear]\nx_mm = 0.3\n";
-    let job = edited(FINGER, &[("from_tip_mm = [0.0, 30.0]\naround_deg = [0.0, 360.0]\n", "")]);
+    let shear = "[indentation]\ndepth_mm = 1.5\n[shear]\nx_mm = 0.3\n";
+    let tip = ("from_tip_mm = [0.0, 30.0]\naround_deg = [0.0, 360.0]\n", "");
+    let job = edited(FINGER, &[tip, ("\"geltip\"", "\"tactip\""), ("[80, 60]", "[48, 36]")]);
     let folder = folder(&format!("{job}{shear}{layers}"));
     folder.succeed("generate job.toml --quiet --out out");
     for (key, files) in folder.samples("out") {
@@ -169,12 +170,13 @@ fn flow_and_gap_of_a_press_lie_where_it_is() {
         let mask = image::load_from_memory(&files["contact.png"]).expect("a PNG").into_luma8().into_raw();
         let (mut touched, mut right) = (0, 0.0);
         for (at, _) in mask.iter().enumerate().filter(|(_, touches)| **touches > 0) {
-            assert!(gap[at] < 0.02, "{key}: {}", gap[at]);
+            // Between nodes at its edge.
+            assert!(gap[at] < 0.1, "{key}: {}", gap[at]);
             touched += 1;
             right += planes["X"][at];
         }
-        assert!(touched > 10 && gap.iter().any(|mm| *mm > 0.02) && gap.contains(&-1.0), "{key}: {touched}");
+        assert!(touched > 10 && gap.iter().any(|mm| *mm > 0.1) && gap.contains(&-1.0), "{key}: {touched}");
         // It sticks: taken along by what the object is pushed by, to the right.
-        assert!((right / touched as f32 - 0.3).abs() < 0.05, "{key}: {}", right / touched as f32);
+        assert!((right / touched as f32 - 0.3).abs() < 0.06, "{key}: {}", right / touched as f32);
     }
 }

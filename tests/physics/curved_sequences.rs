@@ -27,7 +27,7 @@ const STILL: Frame = Frame { depth_mm: 0.0, shift_mm: [0.0; 2], turn_deg: 0.0 };
 
 /// Presses a ball in and moves it over a plane, frame by frame; what each frame gives.
 fn slide(simulator: &Simulator, ball_mm: f64, plane: PadPlane, coefficient: f64, frames: &[Frame]) -> Vec<Impression> {
-    let ball: Arc<Clusters> = Arc::new(Shape::ball(ball_mm, 96, 48).clusters());
+    let ball: Arc<Clusters> = Arc::new(Shape::ball(ball_mm, 192, 96).clusters());
     let mut sliding = simulator.sliding(Friction::Coulomb { coefficient }).expect("an elastic pad");
     let (mut at, mut turn_deg) = ([0.0; 2], 0.0_f64);
     let step = |frame: &Frame| {
@@ -82,7 +82,8 @@ fn a_slide_over_a_dome_of_a_kilometre_is_that_over_a_flat_pad() {
     for (k, (flat, dome)) in flat.iter().zip(&dome).enumerate() {
         let ([force, torque], [other, moment]) = (wrench(flat), wrench(dome));
         let [stick, sticks] = [flat, dome].map(|found| found.sliding.as_ref().expect("known").slip.stick_fraction);
-        let off = flat.image.rgb.iter().zip(&dome.image.rgb).map(|(a, b)| a.abs_diff(*b)).max();
+        let off = flat.image.rgb.iter().zip(&dome.image.rgb).map(|(a, b)| a.abs_diff(*b));
+        let off = off.max();
         let flow = flat.flow_mm().into_iter().flatten().zip(dome.flow_mm().into_iter().flatten());
         let flow = flow.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         println!(

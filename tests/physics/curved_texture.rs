@@ -13,6 +13,7 @@ use gelsim::core::depth::texture::Posed;
 use gelsim::core::depth::{Depth, Window};
 use gelsim::job::sample::render;
 use gelsim::{Anchor, Angles, PadPlane, Pose, Relief, Side, Texture, TextureSample};
+use glam::DVec3;
 
 use super::support::Shape;
 use crate::plan::plan;
@@ -44,7 +45,9 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
         let (axes, origin_mm) = shape.frame_at(from_tip_mm, 70.0);
         let plane = PadPlane { axes, origin_mm };
         let angles = Angles { yaw_deg: 33.0, tilt_deg: 8.0, tilt_azimuth_deg: 20.0 };
-        let posed = Pose::new(Side::MinusZ, angles, [0.4, -0.7], Anchor::Bounds, -0.9, &slab);
+        let posed = Pose::new(Side::MinusZ, angles, [0.4, -0.7], Anchor::Origin, 0.0, &slab);
+        // The middle of its face.
+        let posed = Pose { translation_mm: DVec3::new(0.4, -0.7, -0.9), ..posed };
         let pose = posed.within(axes, origin_mm);
         let chart = Chart::around(&shape, shape.closest(origin_mm));
         let plain = Normals::new(&shape, &view, 3).capture(&slab, &pose, &chart, window, 100.0);
@@ -106,8 +109,8 @@ fn what_no_relief_cuts_stays_as_it_is() {
 fn texture_on_a_dome_of_a_kilometre_is_that_of_a_flat_pad() {
     let job = |sensor: &str| {
         plan(&format!(
-            "fidelity = \"draft\"\ndataset = {{ name = \"a\", samples = 1 }}\nobject = [{{ path = \"objects/slab.obj\" }}]\n\
-             indentation.depth_mm = 0.4\npose = {{ yaw_deg = 20.0, x_mm = 1.0, tilt_deg = 3.0 }}\n\
+            "fidelity = \"draft\"\ndataset = {{ name = \"a\", samples = 1 }}\nobject = [{{ path = \"objects/cube.obj\" }}]\n\
+             indentation.depth_mm = 0.4\npose = {{ yaw_deg = 20.0, x_mm = 1.0, tilt_deg = 2.0 }}\n\
              texture = {{ amplitude_mm = 0.1, scale_mm = 1.0, angle_deg = 10.0 }}\n\
              [sensor]\nresolution_px = [80, 60]\nfield_of_view_mm = [16.0, 12.0]\n{sensor}"
         ))

@@ -198,7 +198,7 @@ fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, overlap: &mut G
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::Rect;
+    use crate::core::base::grid::{Rect, bounding_box};
     use crate::core::base::rng::stream;
     use crate::core::base::simd::scalar_only;
     use crate::core::depth::patterns::Procedural;
