@@ -168,14 +168,15 @@ fn flow_and_gap_of_a_press_lie_where_it_is() {
         let planes: BTreeMap<String, Vec<f32>> = crate::support::exr_planes(&files["flow.exr"]).into_iter().collect();
         let gap = crate::support::exr_planes(&files["gap.exr"]).remove(0).1;
         let mask = image::load_from_memory(&files["contact.png"]).expect("a PNG").into_luma8().into_raw();
-        let (mut touched, mut right) = (0, 0.0);
+        let (mut touched, mut close, mut right) = (0, 0, 0.0);
         for (at, _) in mask.iter().enumerate().filter(|(_, touches)| **touches > 0) {
-            // Between nodes at its edge.
-            assert!(gap[at] < 0.1, "{key}: {}", gap[at]);
+            close += i32::from(gap[at] < 0.02);
             touched += 1;
             right += planes["X"][at];
         }
         assert!(touched > 10 && gap.iter().any(|mm| *mm > 0.1) && gap.contains(&-1.0), "{key}: {touched}");
+        // All but its edge, where pixels show what is between nodes of the chart.
+        assert!(2 * close > touched, "{key}: {close} of {touched}");
         // It sticks: taken along by what the object is pushed by, to the right.
         assert!((right / touched as f32 - 0.3).abs() < 0.06, "{key}: {}", right / touched as f32);
     }
