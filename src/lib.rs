@@ -77,7 +77,7 @@ pub use crate::core::gelpad::tangential::Shear;
 pub use crate::core::gelpad::{Contact, Numerics};
 pub use crate::core::impression::{Impression, Slid};
 pub use crate::core::mesh::{Cleaned, Mesh, MeshError};
-pub use crate::core::pose::{Anchor, Angles, Pose, Side};
+pub use crate::core::pose::{Anchor, Angles, PadPlane, Pose, Side};
 pub use crate::core::sensor::{Background, Markers, Sensor, SensorError};
 pub use crate::core::simulator::{Press, Simulator};
 pub use crate::files::sensor::UnknownPreset;

@@ -8,32 +8,36 @@ use glam::{DVec2, DVec3};
 use crate::core::base::chart::Chart;
 use crate::core::base::clock::{Clock, Seconds};
 use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::light::Light;
 use crate::core::base::rng;
 use crate::core::base::view::View;
 use crate::core::camera::gel_map::{GelMap, Slopes};
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
 use crate::core::camera::projection::Projection;
-use crate::core::depth::Depth;
 use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::normals::Normals;
+use crate::core::depth::normals::{Normals, Places};
+use crate::core::depth::texture::{Posed, Texture};
+use crate::core::depth::{Depth, texture_required};
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::{ContactEdge, error_on_core_mm, force_on_core};
 use crate::core::gelpad::elastic::shear::{Friction, Motion};
 use crate::core::gelpad::material::Material;
-use crate::core::gelpad::sliding::Wrench;
+use crate::core::gelpad::sliding::{Sliding, Wrench};
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::whole::Whole;
 use crate::core::gelpad::{self, Contact, Pad};
+use crate::core::impression::Slid;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::mesh::nearest::nearest_point;
 use crate::core::optics::Illumination;
 use crate::core::optics::background::{BackgroundImage, RenderedBackground};
 use crate::core::optics::phong::Phong;
 use crate::core::optics::skin::{self, PressedSkin, Skin, SkinPoint};
-use crate::core::pose::Pose;
+use crate::core::pose::{PadPlane, Pose};
+
+pub mod sequence;
 
 /// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
 const NEAR: f64 = 0.2;
@@ -76,6 +80,8 @@ pub struct CurvedPress {
     pub pins: Option<PinPositions>,
     /// What the object does to the gel, in the sensor's frame about the gel's tip.
     pub wrench: Option<Wrench>,
+    /// What friction did, in a frame of a sequence.
+    pub slid: Option<Slid>,
     /// The light that the camera receives.
     pub light: Light,
     /// Height over the gel up to which the object was captured, mm.
@@ -86,6 +92,10 @@ pub struct CurvedPress {
 pub struct PressedGel<'a> {
     /// What is pressed.
     pub indenter: &'a Indenter,
+    /// The plane that it is posed over.
+    pub plane: &'a PadPlane,
+    /// Its micro-texture.
+    pub texture: Option<&'a Texture>,
     /// How it then moves.
     pub shear: Option<&'a Shear>,
     /// Key of what differs between units of the sensor.
@@ -180,33 +190,49 @@ impl Curved {
         }
     }
 
-    /// Presses an object into the gel.
+    /// Presses an object into the gel; in a sequence `sliding` has come to where the object is.
     ///
     /// # Panics
     ///
     /// If what is pressed is a height map.
-    pub fn press(&self, press: &PressedGel<'_>, seconds: &mut Seconds, effects: &mut EffectLog) -> CurvedPress {
-        let PressedGel { indenter, shear, unit_key, pad, in_plane, held, material } = *press;
+    pub fn press(
+        &self,
+        press: &PressedGel<'_>,
+        mut sliding: Option<&mut Sliding>,
+        seconds: &mut Seconds,
+        effects: &mut EffectLog,
+    ) -> CurvedPress {
+        let PressedGel { indenter, plane, texture, shear, unit_key, pad, in_plane, held, material } = *press;
         let Shape::Mesh(object) = &indenter.shape else { panic!("only meshes are pressed into a curved gel") };
         let mut clock = Clock::start();
+        let unseen_mm = if let Pad::Elastic(pad) = pad { pad.unseen_mm() } else { 0.0 };
+        let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
         let pose = &indenter.pose;
         let (towards, distance_mm) = self.closest_to_axis(object, pose);
         let radius_mm = self.shape.radius_mm();
         let chart = self.chart(towards);
         let touches = distance_mm < radius_mm || effects.everywhere();
 
-        effects.enable(Effect::Texture, Requirement::Absent("the job has none"));
         effects.enable(Effect::RestShape, Requirement::Absent("the gel's own shape is no deviation from a flat one"));
         let deepest_mm = (radius_mm - distance_mm).max(0.0);
         let mut window = pad.window(deepest_mm);
         let (depth, mut contact) = loop {
-            let depth = match touches {
+            let mut depth = match touches {
                 true => self.nodes.capture(object, pose, &chart, window, material.thickness_mm),
                 false => Depth::clear(&self.view),
             };
+            effects.run(Effect::Texture, texture_required(texture, &depth), || {
+                if let Some(texture) = texture {
+                    let place =
+                        |node: [usize; 2]| self.view.point_mm(node.map(|at| at as f64 + 0.5 - window.margin_px as f64));
+                    let places = Places { chart: &chart, place: &place, pitch_mm: self.view.mm_per_px };
+                    texture.cut_along_normals(&Posed { pose, plane }, &places, window.above_mm, &mut depth);
+                }
+            });
             seconds.depth += clock.lap();
             let (depth, shaped) = gelpad::shaped(pad, depth, None, window, effects);
-            let mut contact = gelpad::deform(pad, &depth, None, None, in_plane.is_some(), effects);
+            let drag = drag.as_ref().map(Option::as_ref);
+            let mut contact = gelpad::deform(pad, &depth, None, drag, in_plane.is_some(), effects);
             contact.numerics.converged &= shaped;
             seconds.gelpad += clock.lap();
             match pad.higher(window, &contact) {
@@ -220,9 +246,21 @@ impl Curved {
         };
         self.on_core(&mut contact, &depth, &chart, material);
         let shear = shear.map(|shear| Shear { motion: self.on_chart(shear.motion, &chart), ..*shear });
-        contact.tangential = tangential(in_plane, material, contact.load.as_ref(), held, shear.as_ref(), None, effects);
+        let sliding = sliding.as_deref();
+        contact.tangential =
+            tangential(in_plane, material, contact.load.as_ref(), held, shear.as_ref(), sliding, effects);
         let about_mm = shear.map_or([0.0; 2], |shear| shear.motion.about_mm);
-        let wrench = self.wrench(&contact, &chart, about_mm, material.youngs_modulus_kpa);
+        let mut wrench = self.wrench(&contact, &chart, about_mm, material.youngs_modulus_kpa);
+        let slid = sliding.map(|sliding| {
+            // What friction has found is a flat layer's, too.
+            let [pressure, tractions] = sliding.wrenches_over(&chart).map(|wrench| wrench.times(contact.stiffened));
+            wrench = wrench.map(|wrench| wrench.and(tractions));
+            Slid {
+                slip: sliding.slip(),
+                wrench: pressure.and(tractions),
+                states: sliding.states(&contact.mask, &self.view),
+            }
+        });
         if let Some(wrench) = &wrench {
             let force_n = DVec3::from_array(wrench.force_n).length();
             contact.force_n = Some(force_n);
@@ -234,8 +272,13 @@ impl Curved {
             effects.enable(effect, Requirement::Absent("not simulated on a gel that has a shape"));
         }
         let [width, height] = self.view.resolution_px;
-        let touching = depth.touching.seen_from(depth.margin_px, depth.margin_px, width, height);
-        let part = contact.region.united(touching);
+        // What is in reach is shown by gaps; the gel moves in its own plane far beyond.
+        let reached = bounding_box(&depth.overlap, |mm| mm > -window.above_mm as f32);
+        let reached = reached.seen_from(depth.margin_px, depth.margin_px, width, height);
+        let part = match contact.tangential {
+            Some(_) => Rect::whole(width, height),
+            None => contact.region.united(reached),
+        };
         let map = GelMap::new(&self.shape, &self.camera, Arc::clone(&self.sites), &chart, &self.view, part);
         let (pins, light) = match &self.seen {
             Seen::Pins(picture) => {
@@ -254,7 +297,7 @@ impl Curved {
             Seen::Skin(skin, picture) => (None, shaded(skin, picture, &map, &contact, &self.view, effects)),
         };
         seconds.optics += clock.lap();
-        CurvedPress { depth, contact, map, pins, wrench, light, above_mm: window.above_mm }
+        CurvedPress { depth, contact, map, pins, wrench, slid, light, above_mm: window.above_mm }
     }
 
     /// Where the pins are.

@@ -130,11 +130,15 @@ impl Impression {
     }
 
     /// How far the pad's surface has moved in its own plane since it was untouched, along x and y, mm; 0 where nothing is
-    /// known of it.
+    /// known of it. On a gel that is not flat x and y are the sensor's, taken to each point by the smallest turn that takes z to the
+    /// gel's normal.
     pub fn flow_mm(&self) -> Vec<[f32; 2]> {
         let [width, height] = self.view.resolution_px;
         let Some(tangential) = &self.contact.tangential else { return vec![[0.0; 2]; width * height] };
         let planes = tangential.field.in_view(&self.view);
+        if let Some(map) = &self.gel_map {
+            return map.along_gel(&planes);
+        }
         let [x, y] = planes.map(|plane| self.through_lens(plane));
         x.into_iter().zip(y).map(|(x, y)| [x, y]).collect()
     }

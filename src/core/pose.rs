@@ -77,6 +77,34 @@ pub struct Angles {
     pub tilt_azimuth_deg: f64,
 }
 
+/// The plane that an object is posed over: the flat pad, or one that touches a gel that is not flat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PadPlane {
+    /// From its axes to the sensor's: z is out of the gel.
+    pub axes: DMat3,
+    /// Where it touches the gel, in the sensor's frame, mm.
+    pub origin_mm: DVec3,
+}
+
+impl Default for PadPlane {
+    fn default() -> Self {
+        Self { axes: DMat3::IDENTITY, origin_mm: DVec3::ZERO }
+    }
+}
+
+impl PadPlane {
+    /// A point of the sensor's frame in it.
+    pub fn seen_from(&self, point_mm: DVec3) -> DVec3 {
+        self.axes.transpose() * (point_mm - self.origin_mm)
+    }
+
+    /// In the sensor's frame, what is posed over it.
+    pub fn placed(&self, over: Pose) -> Pose {
+        // The flat pad's leaves every bit as it is.
+        if *self == Self::default() { over } else { over.within(self.axes, self.origin_mm) }
+    }
+}
+
 /// An object's place in the sensor's frame: p = rotation * q + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {

@@ -11,6 +11,7 @@ use crate::core::base::view::View;
 use crate::core::camera::markers::MarkerPattern;
 use crate::core::camera::pins::Pins;
 use crate::core::camera::{Camera, CameraParams, Image};
+use crate::core::curved::sequence::MovingObject;
 use crate::core::curved::{Curved, CurvedPress, PressedGel, SkinLight, SkinPicture};
 use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
@@ -31,7 +32,7 @@ use crate::core::impression::{Impression, Slid};
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::lamps;
 use crate::core::optics::{self, Illumination, Shader};
-use crate::core::pose::Pose;
+use crate::core::pose::{PadPlane, Pose};
 use crate::core::sensor::{Background, Markers, Sensor, SensorError};
 
 /// Everything about a sensor that is the same in every press, computed once.
@@ -83,6 +84,8 @@ pub struct Press {
     pub camera: CameraParams,
     /// Key of what differs between units of a sensor with pins.
     pub unit_key: u64,
+    /// The plane that the indenter is posed over: the flat pad, or one that touches a gel that is not flat.
+    pub plane: PadPlane,
 }
 
 impl Simulator {
@@ -376,12 +379,16 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image.
+    /// If the indenter is a height map of another size than the sensor's image, or is pressed into a gel that has a shape.
     pub fn press_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
         let mut clock = Clock::start();
-        sliding.advance(steps, &press.indenter, self.ground(press));
+        match &self.curved {
+            Some(curved) => curved.advance(sliding, steps, &self.moving(press)),
+            None => sliding.advance(steps, &press.indenter, self.ground(press)),
+        }
         let carried = |texture: &Texture| {
-            texture.laid_out(sliding.carried(texture.laid.unwrap_or_else(|| Laid::with(&press.indenter.pose))))
+            let laid = texture.laid.unwrap_or_else(|| Laid::over(&press.indenter.pose, &press.plane));
+            texture.laid_out(sliding.carried(laid))
         };
         let press = Press { texture: press.texture.as_ref().map(carried), shear: None, ..press.clone() };
         let seconds = clock.lap();
@@ -393,7 +400,20 @@ impl Simulator {
 
     /// Normal force of the whole object on the pad if it were pressed so deep at a pose, N.
     pub fn force_n(&self, sliding: &Sliding, press: &Press, pose: Pose, depth_mm: f64) -> f64 {
-        sliding.normal_force_n(&press.indenter, pose, depth_mm, self.ground(press))
+        match &self.curved {
+            Some(curved) => curved.force_n(sliding, &self.moving(press), &pose),
+            None => sliding.normal_force_n(&press.indenter, pose, depth_mm, self.ground(press)),
+        }
+    }
+
+    /// What moves over a gel that is not flat.
+    fn moving<'a>(&'a self, press: &'a Press) -> MovingObject<'a> {
+        MovingObject {
+            indenter: &press.indenter,
+            plane: &press.plane,
+            texture: self.ground(press).texture,
+            thickness_mm: self.sensor.gelpad.thickness_mm,
+        }
     }
 
     /// What beside the object's shape decides where it meets the pad, unless it is left out.
@@ -412,13 +432,15 @@ impl Simulator {
     }
 
     /// The same on a gel that is not flat.
-    fn pressed_into(&self, curved: &Curved, press: &Press) -> Impression {
+    fn pressed_into(&self, curved: &Curved, press: &Press, sliding: Option<&mut Sliding>) -> Impression {
         let mut seconds = Seconds::default();
         let mut effects = EffectLog::new(self.policy);
         let camera = press.camera.under(self.policy);
         let (own_pad, shear) = (self.pad.under(&press.material), press.sheared());
         let gel = PressedGel {
             indenter: &press.indenter,
+            plane: &press.plane,
+            texture: press.texture.as_ref(),
             shear: shear.as_ref(),
             unit_key: press.unit_key,
             pad: own_pad.as_ref().unwrap_or(&self.pad),
@@ -426,8 +448,8 @@ impl Simulator {
             held: self.held(press),
             material: &self.sensor.gelpad,
         };
-        let CurvedPress { depth, contact, map, pins, wrench, light, above_mm } =
-            curved.press(&gel, &mut seconds, &mut effects);
+        let CurvedPress { depth, contact, map, pins, wrench, slid, light, above_mm } =
+            curved.press(&gel, sliding, &mut seconds, &mut effects);
         let mut clock = Clock::start();
         let touched = map.mask(&contact.mask);
         let image = self.camera.expose(light, Some(&touched), None, &camera, &mut effects);
@@ -444,7 +466,7 @@ impl Simulator {
             image,
             depth,
             contact,
-            sliding: None,
+            sliding: slid,
             markers: None,
             pins,
             wrench,
@@ -462,9 +484,9 @@ impl Simulator {
 
     fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
         if let Some(curved) = &self.curved {
-            return self.pressed_into(curved, press);
+            return self.pressed_into(curved, press, sliding);
         }
-        let Press { indenter, texture, material, shear: _, markers, camera, unit_key: _ } = press;
+        let Press { indenter, texture, material, markers, camera, .. } = press;
         if let Shape::HeightMap(map) = &indenter.shape {
             let size = [map.above_mm.width, map.above_mm.height];
             assert_eq!(size, self.view.resolution_px, "a height map has the size of the sensor's image");
@@ -656,6 +678,7 @@ impl Press {
             markers,
             camera: sensor.camera,
             unit_key: 0,
+            plane: PadPlane::default(),
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::core::gelpad::elastic::soft::Soft;
 use crate::core::gelpad::material::ObjectMaterial;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Angles, Pose, Side};
+use crate::core::pose::{Angles, PadPlane, Pose, Side};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
 use crate::files::sensor::quantity::Quantity;
@@ -111,6 +111,10 @@ pub struct Scene {
     pub scale: f64,
     /// The object so large; none where a depth frame stands for it.
     pub clusters: Option<Arc<Clusters>>,
+    /// The plane that it is posed over: the flat pad, or one that touches a gel that is not flat.
+    pub plane: PadPlane,
+    /// Where it is over that plane.
+    pub over_plane: Pose,
 }
 
 impl Scene {
@@ -159,14 +163,17 @@ impl Scene {
             _ => Some(pose),
         };
         let (beside_axis, pose) = (on_axis.is_none(), on_axis.unwrap_or(pose));
+        let over_plane = pose;
         let place = &plan.job.pose;
+        let mut plane = PadPlane::default();
         let pose = match (&plan.job.sensor.shape, &place.from_tip_mm, &place.around_deg) {
             (None, _, _) | (_, None, None) => pose,
             (Some(shape), from_tip, around) => {
                 let [from_tip_mm, around_deg] = [("from tip", from_tip), ("around", around)]
                     .map(|(name, quantity)| quantity.as_ref().map_or(0.0, |quantity| draw(name, quantity)));
-                let (rotation, translation_mm) = shape.frame_at(from_tip_mm, around_deg);
-                pose.within(rotation, translation_mm)
+                let (axes, origin_mm) = shape.frame_at(from_tip_mm, around_deg);
+                plane = PadPlane { axes, origin_mm };
+                pose.within(axes, origin_mm)
             }
         };
         let indentation_depth_mm = if touches { depth_mm } else { 0.0 };
@@ -177,6 +184,7 @@ impl Scene {
         scene.scale = scale;
         scene.side = side;
         scene.clusters = Some(scaled);
+        (scene.plane, scene.over_plane) = (plane, over_plane);
         scene
     }
 
@@ -243,6 +251,8 @@ impl Scene {
             unit_key: stream("pins").bits(),
             scale: 1.0,
             clusters,
+            plane: PadPlane::default(),
+            over_plane: pose,
         }
     }
 
@@ -293,6 +303,7 @@ impl Scene {
             markers: self.markers,
             camera: self.camera,
             unit_key: self.unit_key,
+            plane: self.plane,
         }
     }
 }

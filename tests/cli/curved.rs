@@ -222,10 +222,8 @@ fn depth_on_the_axis_is_independent_of_the_tilt_and_draws_beside_it_are_rejected
 fn what_is_for_flat_pads_is_refused_with_its_place() {
     let folder = folder(JOB);
     for (set, said) in [
-        ("texture.amplitude_mm=0.05", "texture on a gel that has a shape is not simulated"),
         ("camera.distortion_k1=0.1", "distortion by [camera] on a gel that has a shape"),
         ("fidelity=\"paper\"", "a pad that is not elastic on a gel that has a shape"),
-        ("output.layers=[\"gap\"]", "layer `gap` on a gel that has a shape"),
     ] {
         let said_of = folder.fail(&format!("plan job.toml --set {set}"), 2);
         assert!(said_of.contains(said), "{set}: {said_of}");

@@ -9,6 +9,7 @@ mod calibrated;
 mod clearance;
 mod compare;
 mod curved;
+mod curved_sequences;
 mod determinism;
 mod effects;
 mod fidelity;

@@ -14,6 +14,8 @@ mod contact;
 mod convolution;
 mod curved;
 mod curved_elements;
+mod curved_sequences;
+mod curved_texture;
 mod finite_elements;
 mod frames;
 mod friction;

@@ -1,8 +1,9 @@
 //! Where the pixels of an image lie on a chart of a curved gel, and the chart's layers as the image shows them.
 
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use glam::{DVec2, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 
 use super::projection::Projection;
 use crate::core::base::chart::{Chart, Rest};
@@ -63,8 +64,9 @@ impl GelMap {
         let at = match shape.wall_mm() {
             None => on_dome(&sites, chart, view),
             Some(wall_mm) => {
-                let lattice = lattice.get_or_init(|| Lattice::new(chart, view));
-                on_capsule(wall_mm, camera, &sites, chart, view, lattice, part)
+                let cells = Cells::around(part, view);
+                let lattice = lattice.get_or_init(|| Lattice::new(chart, view, &cells));
+                on_capsule(wall_mm, camera, &sites, chart, view, lattice, &cells)
             }
         };
         Self { view: *view, chart: *chart, sites, at, lattice }
@@ -137,7 +139,10 @@ impl GelMap {
         if x == 0.0 && y == 0.0 {
             return Some((-site.normal, down));
         }
-        let [along_x, along_y] = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view)).gradients_at(at);
+        let [along_x, along_y] = self
+            .lattice
+            .get_or_init(|| Lattice::new(&self.chart, &self.view, &Cells::all(&self.view)))
+            .gradients_at(at);
         let gradient = f64::from(x) * along_x + f64::from(y) * along_y;
         // A gel that is pressed in has shrunk around its axis, on the ball along it, too.
         let shrunk = 1.0 - f64::from(down) / self.chart.radius_mm();
@@ -145,6 +150,25 @@ impl GelMap {
         let slope = along + (gradient - along) / shrunk.max(0.05);
         // A dent leans the gel's inside towards where it is deeper.
         Some((-(site.normal + slope).normalize(), down))
+    }
+
+    /// Motions along the x and y of the chart as the image shows them, along the sensor's x and y as the smallest turn that takes z to
+    /// the gel's normal takes them there; 0 where there is no gel, and beyond the chart.
+    pub fn along_gel(&self, planes: &[Grid<f32>; 2]) -> Vec<[f32; 2]> {
+        let lattice = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view, &Cells::all(&self.view)));
+        let motion = |(site, at): (&Option<Site>, &[f32; 2])| {
+            let site = site.as_ref().filter(|_| at[0].is_finite())?;
+            let [x, y] = planes.each_ref().map(|plane| bilinear(plane, *at).map(f64::from));
+            let (x, y) = (x?, y?);
+            if x == 0.0 && y == 0.0 {
+                return None;
+            }
+            let [along, down] = lattice.tangents_at(*at);
+            let moved = x * along + y * down;
+            let there = DQuat::from_rotation_arc(DVec3::Z, site.normal.normalize());
+            Some([DVec3::X, DVec3::Y].map(|axis| (there * axis).dot(moved) as f32))
+        };
+        self.sites.iter().zip(&self.at).map(|pair| motion(pair).unwrap_or_default()).collect()
     }
 
     fn layer<T: Copy + Default>(&self, value: impl Fn([f32; 2]) -> T) -> Grid<T> {
@@ -220,12 +244,49 @@ fn on_dome(sites: &[Option<Site>], chart: &Chart, view: &View) -> Vec<[f32; 2]> 
 /// Nodes of a chart on a side of the cells of a [`Lattice`].
 const CELL: usize = 4;
 
+/// Cells of a [`Lattice`], each by the number of its last node along x and along y.
+struct Cells {
+    across: Range<usize>,
+    down: Range<usize>,
+}
+
+impl Cells {
+    fn all(view: &View) -> Self {
+        Self::around(Rect::whole(view.resolution_px[0], view.resolution_px[1]), view)
+    }
+
+    /// Those of a part of a chart.
+    fn around(part: Rect, view: &View) -> Self {
+        let [columns, rows] = Lattice::size(view);
+        let cells = |first: usize, end: usize, count: usize| {
+            // A node more on every side, for what lies between nodes of the part and others.
+            if first < end {
+                first.saturating_sub(1) / CELL + 1..((end + 1).div_ceil(CELL) + 1).min(count)
+            } else {
+                0..0
+            }
+        };
+        Self { across: cells(part.x0, part.x1, columns), down: cells(part.y0, part.y1, rows) }
+    }
+}
+
 impl Lattice {
-    fn new(chart: &Chart, view: &View) -> Self {
-        let [columns, rows] = view.resolution_px.map(|px| px.div_ceil(CELL) + 1);
+    /// Nodes along x and y.
+    fn size(view: &View) -> [usize; 2] {
+        view.resolution_px.map(|px| px.div_ceil(CELL) + 1)
+    }
+
+    /// Of some cells of a chart: their nodes are known, and nobody asks for others.
+    fn new(chart: &Chart, view: &View, cells: &Cells) -> Self {
+        let [columns, rows] = Self::size(view);
+        let known = |at: usize, cells: &Range<usize>| cells.start <= at + 1 && at < cells.end;
+        let nowhere = || (Rest { normal: DVec3::Z, below_mm: 0.0, tangents: [DVec3::ZERO; 2] }, [DVec3::ZERO; 2]);
         let node = |at: usize| {
-            let place = [at % columns, at / columns].map(|at| (at * CELL) as f64);
-            chart.rest_with_gradients(view.point_mm(place))
+            let (column, row) = (at % columns, at / columns);
+            match known(column, &cells.across) && known(row, &cells.down) {
+                true => chart.rest_with_gradients(view.point_mm([column, row].map(|at| (at * CELL) as f64))),
+                false => nowhere(),
+            }
         };
         let (rests, gradients) = (0..columns * rows).map(node).unzip();
         Self { columns, rests, gradients }
@@ -233,11 +294,20 @@ impl Lattice {
 
     /// Between its nodes, bilinear.
     fn gradients_at(&self, at: [f32; 2]) -> [DVec3; 2] {
+        self.between(at, |node| self.gradients[node])
+    }
+
+    /// The same of the chart's own directions.
+    fn tangents_at(&self, at: [f32; 2]) -> [DVec3; 2] {
+        self.between(at, |node| self.rests[node].tangents).map(DVec3::normalize_or_zero)
+    }
+
+    fn between(&self, at: [f32; 2], of: impl Fn(usize) -> [DVec3; 2]) -> [DVec3; 2] {
         let rows = self.rests.len() / self.columns;
         let [x, y] = at.map(|px| f64::from(px.max(0.0)) / CELL as f64);
         let (column, row) = ((x as usize).min(self.columns - 2), (y as usize).min(rows - 2));
         let (right, down) = (x - column as f64, y - row as f64);
-        let node = |dx: usize, dy: usize, k: usize| self.gradients[(row + dy) * self.columns + column + dx][k];
+        let node = |dx: usize, dy: usize, k: usize| of((row + dy) * self.columns + column + dx)[k];
         [0, 1].map(|k| node(0, 0, k).lerp(node(1, 0, k), right).lerp(node(0, 1, k).lerp(node(1, 1, k), right), down))
     }
 }
@@ -251,10 +321,10 @@ fn on_capsule(
     chart: &Chart,
     view: &View,
     lattice: &Lattice,
-    part: Rect,
+    Cells { across, down }: &Cells,
 ) -> Vec<[f32; 2]> {
     let [width, height] = view.resolution_px;
-    let (columns, rows) = (lattice.columns, lattice.rests.len() / lattice.columns);
+    let columns = lattice.columns;
     let middle = view.resolution_px.map(|px| px as f64 / 2.0);
     let node = |column: usize, row: usize| {
         let place = [column, row].map(|at| (at * CELL) as f64);
@@ -294,11 +364,6 @@ fn on_capsule(
             }
         }
     };
-    let cells = |first: usize, end: usize, count: usize| {
-        // A node more on every side, for what lies between nodes of the part and others.
-        if first < end { first.saturating_sub(1) / CELL + 1..((end + 1).div_ceil(CELL) + 1).min(count) } else { 0..0 }
-    };
-    let (across, down) = (cells(part.x0, part.x1, columns), cells(part.y0, part.y1, rows));
     // Each node is a corner of four cells. Before the first cell of a row or column there is one node more.
     let in_row = |row: usize| (across.start.saturating_sub(1)..across.end).map(move |column| [column, row]);
     let places = (down.start.saturating_sub(1)..down.end).flat_map(in_row);

@@ -105,16 +105,7 @@ pub fn overlap(
         false => Depth::clear(view),
     };
 
-    let if_touching = |depth: &Depth, why| match depth.touching.is_empty() {
-        true => Requirement::Unneeded("nothing reaches into the pad"),
-        false => Requirement::Needed(why),
-    };
-    let need = match texture {
-        None => Requirement::Absent("the job has none"),
-        Some(texture) if texture.sample.amplitude_mm == 0.0 => Requirement::Unneeded("its amplitude is 0"),
-        Some(_) => if_touching(&depth, "a textured object reaches into the pad"),
-    };
-    effects.run(Effect::Texture, need, || {
+    effects.run(Effect::Texture, texture_required(texture, &depth), || {
         if let Some(Texture { relief, sample, laid }) = texture {
             let Laid { origin_mm, yaw_deg } = laid.unwrap_or_else(|| Laid::with(&indenter.pose));
             relief.cut(sample, origin_mm, yaw_deg, view, window.above_mm, &mut depth);
@@ -131,6 +122,22 @@ pub fn overlap(
         }
     });
     depth
+}
+
+/// Whether a texture is to be cut into what was captured.
+pub fn texture_required(texture: Option<&Texture>, depth: &Depth) -> Requirement {
+    match texture {
+        None => Requirement::Absent("the job has none"),
+        Some(texture) if texture.sample.amplitude_mm == 0.0 => Requirement::Unneeded("its amplitude is 0"),
+        Some(_) => if_touching(depth, "a textured object reaches into the pad"),
+    }
+}
+
+fn if_touching(depth: &Depth, why: &'static str) -> Requirement {
+    match depth.touching.is_empty() {
+        true => Requirement::Unneeded("nothing reaches into the pad"),
+        false => Requirement::Needed(why),
+    }
 }
 
 /// What is pressed, seen in `view`; a height map has a view of its own.

@@ -6,7 +6,7 @@
 
 use std::sync::OnceLock;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::{Depth, Window, limited};
 use crate::core::base::chart::{Chart, Latitude};
@@ -36,6 +36,16 @@ pub struct Normals {
     margin_px: usize,
     /// Of each latitude, once it is asked for: the same all around the gel. A dome has one, the same everywhere.
     latitudes: Vec<OnceLock<Nodes>>,
+}
+
+/// Places of a chart, in columns and rows.
+pub struct Places<'a> {
+    /// The chart.
+    pub chart: &'a Chart,
+    /// That of a column and row, those of a margin included, mm.
+    pub place: &'a dyn Fn([usize; 2]) -> [f64; 2],
+    /// How far apart they are, mm.
+    pub pitch_mm: [f64; 2],
 }
 
 /// The nodes of the charts of one latitude, before their turn about the gel's middle.
@@ -74,16 +84,39 @@ impl Normals {
     pub fn capture(&self, object: &Clusters, pose: &Pose, chart: &Chart, window: Window, thickness_mm: f64) -> Depth {
         let number = chart.latitude().number();
         let nodes = self.latitudes[number].get_or_init(|| self.nodes(number));
-        let farthest = nodes.radius_mm + window.above_mm;
+        let heights = self.heights(nodes, chart.turn().transpose(), object, pose, window.above_mm);
+        limited(heights, self.margin_px, thickness_mm)
+    }
+
+    /// The same at any places, so many columns and rows of them.
+    pub fn capture_at(
+        &self,
+        places: &Places<'_>,
+        size: [usize; 2],
+        object: &Clusters,
+        pose: &Pose,
+        window: Window,
+        thickness_mm: f64,
+    ) -> Depth {
+        let mut nodes = self.nodes_of(places.chart, size, places.place);
+        nodes.below_mm.resize(nodes.planes[0].len(), 0.0);
+        nodes.blocks = nodes.in_blocks();
+        let heights = self.heights(&nodes, DMat3::IDENTITY, object, pose, window.above_mm);
+        limited(heights, window.margin_px, thickness_mm)
+    }
+
+    /// How far the object is from the gel along the normals of nodes, up to a height; `back` turns the sensor's axes to theirs.
+    fn heights(&self, nodes: &Nodes, back: DMat3, object: &Clusters, pose: &Pose, above_mm: f64) -> Grid<f32> {
+        let farthest = nodes.radius_mm + above_mm;
         // Relative to the ball's centre, before the chart's turn.
-        let back = chart.turn().transpose();
         let turn = back * pose.rotation;
         let centre = DVec3::from_array(object.centre_mm());
         let shift = back * (pose.rotation * centre + pose.translation_mm + DVec3::new(0.0, 0.0, nodes.radius_mm));
         let from = turn.transpose() * -shift;
-        let mut distances = vec![farthest; self.width * self.height];
-        match self.shape.wall_mm() {
-            None => object.query(
+        let mut distances = vec![farthest; nodes.planes[0].len()];
+        let wall_mm = self.shape.wall_mm().unwrap_or(0.0);
+        match nodes.blocks.is_empty() {
+            true => object.query(
                 |min, max| from.distance_squared(nearest_of_box(from, min, max)) <= farthest * farthest,
                 |part| {
                     for triangle in triangles(part) {
@@ -103,7 +136,7 @@ impl Normals {
                     }
                 },
             ),
-            Some(wall_mm) => {
+            false => {
                 let boxes: Vec<[DVec3; 2]> = nodes.blocks.iter().map(|block| block.reach(farthest)).collect();
                 let around = |boxes: &[[DVec3; 2]]| {
                     let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
@@ -153,28 +186,36 @@ impl Normals {
         let [nx, ny, nz] = &nodes.planes;
         let heights = distances.into_iter().zip(nx).zip(ny).zip(nz).map(|(((distance, x), y), z)| {
             let on_gel = up.x * x + up.y * y + up.z * z >= 0.0;
-            (if on_gel { distance } else { farthest } - nodes.radius_mm) as f32
+            // What is out of reach is exactly that.
+            (if on_gel && distance < farthest { distance - nodes.radius_mm } else { above_mm }) as f32
         });
-        let data = heights.collect();
-        limited(Grid { width: self.width, height: self.height, data }, self.margin_px, thickness_mm)
+        Grid { width: nodes.width, height: nodes.height(), data: heights.collect() }
     }
 
     /// The nodes of a latitude.
     fn nodes(&self, number: usize) -> Nodes {
         let Self { shape, view, width, height, margin_px, .. } = self;
-        let (width, height) = (*width, *height);
-        let radius_mm = shape.radius_mm();
         let wall_mm = shape.wall_mm();
         let chart = match wall_mm {
             None => Chart::at_tip(shape),
             Some(_) => Chart::of_latitudes(shape).nth(number).expect("as many as there are latitudes"),
         };
+        let place = |node: [usize; 2]| view.point_mm(node.map(|at| at as f64 + 0.5 - *margin_px as f64));
+        let mut nodes = self.nodes_of(&chart, [*width, *height], &place);
+        if wall_mm.is_some() {
+            nodes.blocks = nodes.in_blocks();
+        }
+        nodes
+    }
+
+    /// Those at some places of a chart.
+    fn nodes_of(&self, chart: &Chart, [width, height]: [usize; 2], place: &dyn Fn([usize; 2]) -> [f64; 2]) -> Nodes {
+        let (radius_mm, wall_mm) = (self.shape.radius_mm(), self.shape.wall_mm());
         let mut planes = [(); 3].map(|()| Vec::with_capacity(width * height));
         let mut below_mm = Vec::with_capacity(if wall_mm.is_some() { width * height } else { 0 });
         for y in 0..height {
             for x in 0..width {
-                let px = [x, y].map(|at| at as f64 + 0.5 - *margin_px as f64);
-                let at = view.point_mm(px);
+                let at = place([x, y]);
                 let rest = chart.rest(at);
                 // No comparison is true of what is no number.
                 let known = libm::hypot(at[0], at[1]) < MOST_TURN * radius_mm || wall_mm.is_some();
@@ -186,11 +227,7 @@ impl Normals {
                 }
             }
         }
-        let mut nodes = Nodes { width, mm_per_px: view.mm_per_px, radius_mm, planes, below_mm, blocks: Vec::new() };
-        if wall_mm.is_some() {
-            nodes.blocks = nodes.in_blocks();
-        }
-        nodes
+        Nodes { width, mm_per_px: self.view.mm_per_px, radius_mm, planes, below_mm, blocks: Vec::new() }
     }
 }
 

@@ -135,6 +135,17 @@ impl Level {
         }
     }
 
+    /// The same at a point.
+    pub fn at(&self, place: [u32; 2]) -> f32 {
+        let half = 0x8000_0000 / self.size as u32;
+        let ((column, x), (row, y)) = (self.knot(place[0], half), self.knot(place[1], half));
+        let line = |below: u32| {
+            let texels = &self.valleys.row((row + below) as usize)[column as usize..];
+            x.0 * texels[0] + x.1 * texels[1] + x.2 * texels[2]
+        };
+        y.0 * line(0) + y.1 * line(1) + y.2 * line(2)
+    }
+
     /// The first of three texels, in the grid with border, and the weights of a quadratic B-spline.
     #[inline(always)]
     fn knot(&self, at: u32, half: u32) -> (u32, (f32, f32, f32)) {

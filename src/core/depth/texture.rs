@@ -7,13 +7,16 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 use super::Depth;
+use super::normals::Places;
 use super::relief::{BLOCK, Level, Relief, repeating};
 use crate::core::base::angle::sin_cos_deg;
-use crate::core::base::grid::{Grid, bounding_box};
+use crate::core::base::grid::Grid;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
-use crate::core::pose::Pose;
+use crate::core::pose::{PadPlane, Pose};
 
 /// A relief, and how it lies on the object.
 #[derive(Clone, Debug)]
@@ -26,7 +29,7 @@ pub struct Texture {
     pub laid: Option<Laid>,
 }
 
-/// Where a pattern lies in the pad's plane.
+/// Where a pattern lies in the pad's plane; on a gel that is not flat, in the plane that the object is posed over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Laid {
     /// Its origin, mm.
@@ -38,7 +41,13 @@ pub struct Laid {
 impl Laid {
     /// At an object's own origin.
     pub fn with(pose: &Pose) -> Self {
-        Self { origin_mm: [pose.translation_mm.x, pose.translation_mm.y], yaw_deg: pose.angles.yaw_deg }
+        Self::over(pose, &PadPlane::default())
+    }
+
+    /// The same over a plane.
+    pub fn over(pose: &Pose, plane: &PadPlane) -> Self {
+        let DVec3 { x, y, .. } = plane.seen_from(pose.translation_mm);
+        Self { origin_mm: [x, y], yaw_deg: pose.angles.yaw_deg }
     }
 }
 
@@ -84,10 +93,48 @@ impl Relief {
                 #[inline(always)]
                 || lower(level, &path, amplitude, floor, &mut depth.overlap),
             );
-            depth.touching = bounding_box(&depth.overlap, |mm| mm > 0.0);
-            depth.deepest_mm = deepest(&depth.overlap, depth.margin_px);
+            depth.measure();
         }
     }
+}
+
+impl Texture {
+    /// Cuts it into an object captured along the normals of a gel that is not flat, at the nodes of a chart; see
+    /// [`Relief::cut`]. The pattern is laid out in the plane that the object is posed over, and lies on the object's own surface.
+    pub fn cut_along_normals(&self, posed: &Posed<'_>, places: &Places<'_>, above_mm: f64, depth: &mut Depth) {
+        let Self { relief, sample: cut, laid } = self;
+        let cuts = cut.amplitude_mm > 0.0;
+        if !cuts {
+            return;
+        }
+        let Laid { origin_mm, yaw_deg } = laid.unwrap_or_else(|| Laid::over(posed.pose, posed.plane));
+        let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
+        let level = relief.level(cut.scale_mm, places.pitch_mm[0].max(places.pitch_mm[1]));
+        let tile_mm = relief.tile_mm(cut.scale_mm);
+        let (sin, cos) = sin_cos_deg(yaw_deg + cut.angle_deg);
+        let floor = 0.0 - above_mm as f32;
+        for y in 0..depth.overlap.height {
+            for (x, value) in depth.overlap.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
+                let rest = places.chart.rest((places.place)([x, y]));
+                let on_object = places.chart.point_of_mm(&rest) - f64::from(*value) * rest.normal;
+                let at = posed.plane.seen_from(on_object);
+                let (x, y) = (at.x - origin_mm[0], at.y - origin_mm[1]);
+                let on_tile = [(x * cos + y * sin) / tile_mm[0], (y * cos - x * sin) / tile_mm[1]];
+                let valley = level.at([0, 1].map(|k| repeating(on_tile[k] + cut.offset[k])));
+                *value = (*value - amplitude * valley.min(1.0)).max(floor);
+            }
+        }
+        depth.measure();
+    }
+}
+
+/// An object as it is posed over a plane.
+#[derive(Clone, Copy, Debug)]
+pub struct Posed<'a> {
+    /// Where it is, in the sensor's frame.
+    pub pose: &'a Pose,
+    /// The plane.
+    pub plane: &'a PadPlane,
 }
 
 /// Where pixels are on the tile, in tiles.
@@ -148,27 +195,10 @@ fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, overlap: &mut G
     }
 }
 
-/// The largest overlap in view, mm; 0 if there is none.
-fn deepest(overlap: &Grid<f32>, margin_px: usize) -> f32 {
-    let mut bits = 0;
-    simd_dispatch(
-        #[inline(always)]
-        || {
-            for y in margin_px..overlap.height - margin_px {
-                // Floats from 0 up are ordered like their bits.
-                for mm in &overlap.row(y)[margin_px..overlap.width - margin_px] {
-                    bits = mm.max(0.0).to_bits().max(bits);
-                }
-            }
-        },
-    );
-    f32::from_bits(bits)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::Rect;
+    use crate::core::base::grid::{Rect, bounding_box};
     use crate::core::base::rng::stream;
     use crate::core::base::simd::scalar_only;
     use crate::core::depth::patterns::Procedural;

@@ -15,6 +15,8 @@ use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic};
 use super::material::Material;
 use super::planar::{PlanarFrame, PlanarMotion};
+use crate::core::base::chart::Chart;
+use crate::core::base::gel::Site;
 use crate::core::base::grid::{Grid, Rect, Resolution, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::depth::height_map::HeightMap;
@@ -23,6 +25,8 @@ use crate::core::depth::texture::{Laid, Texture};
 use crate::core::depth::{self, Depth};
 use crate::core::effects::{EffectLog, EffectPolicy};
 use crate::core::pose::Pose;
+
+pub mod over_gel;
 
 /// A step of an object: where it comes to be, and how its surface at the contact moves in the pad's plane on the way. The two
 /// differ where it rolls: then the object moves, but its surface stays where it touches.
@@ -43,6 +47,21 @@ pub struct Wrench {
     pub force_n: [f64; 3],
     /// N mm.
     pub torque_nmm: [f64; 3],
+}
+
+impl Wrench {
+    /// So many times as large.
+    pub fn times(self, factor: f64) -> Self {
+        Self { force_n: self.force_n.map(|n| factor * n), torque_nmm: self.torque_nmm.map(|nmm| factor * nmm) }
+    }
+
+    /// Both together.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            force_n: [0, 1, 2].map(|k| self.force_n[k] + other.force_n[k]),
+            torque_nmm: [0, 1, 2].map(|k| self.torque_nmm[k] + other.torque_nmm[k]),
+        }
+    }
 }
 
 /// What beside its shape decides where an object meets the pad.
@@ -130,7 +149,12 @@ pub struct Sliding {
     /// The pad in that view.
     pad: elastic::Pad,
     history: History,
+    /// Where its frame lies in the pad's plane, or on the chart of a gel that is not flat.
     frame: PlanarFrame,
+    /// How the object has moved in the plane that it is posed over: on a flat pad the same.
+    way: PlanarFrame,
+    /// The chart that the frame lies on, and where on the gel the object is closest.
+    over: Option<(Chart, Site)>,
     /// The object in its frame, and its depth, when the pressure was found.
     pressed: Option<(Pose, f64)>,
     /// It touched the window's border then: it may go on beyond.
@@ -152,6 +176,8 @@ impl Sliding {
             view,
             pad,
             frame: PlanarFrame::default(),
+            way: PlanarFrame::default(),
+            over: None,
             pressed: None,
             cut: false,
             middle_px: [0; 2],
@@ -169,19 +195,19 @@ impl Sliding {
         self.slip
     }
 
-    /// A texture where it now lies in the sensor's frame, if it lay at `laid` at the start.
+    /// A texture where it now lies, if it lay at `laid` at the start.
     pub fn carried(&self, laid: Laid) -> Laid {
-        let yaw_deg = laid.yaw_deg + self.frame.angle_rad.to_degrees();
-        Laid { origin_mm: self.frame.axes().to_sensor(laid.origin_mm), yaw_deg }
+        let yaw_deg = laid.yaw_deg + self.way.angle_rad.to_degrees();
+        Laid { origin_mm: self.way.axes().to_sensor(laid.origin_mm), yaw_deg }
     }
 
     /// Goes through the steps of a frame, under an indenter of which only the shape counts. The texture is as it lay at the
     /// start.
     pub fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: Ground<'_>) {
-        let displacement_mm = self.slip.displacement_mm;
-        self.slip = Slip { displacement_mm, converged: true, ..Slip::none() };
+        self.begin();
         for step in steps {
             let moved = self.frame.moved(step.motion);
+            self.way = self.frame;
             let in_frame = self.frame.inverse(step.pose);
             let stays = self.pressed.is_some_and(|(pose, depth_mm)| {
                 // Of heights the deepest pixel is another in every place.
@@ -195,25 +221,30 @@ impl Sliding {
             if !stays {
                 self.middle_px = self.middle();
             }
-            let load = match stays {
-                true => None,
-                false => {
-                    let (load, cut) = self.press(indenter, step.depth_mm, in_frame, self.middle_px, ground);
-                    self.cut = cut;
-                    Some(load)
-                }
-            };
-            let normal = match &load {
-                None => Normal::Same,
-                Some(Some(load)) => Normal::Pressed(load),
-                Some(None) => Normal::Nothing,
-            };
-            if !stays {
-                self.pressed = matches!(normal, Normal::Pressed(_)).then_some((in_frame, step.depth_mm));
-            }
-            let done = self.history.step(&normal, moved);
-            self.count(&done);
+            let found = (!stays).then(|| self.press(indenter, step.depth_mm, in_frame, self.middle_px, ground));
+            self.take(found, (in_frame, step.depth_mm), moved);
         }
+    }
+
+    /// Begins a frame.
+    fn begin(&mut self) {
+        let displacement_mm = self.slip.displacement_mm;
+        self.slip = Slip { displacement_mm, converged: true, ..Slip::none() };
+    }
+
+    /// Goes on under the pressure `found` of an object in a place; under the same without one.
+    fn take(&mut self, found: Option<(Option<Load>, bool)>, placed: (Pose, f64), moved: Moved) {
+        let normal = match &found {
+            None => Normal::Same,
+            Some((Some(load), _)) => Normal::Pressed(load),
+            Some((None, _)) => Normal::Nothing,
+        };
+        if let Some((load, cut)) = &found {
+            self.cut = *cut;
+            self.pressed = load.is_some().then_some(placed);
+        }
+        let done = self.history.step(&normal, moved);
+        self.count(&done);
     }
 
     /// The pressure of the object where it is, in its frame; and whether it touches the window's border.
@@ -240,13 +271,26 @@ impl Sliding {
             let Laid { origin_mm, yaw_deg } = texture.laid.unwrap_or_else(|| Laid::with(&indenter.pose));
             texture.laid_out(Laid { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
         });
-        let mut window = self.pad.window(depth_mm);
-        loop {
+        self.solved(depth_mm, middle_mm, |window| {
             let mut effects = EffectLog::new(EffectPolicy::default());
             let mut depth = self.captured(&there, texture.as_ref(), window, &mut effects);
             if let Some(drop) = ground.drop_mm {
                 self.lower(&mut depth, drop, ground.camera, middle_mm, window.above_mm);
             }
+            depth
+        })
+    }
+
+    /// The pressure under what is captured around a place of the frame; and whether it touches the window's border.
+    fn solved(
+        &self,
+        depth_mm: f64,
+        middle_mm: [f64; 2],
+        mut captured: impl FnMut(depth::Window) -> Depth,
+    ) -> (Option<Load>, bool) {
+        let mut window = self.pad.window(depth_mm);
+        loop {
+            let depth = captured(window);
             let contact = self.pad.press(&depth);
             match self.pad.higher(window, &contact) {
                 Some(higher) => window = higher,
@@ -334,7 +378,7 @@ impl Sliding {
         }
         slip.stick_fraction = done.sticking as f64 / done.touching.max(1) as f64;
         slip.gross = done.gross;
-        let [dx, dy] = self.frame.axes().turned(done.slip_mm);
+        let [dx, dy] = self.way.axes().turned(done.slip_mm);
         slip.displacement_mm = [slip.displacement_mm[0] + dx, slip.displacement_mm[1] + dy];
         // kPa mm^3 are 1e-3 N mm.
         slip.heat_nmm += 1e-3 * self.youngs_modulus_kpa * done.heat;

@@ -204,8 +204,10 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
         }
     }
     if scope != Scope::Dataset {
-        let message = "this looks at flat pads, and the sensor's gel has a shape";
-        check.error("sensor.shape", message, "take a flat sensor; meshes are pressed into this one by a job");
+        // Depth frames, pictures of presses and balls on a plane.
+        let message = "this looks at flat pads, and the sensor's gel has a shape: what it reads says nothing of the way \
+                       along the gel's normals";
+        check.error("sensor.shape", message, "take a flat sensor, or press meshes into this one by a job");
         return;
     }
     let named = check.document.get("gelpad").is_some();
@@ -215,17 +217,13 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
             check.error(path, message, "leave it out, or take a flat sensor");
         }
     };
-    refuse(job.sequence.is_some(), "sequence", "a sequence");
-    refuse(job.texture.amplitude_mm.support() != (0.0, 0.0), "texture.amplitude_mm", "texture");
-    for (i, texture) in job.object.iter().enumerate().filter_map(|(i, object)| Some((i, object.texture.as_ref()?))) {
-        refuse(texture.amplitude_mm.support() != (0.0, 0.0), &format!("object.{i}.texture.amplitude_mm"), "texture");
-    }
     refuse(job.markers.is_some(), "markers", "print");
     let placed = pose.from_tip_mm.is_some() || pose.around_deg.is_some();
     let moved =
         [&job.shear.x_mm, &job.shear.y_mm, &job.shear.twist_deg].map(|quantity| quantity.support() != (0.0, 0.0));
     let sheared = moved.iter().any(|moved| *moved);
-    refuse(sheared && job.sensor.pins.is_none(), "shear", "shear that no pins show");
+    let shown = job.sensor.pins.is_some() || job.output.layers.contains(&OutputLayer::Flow);
+    refuse(sheared && !shown, "shear", "shear that neither pins nor the layer `flow` show");
     refuse(sheared && placed, "shear", "shear beside from_tip_mm or around_deg");
     let camera = &job.camera;
     for (name, quantity) in [("distortion_k1", &camera.distortion_k1), ("distortion_k2", &camera.distortion_k2)] {
@@ -234,8 +232,4 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     let elastic = matches!(super::chosen_models(job).gelpad, gelpad::Model::Elastic(_));
     let path = if named { "gelpad" } else { "fidelity" };
     refuse(!elastic, path, "a pad that is not elastic");
-    for (i, layer) in job.output.layers.iter().enumerate() {
-        let unknown = matches!(layer, OutputLayer::Gap | OutputLayer::Flow);
-        refuse(unknown, &format!("output.layers.{i}"), &format!("layer `{}`", layer.name()));
-    }
 }

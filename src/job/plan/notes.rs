@@ -13,12 +13,12 @@ const SHALLOWEST_MM: f64 = 1e-3;
 
 /// All of them.
 pub fn of(job: &Job) -> Vec<String> {
-    [strain(job), shallow(job), modulus(job), out_of_view(job)].into_iter().flatten().collect()
+    [strain(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)].into_iter().flatten().collect()
 }
 
 /// Where the object of a sequence may be moved out of the view: the first phase in which it may.
 fn out_of_view(job: &Job) -> Option<String> {
-    let sequence = job.sequence.as_ref()?;
+    let sequence = job.sequence.as_ref().filter(|_| job.sensor.shape.is_none())?;
     let half_mm = job.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
     let mut reach = [&job.pose.x_mm, &job.pose.y_mm].map(|quantity| quantity.support());
     // Who begins there means it.
@@ -36,6 +36,42 @@ fn out_of_view(job: &Job) -> Option<String> {
                 "in phase `{name}` the point that [pose] places may come to {axis} = {least} to {most} mm, out of the view, which \
                  ends at {} mm",
                 half_mm[k]
+            )
+        })
+    })
+}
+
+/// Where the object of a sequence may be moved so far over a gel that has a shape that this falls away below it: motions are in
+/// the plane that the object is posed over.
+fn off_the_curve(job: &Job) -> Option<String> {
+    let (sequence, shape) = (job.sequence.as_ref()?, job.sensor.shape.as_ref()?);
+    let radius_mm = shape.radius_mm();
+    // A finger is straight along itself, below its cap.
+    let from_tip_mm = job.pose.from_tip_mm.as_ref().map_or(0.0, |from_tip| from_tip.support().0);
+    let straight = shape.wall_mm().is_some() && from_tip_mm >= std::f64::consts::FRAC_PI_2 * radius_mm;
+    let curved = [!straight, true];
+    let (mut reach, mut deepest_mm) = ([(0.0, 0.0); 2], 0.0_f64);
+    sequence.phase.iter().find_map(|phase| {
+        // How deep a force takes it is not known.
+        deepest_mm = match (&phase.depth_mm, &phase.force_n) {
+            (Some(depth), _) => depth.support().1,
+            (None, Some(_)) => f64::INFINITY,
+            (None, None) => deepest_mm,
+        };
+        for (reach, by) in reach.iter_mut().zip([&phase.x_mm, &phase.y_mm]) {
+            *reach = (reach.0 + by.support().0, reach.1 + by.support().1);
+        }
+        let farthest_mm = (0..2)
+            .filter(|k| curved[*k])
+            .map(|k| f64::max(-reach[k].0, reach[k].1))
+            .fold(0.0, f64::max);
+        let chord = radius_mm * radius_mm - farthest_mm * farthest_mm;
+        let drop_mm = if chord > 0.0 { radius_mm - libm::sqrt(chord) } else { radius_mm };
+        (deepest_mm > 0.0 && drop_mm > deepest_mm).then(|| {
+            format!(
+                "in phase `{}` the object may come {farthest_mm} mm from where it began, where the gel lies {drop_mm:.2} mm lower, \
+                 and depth_mm is {deepest_mm} at most: it may leave the gel",
+                phase.name.as_deref().unwrap_or_default(),
             )
         })
     })

@@ -141,13 +141,14 @@ pub fn render<E>(
     let mut total = Seconds { scene: clock.lap(), ..Seconds::default() };
     let simulator = drawn.scene.simulator(plan);
     let mut sliding = simulator.sliding(drawn.friction).expect("a model that knows tractions");
-    let laid = Laid::with(&drawn.scene.pose);
+    let (plane, start) = (drawn.scene.plane, drawn.scene.over_plane);
+    let laid = Laid::with(&start);
     let noise_key = drawn.scene.camera.noise_key;
     let view = simulator.view();
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
     let about_mm = drawn.scene.motion.about_mm;
     let object = Arc::clone(&drawn.object);
-    let mover = Mover::new(&object, drawn.scene.side, drawn.scene.pose, about_mm, 0.0, longest_mm / ROLLING_PX);
+    let mover = Mover::new(&object, drawn.scene.side, start, about_mm, 0.0, longest_mm / ROLLING_PX);
 
     let rate = drawn.frame_rate_hz;
     let phases = std::mem::take(&mut drawn.phases);
@@ -158,15 +159,16 @@ pub fn render<E>(
     for number in 0..timeline.frames() {
         let mut clock = Clock::start();
         let press = pressed(plan, &drawn.scene, laid);
-        let steps = timeline.frame(number, |phase, mover| {
+        let mut steps = timeline.frame(number, |phase, mover| {
             end_of(phase, mover, simulator.sensor().gelpad.thickness_mm, |pose, depth_mm| {
-                simulator.force_n(&sliding, &press, pose, depth_mm)
+                simulator.force_n(&sliding, &press, plane.placed(pose), depth_mm)
             })
         });
+        steps.iter_mut().for_each(|step| step.pose = plane.placed(step.pose));
         total.scene += clock.lap();
 
         let mover = timeline.mover();
-        drawn.scene.pose = mover.pose;
+        drawn.scene.pose = plane.placed(mover.pose);
         drawn.scene.indentation_depth_mm = mover.depth_mm.max(0.0);
         // The first frame's noise is a press's.
         drawn.scene.camera.noise_key = match number {

@@ -147,6 +147,19 @@ impl History {
         })
     }
 
+    /// What presses: place of the pixel in the frame, mm, and force on it over Young's modulus, mm^2.
+    pub fn presses(&self) -> impl Iterator<Item = ([f64; 2], f64)> {
+        self.held.iter().flat_map(|held| {
+            let area = held.area();
+            let pixels = (0..held.pressure.height).flat_map(|y| (0..held.pressure.width).map(move |x| [x, y]));
+            let force = move |[x, y]: [usize; 2]| {
+                let p = held.pressure.at(x, y);
+                (p > 0.0).then(|| (held.place_mm(x, y), area * f64::from(p)))
+            };
+            pixels.filter_map(force)
+        })
+    }
+
     /// True if there are no tractions.
     pub fn is_at_rest(&self) -> bool {
         self.held.as_ref().is_none_or(Held::is_at_rest)
