@@ -141,7 +141,7 @@ impl Scene {
         };
         let (beside_axis, pose) = (on_axis.is_none(), on_axis.unwrap_or(pose));
         let place = &plan.job.pose;
-        let pose = match (&plan.job.sensor.shape, &place.from_tip_mm, &place.around_deg) {
+        let pose = match (&plan.simulator.sensor().shape, &place.from_tip_mm, &place.around_deg) {
             (None, _, _) | (_, None, None) => pose,
             (Some(shape), from_tip, around) => {
                 let [from_tip_mm, around_deg] = [("from tip", from_tip), ("around", around)]

@@ -14,6 +14,7 @@ mod effects;
 mod fidelity;
 mod finalize;
 mod formats;
+mod gel_mesh;
 mod gelsight;
 mod generate;
 mod grow;
