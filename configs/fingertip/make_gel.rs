@@ -1,4 +1,4 @@
-//! Writes the gel of fingertip.toml: `cargo run --release --example make_gel [FILE]`.
+//! Writes the gel of sensor.toml: `cargo run --release --example make_gel [FILE]`.
 //!
 //! A pad over a rounded rectangle that curves down to its walls, as on a gripper's finger: everything between a ball and a box.
 
@@ -20,7 +20,7 @@ const CURVED_RINGS: usize = 22;
 const WALL_RINGS: usize = 4;
 
 fn main() -> ExitCode {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/configs/sensors/fingertip.obj");
+    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/configs/fingertip/gel.obj");
     let path = PathBuf::from(std::env::args_os().nth(1).unwrap_or_else(|| default.into()));
     match std::fs::write(&path, text()) {
         Ok(()) => ExitCode::SUCCESS,
