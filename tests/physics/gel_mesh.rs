@@ -138,7 +138,7 @@ fn compare(
                 "  {at:?}: depth {depth_um:.2} um, force {share:.5}, {largest} levels, {all_but_few} but for a thousandth, {mean:.3} on average"
             );
             assert!(depth_um < most.depth_um && (share - 1.0).abs() < most.force);
-            let levels = if lit == "inside" { (3, 0.1) } else { (20, 1.0) };
+            let levels = if lit == "inside" { (6, 0.1) } else { (20, 1.0) };
             assert!(all_but_few <= levels.0 && mean < levels.1);
         }
     }

@@ -239,12 +239,12 @@ impl Surface {
         let points = self.corners[spot.triangle].map(|corner| self.points[corner as usize]);
         let shares = self.shares(spot);
         let (mut at, mut normal, mut off) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
-        for k in 0..3 {
-            at += shares[k] * points[k];
-            normal += shares[k] * normals[k];
+        for ((share, point), up) in shares.iter().zip(points).zip(normals) {
+            at += *share * point;
+            normal += *share * *up;
         }
-        for k in 0..3 {
-            off += shares[k] * normals[k] * normals[k].dot(points[k] - at);
+        for ((share, point), up) in shares.iter().zip(points).zip(normals) {
+            off += *share * *up * up.dot(point - at);
         }
         (at + 0.5 * off, normal.normalize_or(self.facets[spot.triangle]))
     }
