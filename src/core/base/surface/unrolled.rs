@@ -68,17 +68,15 @@ impl Unrolled {
         }
         let (middle_mm, _) = surface.smooth(middle);
         let mut nodes = Vec::with_capacity((STEPS + 1) * RAYS);
-        for step in 0..=STEPS {
-            for ray in 0..RAYS {
-                let at = ways[ray][step];
-                let (sin, cos) = libm::sincos(angle(ray));
-                let beside = |by: usize| ways[(ray + by) % RAYS][step].point;
-                // Per angle between geodesics, to the fourth order.
-                let apart = (8.0 * (beside(1) - beside(RAYS - 1)) - (beside(2) - beside(RAYS - 2))) / (12.0 * angle(1));
-                let across = at.normal.cross(at.towards);
-                let area = if step == 0 { 1.0 } else { apart.dot(across) / (step as f64 * step_mm) };
-                nodes.push(Node { point: at.point, normal: at.normal, x: cos * at.towards - sin * across, area });
-            }
+        for (step, ray) in (0..=STEPS).flat_map(|step| (0..RAYS).map(move |ray| (step, ray))) {
+            let at = ways[ray][step];
+            let (sin, cos) = libm::sincos(angle(ray));
+            let beside = |by: usize| ways[(ray + by) % RAYS][step].point;
+            // Per angle between geodesics, to the fourth order.
+            let apart = (8.0 * (beside(1) - beside(RAYS - 1)) - (beside(2) - beside(RAYS - 2))) / (12.0 * angle(1));
+            let across = at.normal.cross(at.towards);
+            let area = if step == 0 { 1.0 } else { apart.dot(across) / (step as f64 * step_mm) };
+            nodes.push(Node { point: at.point, normal: at.normal, x: cos * at.towards - sin * across, area });
         }
         Self { axes, middle_mm, step_mm, nodes, rims_mm }
     }
