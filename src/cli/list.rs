@@ -3,10 +3,11 @@
 use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
-use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
+use crate::core::base::gel::{GelCapsule, GelDome};
 use crate::core::effects::Effect;
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::LightSource;
+use crate::files::sensor::shape::SensorShape;
 use crate::files::sensor::{PRESETS, Sensor};
 
 /// The meshes in the project's `objects` folder.
@@ -70,15 +71,16 @@ impl List {
                 let line = |(name, text)| {
                     let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
                     let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
-                    let size = match sensor.shape {
+                    let size = match &sensor.shape {
                         None => format!("{x} x {y} mm"),
-                        Some(GelShape::Dome(GelDome { radius_mm })) => format!("dome of radius {radius_mm} mm"),
-                        Some(GelShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
+                        Some(SensorShape::Dome(GelDome { radius_mm })) => format!("dome of radius {radius_mm} mm"),
+                        Some(SensorShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
                             format!("finger of radius {radius_mm} mm, {length_mm} mm long")
                         }
+                        Some(SensorShape::Mesh(mesh)) => format!("shaped as {}", mesh.path),
                     };
                     let lights = match (&sensor.pins, sensor.lamp.len()) {
-                        (Some(pins), _) => format!("{} pins", pins.count),
+                        (Some(pins), _) => format!("{} pins", pins.pins().at_mm.len()),
                         (None, 0) => format!("{} LEDs", sensor.led.len()),
                         (None, lamps) => format!("{lamps} lamps"),
                     };

@@ -11,13 +11,16 @@ use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::light::Light;
 use crate::core::base::rng;
+use crate::core::base::surface::unrolled::Unrolled;
 use crate::core::base::view::View;
 use crate::core::camera::gel_map::{GelMap, Slopes};
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
 use crate::core::camera::projection::Projection;
 use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::lines::DEEP;
 use crate::core::depth::normals::{Normals, Places};
 use crate::core::depth::texture::{Posed, Texture};
+use crate::core::depth::touch;
 use crate::core::depth::{Depth, texture_required};
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::gelpad::elastic::inplane::InPlane;
@@ -34,7 +37,7 @@ use crate::core::mesh::nearest::nearest_point;
 use crate::core::optics::Illumination;
 use crate::core::optics::background::{BackgroundImage, RenderedBackground};
 use crate::core::optics::phong::Phong;
-use crate::core::optics::skin::{self, PressedSkin, Skin, SkinPoint};
+use crate::core::optics::skin::{self, AlongGel, PressedSkin, Skin, SkinPoint};
 use crate::core::pose::{PadPlane, Pose};
 
 pub mod sequence;
@@ -47,6 +50,8 @@ pub struct Curved {
     shape: GelShape,
     /// The nodes of a chart.
     view: View,
+    /// How far a chart with its margin reaches from its middle, mm.
+    reach_mm: f64,
     camera: Projection,
     /// What the pixels of the image show of the gel.
     sites: Arc<[Option<Site>]>,
@@ -147,18 +152,19 @@ impl Curved {
 
     /// Of a sensor that sees the light on its skin.
     pub fn with_skin(shape: GelShape, camera: Projection, view: View, margin_px: usize, look: &SkinLight<'_>) -> Self {
-        Self::new(shape, camera, view, margin_px, |sites| {
+        Self::new(shape.clone(), camera, view, margin_px, |sites| {
             let point = |site: &Option<Site>| {
-                site.map(|site| SkinPoint { site, to_camera: camera.towards_camera(shape.point_mm(site)) })
+                site.map(|site| SkinPoint { site, to_camera: camera.towards_camera(site.point_mm) })
             };
             let points: Vec<_> = sites.iter().map(point).collect();
+            let along_gel = AlongGel::new(look.light.leds, &shape);
             let picture = match look.background {
                 SkinPicture::Rendered(look_of, noise) => {
-                    skin::rendered(look_of, noise, look.light.leds, &shape, &points, &look.in_image)
+                    skin::rendered(look_of, noise, look.light.leds, &along_gel, &points, &look.in_image)
                 }
                 SkinPicture::Photograph(photograph) => photograph.clone(),
             };
-            let skin = Skin::new(look.phong, &look.light, &shape, &points, view.resolution_px[0]);
+            let skin = Skin::new(look.phong, &look.light, &along_gel, &points, view.resolution_px[0]);
             Seen::Skin(Box::new(skin), picture)
         })
     }
@@ -175,7 +181,9 @@ impl Curved {
         let sites: Arc<[Option<Site>]> = (0..width * height).map(|at| camera.site(&shape, centre(at))).collect();
         let seen = seen(&sites);
         let nodes = Normals::new(&shape, &view, margin_px);
-        Self { shape, view, camera, sites, nodes, seen }
+        let half_mm = |k: usize| 0.5 * (view.resolution_px[k] + 2 * margin_px) as f64 * view.mm_per_px[k];
+        let reach_mm = libm::hypot(half_mm(0), half_mm(1));
+        Self { shape, view, reach_mm, camera, sites, nodes, seen }
     }
 
     /// The light of the untouched gel.
@@ -208,13 +216,12 @@ impl Curved {
         let unseen_mm = if let Pad::Elastic(pad) = pad { pad.unseen_mm() } else { 0.0 };
         let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
         let pose = &indenter.pose;
-        let (towards, distance_mm) = self.closest_to_axis(object, pose);
-        let radius_mm = self.shape.radius_mm();
+        let (towards, reaches_mm) = self.deepest(object, pose, material.thickness_mm);
         let chart = self.chart(towards);
-        let touches = distance_mm < radius_mm || effects.everywhere();
+        let touches = reaches_mm > 0.0 || effects.everywhere() || self.shape.surface().is_some();
 
         effects.enable(Effect::RestShape, Requirement::Absent("the gel's own shape is no deviation from a flat one"));
-        let deepest_mm = (radius_mm - distance_mm).max(0.0);
+        let deepest_mm = reaches_mm.max(0.0);
         let mut window = pad.window(deepest_mm);
         let (depth, mut contact) = loop {
             let mut depth = match touches {
@@ -349,7 +356,7 @@ impl Curved {
         // A mean needs no more than some of the nodes.
         for node in (0..mask.height).flat_map(touched).step_by(1 + contact.region.area() / 2000) {
             let rest = chart.rest(place(node));
-            let away = chart.point_of_mm(&rest) - from;
+            let away = rest.point_mm - from;
             parted += (rest.normal - up).dot(away);
             squares += away.length_squared();
         }
@@ -366,7 +373,7 @@ impl Curved {
         for [x, y] in touched.step_by(1 + contact.region.area() / 2000) {
             all += 1;
             seen += u32::from(
-                self.shape.wall_mm().is_none() || {
+                matches!(self.shape, GelShape::Dome(_)) || {
                     let point = chart.point_mm(self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]));
                     let shown = |[x, y]: [f64; 2]| x >= 0.0 && y >= 0.0 && x <= width as f64 && y <= height as f64;
                     self.camera.point_px(point).is_some_and(shown)
@@ -376,9 +383,13 @@ impl Curved {
         if all > 0 { f64::from(seen) / f64::from(all) } else { 0.0 }
     }
 
-    /// Where the object comes closest to the gel's axis: the point of the gel that is on the way, and the distance from the axis,
-    /// mm.
-    fn closest_to_axis(&self, object: &Clusters, pose: &Pose) -> (Site, f64) {
+    /// Where the object comes closest to the gel's axis: the point of the gel that is on the way, and how far the object reaches
+    /// below it, mm. On a mesh where it reaches deepest.
+    fn deepest(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Site, f64) {
+        if let GelShape::Mesh(surface) = &self.shape {
+            let (point_mm, normal, reaches_mm) = touch::deepest(surface, object, pose, DEEP * thickness_mm);
+            return (Site { normal, below_mm: 0.0, point_mm }, reaches_mm);
+        }
         let (centre, wall_mm) = (self.shape.centre_mm(), self.shape.wall_mm().unwrap_or(0.0));
         let nearest = |below_mm: f64| {
             let from = centre - DVec3::new(0.0, 0.0, below_mm);
@@ -411,12 +422,24 @@ impl Curved {
             (false, false) if wall_mm > 0.0 => DVec3::new(at.x, at.y, 0.0).normalize_or(DVec3::Z),
             (false, false) => DVec3::Z,
         };
-        (Site { normal, below_mm }, at.length())
+        (self.shape.site(normal, below_mm), self.shape.radius_mm() - at.length())
     }
 
     /// With the gel's tip in its middle as long as a contact around this point of a dome is near it; from there on it follows
-    /// the contact: charts are wider than the gel far from their middle. On a capsule the one of the closest latitude.
+    /// the contact: charts are wider than the gel far from their middle. On a capsule the one of the closest latitude. On a mesh that
+    /// of the tip as long as the gel leans as little as there, else one around the point.
     fn chart(&self, site: Site) -> Chart {
+        if let GelShape::Mesh(surface) = &self.shape {
+            let tip = Chart::at_tip(&self.shape);
+            let [x, y] = tip.at(site);
+            let within =
+                |mm: f64, k: usize| mm.abs() <= 0.5 * self.view.resolution_px[k] as f64 * self.view.mm_per_px[k];
+            let near = site.normal.angle_between(surface.tip_normal()) < NEAR && within(x, 0) && within(y, 1);
+            return match near {
+                true => tip,
+                false => Chart::unrolled(Arc::new(Unrolled::around(surface, site.point_mm, self.reach_mm))),
+            };
+        }
         if self.shape.wall_mm().is_some() {
             return Chart::around(&self.shape, site);
         }
@@ -426,7 +449,7 @@ impl Curved {
         match follows_mm > 0.0 {
             true => {
                 let normal = tip.rest((at.normalize() * follows_mm).to_array()).normal;
-                Chart::around(&self.shape, Site { normal, below_mm: 0.0 })
+                Chart::around(&self.shape, self.shape.site(normal, 0.0))
             }
             false => tip,
         }
@@ -436,11 +459,20 @@ impl Curved {
     fn on_chart(&self, motion: Motion, chart: &Chart) -> Motion {
         let [x, y] = motion.shift_mm;
         let shift_mm = chart.rest([0.0; 2]).tangents.map(|tangent| tangent.dot(DVec3::new(x, y, 0.0)));
+        if let GelShape::Mesh(surface) = &self.shape {
+            let [x, y] = motion.about_mm;
+            let below = DVec3::new(x, y, surface.bounds_mm()[0].z - 1.0);
+            let about_mm = surface.left_by(below, DVec3::Z).map_or([0.0; 2], |(point_mm, normal)| {
+                let at = chart.at(Site { normal, below_mm: 0.0, point_mm });
+                if at[0].is_nan() { [0.0; 2] } else { at }
+            });
+            return Motion { shift_mm, about_mm, ..motion };
+        }
         // The point of the gel that is seen there from above; the rim for one beside the gel.
         let radius_mm = self.shape.radius_mm();
         let across = DVec2::from(motion.about_mm).clamp_length_max(radius_mm);
         let up = libm::sqrt((radius_mm * radius_mm - across.length_squared()).max(0.0));
-        let about_mm = chart.at(Site { normal: across.extend(up), below_mm: 0.0 });
+        let about_mm = chart.at(self.shape.site(across.extend(up), 0.0));
         Motion { shift_mm, about_mm, ..motion }
     }
 

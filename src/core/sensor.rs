@@ -161,7 +161,7 @@ impl Sensor {
 
     /// Width and height of what its view holds, mm.
     pub(in crate::core) fn window_mm(&self) -> [f64; 2] {
-        match self.shape {
+        match &self.shape {
             None => self.field_of_view_mm,
             Some(_) => {
                 let View { resolution_px, mm_per_px } = self.view();

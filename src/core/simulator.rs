@@ -125,7 +125,7 @@ impl Simulator {
     fn make(sensor: Sensor, models: Models, policy: EffectPolicy, like: Option<&Self>) -> Self {
         let view = sensor.view();
         // A chart's pixels are not the image's.
-        let at_tip = sensor.shape.and_then(|_| sensor.projection().view_at_tip());
+        let at_tip = sensor.shape.as_ref().and_then(|_| sensor.projection().view_at_tip());
         let in_image = at_tip.unwrap_or(view);
         let like = like.filter(|like| {
             let (a, b) = (&like.sensor, &sensor);
@@ -239,7 +239,7 @@ impl Simulator {
             _ if markers.is_none() && !flow && sensor.pins.is_none() => None,
             _ => pad.in_plane(&sensor.gelpad, sensor.window_mm(), &view).map(Arc::new),
         };
-        let curved = sensor.shape.map(|shape| {
+        let curved = sensor.shape.clone().map(|shape| {
             let known = like.filter(|like| Arc::ptr_eq(&like.pad, &pad)).filter(|like| match sensor.pins {
                 Some(_) => like.sensor.background.looks_like(&sensor.background),
                 None => Arc::ptr_eq(&like.shader, &shader) && Arc::ptr_eq(&like.background, &background),

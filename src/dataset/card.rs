@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use super::manifest::Manifest;
 use super::recorded::Recorded;
+use crate::files::sensor::shape::SensorShape;
 use crate::files::spelling::is_hidden;
 use crate::job::config::Job;
 use crate::job::config::output::Container;
@@ -162,10 +163,17 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     let (what, one, frame) =
         if sequences { ("sequences of presses", "KEY.f0000", " of the first frame") } else { ("presses", "KEY", "") };
     let [width, height] = sensor.resolution_px;
-    let [mm_x, mm_y] = view(&recorded.job).mm_per_px;
+    // Whoever finalizes a dataset need not have the mesh that decides it; the labels say it.
+    let pitch = match sensor.shape {
+        Some(SensorShape::Mesh(_)) => String::new(),
+        _ => {
+            let [x, y] = view(&recorded.job).mm_per_px;
+            format!(", {x} x {y} mm per pixel")
+        }
+    };
     let _ = writeln!(
         text,
-        "# {}\n\n{} synthetic {what} on a `{}` tactile sensor ({width} x {height} px, {mm_x} x {mm_y} mm per pixel, \
+        "# {}\n\n{} synthetic {what} on a `{}` tactile sensor ({width} x {height} px{pitch}, \
          gelpad {} mm), made by gelsim {} at the rung `{}`. `job.toml` is the job that makes the same bytes again.\n",
         manifest.name,
         manifest.samples,

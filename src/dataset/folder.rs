@@ -278,7 +278,9 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
             for key in keys {
                 let path = below(key);
                 let image = path.ends_with(".path") && !path.starts_with("object.");
-                if image || path == "sensor.background" || path == "sensor.calibration" {
+                let file =
+                    ["sensor.background", "sensor.calibration", "sensor.pins.layout.file"].contains(&path.as_str());
+                if image || file {
                     continue;
                 }
                 if let Some(file) = changed(key, a, b) {

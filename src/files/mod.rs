@@ -1,5 +1,6 @@
 //! Formats and the disk.
 
+pub mod length;
 pub mod png;
 pub mod sensor;
 pub mod spelling;

@@ -166,7 +166,7 @@ impl Scene {
         let over_plane = pose;
         let place = &plan.job.pose;
         let mut plane = PadPlane::default();
-        let pose = match (&plan.job.sensor.shape, &place.from_tip_mm, &place.around_deg) {
+        let pose = match (&plan.simulator.sensor().shape, &place.from_tip_mm, &place.around_deg) {
             (None, _, _) | (_, None, None) => pose,
             (Some(shape), from_tip, around) => {
                 let [from_tip_mm, around_deg] = [("from tip", from_tip), ("around", around)]

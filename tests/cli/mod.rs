@@ -15,6 +15,7 @@ mod effects;
 mod fidelity;
 mod finalize;
 mod formats;
+mod gel_mesh;
 mod gelsight;
 mod generate;
 mod grow;

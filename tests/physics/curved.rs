@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gelsim::core::base::chart::Chart;
-use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape, Site};
+use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape};
 use gelsim::core::base::view::View;
 use gelsim::core::camera::pins::{Along, Pins};
 use gelsim::core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
@@ -61,7 +61,7 @@ pub fn length(force: [f64; 3]) -> f64 {
 }
 
 /// The first triangle that a ray from `from` meets, in plain loops.
-fn first_met(object: &Clusters, pose: &Pose, from: DVec3, direction: DVec3) -> Option<f64> {
+pub fn first_met(object: &Clusters, pose: &Pose, from: DVec3, direction: DVec3) -> Option<f64> {
     let centre = DVec3::from_array(object.centre_mm());
     let mut first: Option<f64> = None;
     object.query(
@@ -117,7 +117,7 @@ fn normals_are_rays(shape: GelShape, lowest: DVec3, least_met: u32) {
         let placed = Pose::placed(turn, [0.0; 3]);
         // Its middle on the gel's surface.
         let middle = placed.rotation * DVec3::from_array(object.centre_mm());
-        let pose = Pose::placed(turn, (shape.point_mm(site) - middle).to_array());
+        let pose = Pose::placed(turn, (site.point_mm - middle).to_array());
         let chart = Chart::around(&shape, site);
         let depth = normals.capture(&object, &pose, &chart, window, 100.0);
         for y in (0..36).step_by(3) {
@@ -267,7 +267,7 @@ fn lenses_take_points_to_pixels_and_back() {
             for x in 0..64 {
                 let px = [x as f64 + 0.3, y as f64 + 0.6];
                 let Some(site) = camera.site(&shape, px) else { continue };
-                let point = shape.point_mm(site);
+                let point = site.point_mm;
                 let back = camera.point_px(point).expect("before the camera");
                 assert!((0..2).all(|k| (back[k] - px[k]).abs() < 1e-6), "{lens:?} {px:?} {back:?}");
                 seen += 1;
@@ -290,7 +290,7 @@ fn finger(radius_mm: f64, length_mm: f64, px: [usize; 2]) -> Sensor {
 
 /// A ball pressed into a capsule along its normal, so far from the tip over the gel.
 fn press_finger(simulator: &Simulator, ball_mm: f64, depth_mm: f64, from_tip_mm: f64, around_deg: f64) -> Impression {
-    let shape = simulator.sensor().shape.expect("it has one");
+    let shape = simulator.sensor().shape.clone().expect("it has one");
     let (axes, origin_mm) = shape.frame_at(from_tip_mm, around_deg);
     let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, ball_mm - depth_mm]).within(axes, origin_mm);
     simulator.press(&Indenter::clusters(ball(ball_mm), pose))
@@ -359,7 +359,7 @@ fn the_same_press_around_a_finger_and_along_it_gives_the_same_force() {
     let simulator = Simulator::new(&finger(12.0, 50.0, [320, 240]), Fidelity::High).expect("a sound sensor");
     let force = |from_tip_mm: f64, around_deg: f64| {
         let found = press_finger(&simulator, 4.0, 0.8, from_tip_mm, around_deg).wrench.expect("an elastic pad");
-        let (axes, origin_mm) = simulator.sensor().shape.expect("it has one").frame_at(from_tip_mm, around_deg);
+        let (axes, origin_mm) = simulator.sensor().shape.clone().expect("it has one").frame_at(from_tip_mm, around_deg);
         let (force, torque) = (DVec3::from_array(found.force_n), DVec3::from_array(found.torque_nmm));
         // Into the gel, along its normal, without a moment about that.
         assert!((force.normalize() + axes.z_axis).length() < 5e-3, "{from_tip_mm} {around_deg}: {force}");
@@ -410,12 +410,11 @@ fn a_press_turned_about_the_finger_gives_the_image_turned() {
 #[test]
 fn there_is_no_seam_on_a_finger() {
     let sensor = finger(12.0, 45.0, [320, 240]);
-    let Some(shape) = sensor.shape else { panic!("a capsule") };
+    let Some(shape) = sensor.shape.clone() else { panic!("a capsule") };
     let simulator = Simulator::new(&sensor, Fidelity::High).expect("a sound sensor");
     let middle = |from_tip_mm: f64| {
         let (axes, _) = shape.frame_at(from_tip_mm, 30.0);
-        Chart::around(&shape, Site { normal: axes.z_axis, below_mm: (from_tip_mm - 12.0 * FRAC_PI_2).max(0.0) })
-            .latitude()
+        Chart::around(&shape, shape.site(axes.z_axis, (from_tip_mm - 12.0 * FRAC_PI_2).max(0.0))).latitude()
     };
     let rim_mm = 12.0 * FRAC_PI_2;
     let changes = (1..4000).map(|k| 0.01 * k as f64).filter(|mm| middle(*mm) != middle(mm + 0.01));
@@ -544,7 +543,7 @@ fn nothing_breaks_a_finger() {
             for (name, shape) in [("needle", &needle), ("plate", &plate), ("ring", &ring)] {
                 let object = Arc::new(shape.clusters());
                 for (from_tip_mm, around_deg) in [(0.0, 0.0), (rim_mm, 90.0), (rim_mm + length_mm - radius_mm, -45.0)] {
-                    let (axes, origin_mm) = sensor.shape.expect("a capsule").frame_at(from_tip_mm, around_deg);
+                    let (axes, origin_mm) = sensor.shape.clone().expect("a capsule").frame_at(from_tip_mm, around_deg);
                     for (turn, height_mm) in [
                         ([0.0, 0.0, 0.0, 1.0], -0.1 * sensor.gelpad.thickness_mm),
                         ([0.5, 0.1, 0.0, 1.0], -0.2 * sensor.gelpad.thickness_mm),

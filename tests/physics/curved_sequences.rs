@@ -110,7 +110,7 @@ fn the_same_slide_anywhere_on_a_gel_gives_the_same_forces() {
     ] {
         let mut sensor = Sensor::preset(name).expect("a preset");
         sensor.resolution_px = [120, 90];
-        sensor.shape = Some(shape);
+        sensor.shape = Some(shape.clone());
         let simulator = Simulator::new(&sensor, Fidelity::Standard).expect("a sound sensor");
         let frames = pushed(4, 0.8, [0.0, 0.3], 2.0);
         let of = |[from_tip_mm, around_deg]: [f64; 2]| {
@@ -136,7 +136,7 @@ fn the_same_slide_anywhere_on_a_gel_gives_the_same_forces() {
 fn a_ball_that_slips_on_a_dome_is_pulled_by_friction_and_follows_the_charts() {
     let mut sensor = Sensor::preset("tactip").expect("a preset");
     sensor.resolution_px = [96, 96];
-    let radius_mm = sensor.shape.expect("a dome").radius_mm();
+    let radius_mm = sensor.shape.as_ref().expect("a dome").radius_mm();
     let simulator = Simulator::new(&sensor, Fidelity::Standard).expect("a sound sensor");
     // Around the dome, at the same depth below it: far beyond the chart around the tip.
     let ball: Arc<Clusters> = Arc::new(Shape::ball(4.0, 96, 48).clusters());
@@ -152,7 +152,7 @@ fn a_ball_that_slips_on_a_dome_is_pulled_by_friction_and_follows_the_charts() {
         let by = at(frame) - at((frame - 1).max(0));
         // The plane at the place, in which the ball goes on.
         let middle = 0.5 * (angle(frame) + angle((frame - 1).max(0)));
-        let (axes, origin_mm) = sensor.shape.expect("a dome").frame_at(radius_mm * middle, 0.0);
+        let (axes, origin_mm) = sensor.shape.as_ref().expect("a dome").frame_at(radius_mm * middle, 0.0);
         let plane = PadPlane { axes, origin_mm };
         let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], at(frame).to_array());
         let shift_mm = [by.dot(axes.x_axis), 0.0];

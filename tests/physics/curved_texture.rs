@@ -65,7 +65,7 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
                 }
                 // The object's own point there, in the slab's place over the pad.
                 let rest = chart.rest(view.point_mm([x as f64 + 0.5 - 3.0, y as f64 + 0.5 - 3.0]));
-                let point = chart.point_of_mm(&rest) - f64::from(before) * rest.normal;
+                let point = rest.point_mm - f64::from(before) * rest.normal;
                 let at = axes.transpose() * (point - origin_mm) - posed.translation_mm;
                 let expected = cut_mm(&texture, [at.x, at.y], 33.0, PITCH_MM);
                 let found = if after > -0.5 { before - after } else { expected };

@@ -3,17 +3,23 @@
 //! A chart is the gel as its geodesics leave the chart's middle: a point of it is as far from the middle, and in the same
 //! direction, as the geodesic to that point is long and starts (the exponential map; azimuthal equidistant on a ball, a plain
 //! unrolling on a cylinder). Both pieces of a capsule have geodesics in closed form, and where ball and cylinder meet, these go
-//! on in their direction.
+//! on in their direction. Those of a mesh are sampled (`surface/unrolled.rs`).
 
 use std::f64::consts::FRAC_PI_2;
+
+use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::gel::{GelShape, Site};
+pub use super::site::Rest;
+use super::surface::unrolled::Unrolled;
 
 /// A map of the gel that keeps distances from its middle. Points of it are in mm.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Chart {
+    /// The geodesics of a mesh. Nothing else but the axes is then meant.
+    unrolled: Option<Arc<Unrolled>>,
     radius_mm: f64,
     /// There is a cylinder below the ball.
     walled: bool,
@@ -25,21 +31,21 @@ pub struct Chart {
     latitude: Latitude,
 }
 
+impl PartialEq for Chart {
+    fn eq(&self, other: &Self) -> bool {
+        let round = |chart: &Self| (chart.radius_mm, chart.walled, chart.axes, chart.below_mm, chart.latitude);
+        match (&self.unrolled, &other.unrolled) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (None, None) => round(self) == round(other),
+            _ => false,
+        }
+    }
+}
+
 /// How far the middle of a chart is from a capsule's tip, in steps of [`Latitude::STEP`]: few, so that what depends on it is
 /// computed once for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Latitude(usize);
-
-/// Where a point of a chart is on the gel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rest {
-    /// Out of the gel.
-    pub normal: DVec3,
-    /// How far below the middle of the tip's ball it is, mm.
-    pub below_mm: f64,
-    /// Along the chart's x and y, as they go over the gel from its middle without a turn: unit vectors across the normal.
-    pub tangents: [DVec3; 2],
-}
 
 impl Latitude {
     /// Of the radius.
@@ -59,8 +65,24 @@ impl Latitude {
 impl Chart {
     /// With the gel's tip in its middle.
     pub fn at_tip(shape: &GelShape) -> Self {
+        if let GelShape::Mesh(surface) = shape {
+            return Self::unrolled(Arc::clone(surface.around_tip()));
+        }
         let (radius_mm, walled) = (shape.radius_mm(), shape.wall_mm().is_some());
-        Self { radius_mm, walled, axes: DMat3::IDENTITY, below_mm: 0.0, latitude: Latitude::default() }
+        let latitude = Latitude::default();
+        Self { unrolled: None, radius_mm, walled, axes: DMat3::IDENTITY, below_mm: 0.0, latitude }
+    }
+
+    /// That of a mesh.
+    pub fn unrolled(unrolled: Arc<Unrolled>) -> Self {
+        let (axes, radius_mm) = (unrolled.axes(), unrolled.reach_mm());
+        let latitude = Latitude::default();
+        Self { unrolled: Some(unrolled), radius_mm, walled: false, axes, below_mm: 0.0, latitude }
+    }
+
+    /// The geodesics that a mesh's chart is.
+    pub fn geodesics(&self) -> Option<&Arc<Unrolled>> {
+        self.unrolled.as_ref()
     }
 
     /// With a point of a dome in its middle; its axes are the tip's, taken there without a turn. On a capsule with a point of the
@@ -84,10 +106,10 @@ impl Chart {
         (0..Latitude::count(shape)).map(move |number| tip.on_meridian(Latitude(number), 0.0))
     }
 
-    fn on_meridian(self, latitude: Latitude, azimuth: f64) -> Self {
+    fn on_meridian(&self, latitude: Latitude, azimuth: f64) -> Self {
         let from_tip = latitude.0 as f64 * Latitude::STEP;
         let axes = DMat3::from_rotation_z(azimuth) * DMat3::from_rotation_y(from_tip.min(FRAC_PI_2));
-        Self { axes, below_mm: (from_tip - FRAC_PI_2).max(0.0) * self.radius_mm, latitude, ..self }
+        Self { axes, below_mm: (from_tip - FRAC_PI_2).max(0.0) * self.radius_mm, latitude, ..self.clone() }
     }
 
     /// From the chart's axes to the sensor's.
@@ -117,9 +139,12 @@ impl Chart {
 
     /// The gel at a point of the chart.
     pub fn rest(&self, at: [f64; 2]) -> Rest {
+        if let Some(unrolled) = &self.unrolled {
+            return unrolled.rest(at);
+        }
         match self.walled {
             false => self.rest_on_ball(at),
-            true => self.walk(at).rest(at),
+            true => self.walk(at).rest(at, self.radius_mm),
         }
     }
 
@@ -135,7 +160,8 @@ impl Chart {
         let [x, y] = [u, v].map(|mm| mm / self.radius_mm);
         let along = [DVec3::new(1.0 - k * x * x, -k * x * y, -s * x), DVec3::new(-k * x * y, 1.0 - k * y * y, -s * y)];
         let normal = self.axes * DVec3::new(s * x, s * y, cos);
-        Rest { normal, below_mm: 0.0, tangents: along.map(|tangent| (self.axes * tangent).normalize()) }
+        let point_mm = point_mm(self.radius_mm, normal, 0.0);
+        Rest { normal, below_mm: 0.0, point_mm, tangents: along.map(|tangent| (self.axes * tangent).normalize()) }
     }
 
     /// Goes along the geodesic to a point of the chart.
@@ -159,26 +185,16 @@ impl Chart {
 
     /// The point of the gel's surface at a point of the chart, in the sensor's frame, mm.
     pub fn point_mm(&self, at: [f64; 2]) -> DVec3 {
-        self.point_of_mm(&self.rest(at))
-    }
-
-    /// The same of what the gel is there.
-    pub fn point_of_mm(&self, rest: &Rest) -> DVec3 {
-        self.site_mm(Site { normal: rest.normal, below_mm: rest.below_mm })
-    }
-
-    /// The same of a point of the gel.
-    pub fn site_mm(&self, site: Site) -> DVec3 {
-        self.radius_mm * site.normal - DVec3::new(0.0, 0.0, self.radius_mm + site.below_mm)
+        self.rest(at).point_mm
     }
 
     /// The gel at a point of the chart, and what slopes of 1 along x and along y of the chart are there: slopes on the gel.
     pub fn rest_with_gradients(&self, at: [f64; 2]) -> (Rest, [DVec3; 2]) {
         let (rest, area) = match self.walled {
-            false => (self.rest_on_ball(at), self.area(at)),
+            false => (self.rest(at), self.area(at)),
             true => {
                 let walk = self.walk(at);
-                (walk.rest(at), walk.area(at))
+                (walk.rest(at, self.radius_mm), walk.area(at))
             }
         };
         let [x, y] = rest.tangents;
@@ -191,8 +207,12 @@ impl Chart {
         (rest, [gradient(DVec2::X), gradient(DVec2::Y)])
     }
 
-    /// The point of the chart that lies at a point of the gel, whose normal need not be of length 1.
+    /// The point of the chart that lies at a point of the gel, whose normal need not be of length 1; no numbers if none of a mesh's
+    /// chart does.
     pub fn at(&self, site: Site) -> [f64; 2] {
+        if let Some(unrolled) = &self.unrolled {
+            return unrolled.at(site.point_mm);
+        }
         let DVec3 { x, y, z } = self.axes.transpose() * site.normal;
         let across = libm::hypot(x, y);
         let per = match across > 0.0 {
@@ -231,6 +251,9 @@ impl Chart {
 
     /// Area on the gel of a mm^2 of the chart.
     pub fn area(&self, at: [f64; 2]) -> f64 {
+        if let Some(unrolled) = &self.unrolled {
+            return unrolled.area(at);
+        }
         if self.walled {
             return self.walk(at).area(at);
         }
@@ -286,13 +309,19 @@ impl Walk {
     }
 
     /// The gel at that point.
-    fn rest(&self, [u, v]: [f64; 2]) -> Rest {
+    fn rest(&self, [u, v]: [f64; 2], radius_mm: f64) -> Rest {
         let length = libm::hypot(u, v);
         let [cos, sin] = if length > 0.0 { [u / length, v / length] } else { [1.0, 0.0] };
         let across = self.normal.cross(self.towards);
         let tangents = [cos * self.towards - sin * across, sin * self.towards + cos * across];
-        Rest { normal: self.normal, below_mm: self.below_mm, tangents }
+        let point_mm = point_mm(radius_mm, self.normal, self.below_mm);
+        Rest { normal: self.normal, below_mm: self.below_mm, point_mm, tangents }
     }
+}
+
+/// Where a point of a round gel is, mm.
+fn point_mm(radius_mm: f64, normal: DVec3, below_mm: f64) -> DVec3 {
+    radius_mm * normal - DVec3::new(0.0, 0.0, radius_mm + below_mm)
 }
 
 #[cfg(test)]
@@ -308,9 +337,10 @@ mod tests {
     }
 
     fn chart() -> impl Strategy<Value = Chart> {
-        let site = normal().prop_map(|normal| Site { normal, below_mm: 0.0 });
-        let dome = (1.0..100.0_f64, site)
-            .prop_map(|(radius_mm, site)| Chart::around(&GelShape::Dome(GelDome { radius_mm }), site));
+        let dome = (1.0..100.0_f64, normal()).prop_map(|(radius_mm, normal)| {
+            let shape = GelShape::Dome(GelDome { radius_mm });
+            Chart::around(&shape, shape.site(normal, 0.0))
+        });
         let capsule =
             (1.0..100.0_f64, 0.0..4.0_f64, normal(), 0.0..4.0_f64).prop_map(|(radius_mm, wall, to, below)| {
                 let shape = GelShape::Capsule(GelCapsule { radius_mm, length_mm: (1.0 + wall) * radius_mm });
@@ -325,7 +355,7 @@ mod tests {
         fn a_chart_goes_to_the_gel_and_back(chart in chart(), at in prop::array::uniform2(-2.0..2.0_f64)) {
             let at = at.map(|angle| angle * chart.radius_mm());
             let rest = chart.rest(at);
-            let back = chart.at(Site { normal: rest.normal, below_mm: rest.below_mm });
+            let back = chart.at(rest.site());
             // On a capsule two geodesics may lead to one point.
             let [there, here] = [back, at].map(|at| chart.point_mm(at));
             prop_assert!(there.abs_diff_eq(here, 1e-6 * chart.radius_mm()), "{back:?} {at:?}");
@@ -355,7 +385,7 @@ mod tests {
     #[test]
     fn a_capsules_charts_unroll_its_cylinder_and_go_over_its_rim() {
         let shape = GelShape::Capsule(GelCapsule { radius_mm: 10.0, length_mm: 60.0 });
-        let site = Site { normal: DVec3::Y, below_mm: 24.0 };
+        let site = shape.site(DVec3::Y, 24.0);
         let chart = Chart::around(&shape, site);
         let middle = chart.rest([0.0; 2]);
         assert!((middle.below_mm - 24.0).abs() <= 1.0 && middle.normal.abs_diff_eq(DVec3::Y, 1e-12), "{middle:?}");
@@ -380,7 +410,7 @@ mod tests {
         for base in Chart::of_latitudes(&shape) {
             let rest = base.rest([0.0; 2]);
             let turn = DMat3::from_rotation_z(2.0);
-            let site = Site { normal: turn * rest.normal, below_mm: rest.below_mm };
+            let site = shape.site(turn * rest.normal, rest.below_mm);
             let chart = Chart::around(&shape, site);
             assert_eq!(chart.latitude(), base.latitude());
             for at in [[0.0, 0.0], [6.0, -3.0], [-20.0, 8.0], [12.0, 15.0]] {

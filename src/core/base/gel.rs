@@ -1,22 +1,26 @@
 //! The shape of a gel that is not flat.
 //!
-//! Frame: the sensor's, with its origin at the gel's tip and z out of the gel. Every point of the gel is one radius away
+//! Frame: the sensor's, with its origin at the gel's tip and z out of the gel. Every point of a round gel is one radius away
 //! from its axis, a line on z that begins in the middle of the tip's ball.
 
 use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+pub use super::site::Site;
+use super::surface::Surface;
+
 /// The outer surface of a gel that is not flat, untouched.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Debug, PartialEq)]
 pub enum GelShape {
     /// Half of a ball.
     Dome(GelDome),
     /// A finger: half of a ball on a cylinder of the same radius.
     Capsule(GelCapsule),
+    /// Any other, as a mesh.
+    Mesh(Arc<Surface>),
 }
 
 /// See [`GelShape::Dome`].
@@ -39,67 +43,81 @@ pub struct GelCapsule {
     pub length_mm: f64,
 }
 
-/// A point of a gel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Site {
-    /// Out of the gel.
-    pub normal: DVec3,
-    /// How far below the middle of the tip's ball it is, mm: above 0 on a cylinder, else 0.
-    pub below_mm: f64,
-}
-
 impl GelShape {
-    /// Radius of its tip, mm.
+    /// Radius of its tip, mm; of a mesh half its smaller width.
     pub fn radius_mm(&self) -> f64 {
         match self {
             Self::Dome(GelDome { radius_mm }) | Self::Capsule(GelCapsule { radius_mm, .. }) => *radius_mm,
+            Self::Mesh(surface) => surface.size_mm(),
         }
     }
 
-    /// Length of its cylinder, mm; `None` of a dome.
+    /// A gel that is a mesh.
+    pub fn surface(&self) -> Option<&Arc<Surface>> {
+        match self {
+            Self::Mesh(surface) => Some(surface),
+            Self::Dome(_) | Self::Capsule(_) => None,
+        }
+    }
+
+    /// The point of a round gel with this normal, so far below the middle of the tip's ball.
+    pub fn site(&self, normal: DVec3, below_mm: f64) -> Site {
+        let point_mm = self.radius_mm() * normal - DVec3::new(0.0, 0.0, self.radius_mm() + below_mm);
+        Site { normal, below_mm, point_mm }
+    }
+
+    /// Length of a capsule's cylinder, mm; `None` of other shapes.
     pub fn wall_mm(&self) -> Option<f64> {
         match self {
-            Self::Dome(_) => None,
+            Self::Dome(_) | Self::Mesh(_) => None,
             Self::Capsule(GelCapsule { radius_mm, length_mm }) => Some((length_mm - radius_mm).max(0.0)),
         }
     }
 
-    /// From the tip to the end of the gel over its curve, mm.
+    /// From the tip to the end of the gel over its curve, mm; of a mesh to where the rim is nearest.
     pub fn length_over_mm(&self) -> f64 {
-        FRAC_PI_2 * self.radius_mm() + self.wall_mm().unwrap_or(0.0)
+        match self {
+            Self::Mesh(surface) => surface.around_tip().least_rim_mm(0.0..=360.0).0,
+            Self::Dome(_) | Self::Capsule(_) => FRAC_PI_2 * self.radius_mm() + self.wall_mm().unwrap_or(0.0),
+        }
     }
 
-    /// The point that all normals of the tip come from.
+    /// The point that all normals of a round tip come from.
     pub fn centre_mm(&self) -> DVec3 {
         DVec3::new(0.0, 0.0, -self.radius_mm())
     }
 
     /// The point of the gel closest to a place around its axis; the tip, if that is on the axis.
     pub fn closest(&self, to_mm: DVec3) -> Site {
+        if let Self::Mesh(surface) = self {
+            return on_mesh(surface.nearest(to_mm));
+        }
         let to = to_mm - self.centre_mm();
         let below_mm = (-to.z).clamp(0.0, self.wall_mm().unwrap_or(0.0));
         let out = DVec3::new(to.x, to.y, to.z + below_mm);
         // Below a gel's end its rim is closest.
         let out = if out.z < 0.0 { DVec3::new(out.x, out.y, 0.0) } else { out };
-        Site { normal: out.normalize_or(DVec3::Z), below_mm }
-    }
-
-    /// Where a point of the gel is, mm.
-    pub fn point_mm(&self, site: Site) -> DVec3 {
-        self.radius_mm() * site.normal - DVec3::new(0.0, 0.0, self.radius_mm() + site.below_mm)
+        self.site(out.normalize_or(DVec3::Z), below_mm)
     }
 
     /// A frame on the gel, so far from its tip over the gel and in that direction: its axes in the sensor's (away from the tip, around
     /// the gel, out of it), and its origin, mm.
     pub fn frame_at(&self, from_tip_mm: f64, around_deg: f64) -> (DMat3, DVec3) {
+        if let Self::Mesh(surface) = self {
+            return surface.frame_at(from_tip_mm, around_deg);
+        }
         let from_tip = from_tip_mm / self.radius_mm();
         let axes = DMat3::from_rotation_z(around_deg.to_radians()) * DMat3::from_rotation_y(from_tip.min(FRAC_PI_2));
         let below_mm = (from_tip - FRAC_PI_2).max(0.0) * self.radius_mm();
-        (axes, self.point_mm(Site { normal: axes.z_axis, below_mm }))
+        (axes, self.site(axes.z_axis, below_mm).point_mm)
     }
 
-    /// Where a line leaves the gel; `None` if it passes the gel by or leaves through its base.
+    /// Where a line leaves the gel; `None` if it passes the gel by or leaves through its base. Of a mesh where a ray first goes
+    /// out of it.
     pub fn left_by(&self, from: DVec3, direction: DVec3) -> Option<Site> {
+        if let Self::Mesh(surface) = self {
+            return surface.left_by(from, direction).map(on_mesh);
+        }
         let radius_mm = self.radius_mm();
         let direction = direction.normalize();
         let from = from - self.centre_mm();
@@ -108,7 +126,7 @@ impl GelShape {
         let half_chord = radius_mm * radius_mm - nearest.length_squared();
         let leaves = nearest + direction * libm::sqrt(half_chord);
         if half_chord >= 0.0 && leaves.z >= 0.0 {
-            return Some(Site { normal: leaves / radius_mm, below_mm: 0.0 });
+            return Some(self.site(leaves / radius_mm, 0.0));
         }
         // The same across the cylinder's axis.
         let along = direction.truncate().length();
@@ -118,8 +136,13 @@ impl GelShape {
         let leaves = nearest + across * libm::sqrt(half_chord);
         let below_mm = -(from.z + direction.z * (leaves - from.truncate()).dot(across) / along);
         let on_wall = half_chord >= 0.0 && below_mm > 0.0 && below_mm <= self.wall_mm()?;
-        on_wall.then(|| Site { normal: (leaves / radius_mm).extend(0.0), below_mm })
+        on_wall.then(|| self.site((leaves / radius_mm).extend(0.0), below_mm))
     }
+}
+
+/// A point of a mesh with its normal.
+fn on_mesh((point_mm, normal): (DVec3, DVec3)) -> Site {
+    Site { normal, below_mm: 0.0, point_mm }
 }
 
 #[cfg(test)]
@@ -153,7 +176,7 @@ mod tests {
             (DVec3::new(-1.0, 0.0, -1.0), None),
             (DVec3::NEG_Z, None),
         ] {
-            let point = capsule.left_by(from, direction).map(|site| capsule.point_mm(site));
+            let point = capsule.left_by(from, direction).map(|site| site.point_mm);
             match (point, expected) {
                 (Some(point), Some(expected)) => assert!(point.abs_diff_eq(expected, 1e-9), "{point} {expected}"),
                 (point, expected) => assert_eq!(point, expected, "{direction}"),
@@ -161,7 +184,7 @@ mod tests {
         }
         let up = capsule.left_by(from, DVec3::Z).expect("the cap");
         assert_eq!(up.below_mm, 0.0);
-        assert!(capsule.point_mm(up).abs_diff_eq(DVec3::new(1.0, 0.0, f64::sqrt(99.0) - 10.0), 1e-9));
+        assert!(up.point_mm.abs_diff_eq(DVec3::new(1.0, 0.0, f64::sqrt(99.0) - 10.0), 1e-9));
         let beside = capsule.closest(DVec3::new(0.0, -14.0, -33.0));
         assert_eq!((beside.normal, beside.below_mm), (DVec3::NEG_Y, 23.0));
         assert_eq!(capsule.closest(DVec3::new(0.0, 3.0, -90.0)).below_mm, 30.0);

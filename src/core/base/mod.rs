@@ -10,4 +10,7 @@ pub mod grid;
 pub mod light;
 pub mod rng;
 pub mod simd;
+pub mod site;
+pub mod surface;
+pub mod triangle;
 pub mod view;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::projection::Projection;
 use crate::core::base::chart::{Chart, Rest};
@@ -47,6 +47,8 @@ struct Lattice {
     rests: Vec<Rest>,
     /// Slopes on the gel of slopes of 1 on the chart, along x and y.
     gradients: Vec<[DVec3; 2]>,
+    /// Of a mesh, how its normal turns along the chart's x and y, per mm; else empty.
+    turns: Vec<[DVec3; 2]>,
 }
 
 impl GelMap {
@@ -61,15 +63,24 @@ impl GelMap {
         part: Rect,
     ) -> Self {
         let lattice = OnceLock::new();
-        let at = match shape.wall_mm() {
-            None => on_dome(&sites, chart, view),
-            Some(wall_mm) => {
-                let cells = Cells::around(part, view);
+        let over_mm = CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
+        let cells = Cells::around(part, view);
+        let at = match (shape.wall_mm(), chart.geodesics()) {
+            (None, None) => on_dome(&sites, chart, view),
+            (Some(wall_mm), _) => {
                 let lattice = lattice.get_or_init(|| Lattice::new(chart, view, &cells));
-                on_capsule(wall_mm, camera, &sites, chart, view, lattice, &cells)
+                let on_gel = |_: [f64; 2], rest: &Rest| rest.below_mm <= wall_mm + over_mm;
+                drawn(camera, &sites, view, lattice, &cells, on_gel, |_, _| true)
+            }
+            (None, Some(geodesics)) => {
+                let lattice = lattice.get_or_init(|| Lattice::new(chart, view, &Cells::all(view)));
+                let on_gel = |at: [f64; 2], _: &Rest| geodesics.is_on_gel(at, over_mm);
+                // Of two parts of a gel that one pixel looks through, it shows the nearer one.
+                let shown = |point: DVec3, site: &Site| point.distance(site.point_mm) < 2.0 * over_mm;
+                drawn(camera, &sites, view, lattice, &cells, on_gel, shown)
             }
         };
-        Self { view: *view, chart: *chart, sites, at, lattice }
+        Self { view: *view, chart: chart.clone(), sites, at, lattice }
     }
 
     /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
@@ -125,7 +136,7 @@ impl GelMap {
     pub fn points_mm(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
         let down = self.plane(&surface.inner(SURFACE_BORDER));
         let point = |(site, down): (&Option<Site>, &f32)| {
-            let pressed = |site: Site| self.chart.site_mm(site) - f64::from(*down) * site.normal;
+            let pressed = |site: Site| site.point_mm - f64::from(*down) * site.normal;
             site.map_or([0.0; 3], |site| pressed(site).as_vec3().to_array())
         };
         self.sites.iter().zip(&down.data).map(point).collect()
@@ -139,11 +150,17 @@ impl GelMap {
         if x == 0.0 && y == 0.0 {
             return Some((-site.normal, down));
         }
-        let [along_x, along_y] = self
-            .lattice
-            .get_or_init(|| Lattice::new(&self.chart, &self.view, &Cells::all(&self.view)))
-            .gradients_at(at);
+        let lattice = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view, &Cells::all(&self.view)));
+        let [along_x, along_y] = lattice.gradients_at(at);
         let gradient = f64::from(x) * along_x + f64::from(y) * along_y;
+        if !lattice.turns.is_empty() {
+            // What is pressed in along its normals is narrower, or wider, by how these turn.
+            let [turn_x, turn_y] = lattice.turns_at(at).map(|turn| f64::from(down) * turn);
+            let column = |k: usize| DVec3::AXES[k] - turn_x * along_x[k] - turn_y * along_y[k];
+            let kept = DMat3::from_cols(column(0), column(1), column(2));
+            let slope = if kept.determinant() > 0.05 { kept.inverse() * gradient } else { gradient };
+            return Some((-(site.normal + slope).normalize(), down));
+        }
         // A gel that is pressed in has shrunk around its axis, on the ball along it, too.
         let shrunk = 1.0 - f64::from(down) / self.chart.radius_mm();
         let along = if site.below_mm > 0.0 { DVec3::new(0.0, 0.0, gradient.z) } else { DVec3::ZERO };
@@ -280,7 +297,10 @@ impl Lattice {
     fn new(chart: &Chart, view: &View, cells: &Cells) -> Self {
         let [columns, rows] = Self::size(view);
         let known = |at: usize, cells: &Range<usize>| cells.start <= at + 1 && at < cells.end;
-        let nowhere = || (Rest { normal: DVec3::Z, below_mm: 0.0, tangents: [DVec3::ZERO; 2] }, [DVec3::ZERO; 2]);
+        let nowhere = || {
+            let rest = Rest { normal: DVec3::Z, below_mm: 0.0, point_mm: DVec3::ZERO, tangents: [DVec3::ZERO; 2] };
+            (rest, [DVec3::ZERO; 2])
+        };
         let node = |at: usize| {
             let (column, row) = (at % columns, at / columns);
             match known(column, &cells.across) && known(row, &cells.down) {
@@ -288,13 +308,31 @@ impl Lattice {
                 false => nowhere(),
             }
         };
-        let (rests, gradients) = (0..columns * rows).map(node).unzip();
-        Self { columns, rests, gradients }
+        let (rests, gradients): (Vec<Rest>, Vec<_>) = (0..columns * rows).map(node).unzip();
+        let turn = |at: usize| {
+            let (column, row) = (at % columns, at / columns);
+            let slope = |low: usize, high: usize, pitch_mm: f64, apart: usize| {
+                (rests[high].normal - rests[low].normal) / (apart as f64 * CELL as f64 * pitch_mm)
+            };
+            let (left, right) = (column.saturating_sub(1), (column + 1).min(columns - 1));
+            let (above, below) = (row.saturating_sub(1), (row + 1).min(rows - 1));
+            [
+                slope(row * columns + left, row * columns + right, view.mm_per_px[0], right - left),
+                slope(above * columns + column, below * columns + column, view.mm_per_px[1], below - above),
+            ]
+        };
+        let turns = if chart.geodesics().is_some() { (0..columns * rows).map(turn).collect() } else { Vec::new() };
+        Self { columns, rests, gradients, turns }
     }
 
     /// Between its nodes, bilinear.
     fn gradients_at(&self, at: [f32; 2]) -> [DVec3; 2] {
         self.between(at, |node| self.gradients[node])
+    }
+
+    /// How the normals turn along the chart's x and y; of a mesh.
+    fn turns_at(&self, at: [f32; 2]) -> [DVec3; 2] {
+        self.between(at, |node| self.turns[node])
     }
 
     /// The same of the chart's own directions.
@@ -312,16 +350,17 @@ impl Lattice {
     }
 }
 
-/// Of each pixel of a capsule's image: the chart is drawn into the image as triangles, on which places are linear. Where it
-/// covers a part of the gel twice, the place nearer to its middle counts.
-fn on_capsule(
-    wall_mm: f64,
+/// Of each pixel of the image of a capsule or a mesh: the chart is drawn into the image as triangles, on which places are linear.
+/// Where it covers a part of the gel twice, the place nearer to its middle counts. Nodes count that are `on_gel`, and points of the
+/// gel that are `shown` where a pixel shows another one.
+fn drawn(
     camera: &Projection,
     sites: &[Option<Site>],
-    chart: &Chart,
     view: &View,
     lattice: &Lattice,
     Cells { across, down }: &Cells,
+    on_gel: impl Fn([f64; 2], &Rest) -> bool,
+    shown: impl Fn(DVec3, &Site) -> bool,
 ) -> Vec<[f32; 2]> {
     let [width, height] = view.resolution_px;
     let columns = lattice.columns;
@@ -329,15 +368,14 @@ fn on_capsule(
     let node = |column: usize, row: usize| {
         let place = [column, row].map(|at| (at * CELL) as f64);
         let rest = lattice.rests[row * columns + column];
-        let on_gel = rest.below_mm <= wall_mm + CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
-        let px = camera.point_px(chart.point_of_mm(&rest)).filter(|_| on_gel)?;
-        Some((DVec2::from_array(px), DVec2::from_array(place)))
+        let px = camera.point_px(rest.point_mm).filter(|_| on_gel(view.point_mm(place), &rest))?;
+        Some((DVec2::from_array(px), DVec2::from_array(place), rest.point_mm))
     };
     let mut at = vec![[f32::NAN; 2]; width * height];
     let mut away = vec![f32::INFINITY; width * height];
     let pitch = DVec2::from_array(view.mm_per_px);
-    let mut draw = |corners: [(DVec2, DVec2); 3]| {
-        let [(a, _), (b, _), (c, _)] = corners;
+    let mut draw = |corners: [(DVec2, DVec2, DVec3); 3]| {
+        let [(a, ..), (b, ..), (c, ..)] = corners;
         let area = (b - a).perp_dot(c - a);
         if !(area.abs() > 1e-9 && area.abs() < 1e6) {
             return;
@@ -353,10 +391,12 @@ fn on_capsule(
                 let shares = [(c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a)];
                 let shares = shares.map(|share| share / area);
                 if shares.iter().all(|share| *share >= -1e-6) {
-                    let place: DVec2 = corners.iter().zip(shares).map(|((_, place), share)| share * *place).sum();
+                    let place: DVec2 = corners.iter().zip(shares).map(|((_, place, _), share)| share * *place).sum();
+                    let point: DVec3 = corners.iter().zip(shares).map(|((.., point), share)| share * *point).sum();
                     let from_middle = ((place - DVec2::from_array(middle)) * pitch).length() as f32;
                     let index = y * width + x;
-                    if from_middle < away[index] && sites[index].is_some() {
+                    let shown = sites[index].as_ref().is_some_and(|site| shown(point, site));
+                    if from_middle < away[index] && shown {
                         away[index] = from_middle;
                         at[index] = place.as_vec2().to_array();
                     }

@@ -11,7 +11,7 @@ use super::defocus;
 use super::gel_map::bilinear;
 use super::projection::Projection;
 use crate::core::base::chart::{Chart, Rest};
-use crate::core::base::gel::{GelShape, Site};
+use crate::core::base::gel::GelShape;
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::rng::Stream;
@@ -138,7 +138,7 @@ impl SkinMotion {
         let sigma_px = pitch_mm.map(|pitch| smoothing_mm / pitch);
         let smoothed = defocus::blur_whole(&planes, width, height, sigma_px);
         let planes = smoothed.map(|data| Grid { width, height, data });
-        Self { chart: *chart, planes, pitch_mm, origin_mm }
+        Self { chart: chart.clone(), planes, pitch_mm, origin_mm }
     }
 
     /// How the skin moved at a point of the chart, in the sensor's frame, mm; none beyond the chart.
@@ -163,8 +163,8 @@ impl Pins {
     pub fn at_rest(&self, shape: &GelShape, camera: &Projection) -> Vec<Tip> {
         let chart = Chart::at_tip(shape);
         let tip = |at: &[f64; 2]| {
-            let axis = chart.rest(*at).normal;
-            self.tip(chart.point_mm(*at), axis, camera)
+            let Rest { normal, point_mm, .. } = chart.rest(*at);
+            self.tip(point_mm, normal, camera)
         };
         self.at_mm.iter().map(tip).collect()
     }
@@ -173,8 +173,10 @@ impl Pins {
     pub fn moved(&self, shape: &GelShape, motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
         let tip_chart = Chart::at_tip(shape);
         let tip = |at: &[f64; 2]| {
-            let Rest { normal, below_mm, .. } = tip_chart.rest(*at);
-            let (skin, axis) = motion.skin(motion.chart.at(Site { normal, below_mm }));
+            let rest = tip_chart.rest(*at);
+            let at = motion.chart.at(rest.site());
+            // What lies beyond a mesh's chart stays where it is.
+            let (skin, axis) = if at[0].is_nan() { (rest.point_mm, rest.normal) } else { motion.skin(at) };
             self.tip(skin, axis, camera)
         };
         self.at_mm.iter().map(tip).collect()

@@ -142,6 +142,11 @@ impl Projection {
     /// The point of the gel that a point of the image shows; `None` where it shows none.
     pub fn site(&self, shape: &GelShape, px: [f64; 2]) -> Option<Site> {
         let (from, direction) = self.line(px);
+        // What goes first out of a mesh is looked for from below it.
+        let from = match (shape.surface(), &self.lens) {
+            (Some(surface), LensModel::Orthographic) => from.with_z(surface.bounds_mm()[0].z - 1.0),
+            _ => from,
+        };
         shape.left_by(from, direction)
     }
 
@@ -189,7 +194,8 @@ impl Projection {
 
     /// The view in which charts are computed: as many nodes as the image has pixels. Around a dome's tip they hold all that the
     /// image shows; on a capsule they reach a quarter of the way around it on both sides, and as far along it or, if that is more,
-    /// half of its length. `None` if the image shows no gel.
+    /// half of its length. On a mesh the same, whose quarter ends where its normal is across the tip's. `None` if the image shows
+    /// no gel.
     pub fn chart_view(&self, shape: &GelShape) -> Option<View> {
         const STEPS: usize = 32;
         let chart = Chart::at_tip(shape);
@@ -208,6 +214,11 @@ impl Projection {
         if let Some(wall_mm) = shape.wall_mm() {
             let quarter_mm = FRAC_PI_2 * shape.radius_mm();
             farthest = [quarter_mm.max(0.5 * (quarter_mm + wall_mm)), quarter_mm];
+        }
+        if let Some([quarter_mm, end_mm]) = chart.geodesics().and_then(|geodesics| geodesics.quarter_and_end_mm())
+            && farthest[0].max(farthest[1]) > 1.1 * quarter_mm
+        {
+            farthest = [quarter_mm.max(0.5 * end_mm), quarter_mm];
         }
         let mm_per_px = std::array::from_fn(|k| 2.0 * farthest[k] / self.resolution_px[k] as f64);
         (shown && farthest.iter().all(|mm| *mm > 0.0)).then_some(View { resolution_px: self.resolution_px, mm_per_px })

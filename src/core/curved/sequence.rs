@@ -33,7 +33,7 @@ impl Curved {
     pub fn advance(&self, sliding: &mut Sliding, steps: &[ObjectStep], moving: &MovingObject<'_>) {
         sliding.begin_over_gel();
         for step in steps {
-            let (chart, site, deepest_mm) = self.under(moving.mesh(), &step.pose);
+            let (chart, site, deepest_mm) = self.under(moving.mesh(), &step.pose, moving.thickness_mm);
             let moved = sliding.come_over(&chart, site, moving.plane, step.motion);
             let texture = moving.carried_texture(sliding);
             let capture = |places: &Places<'_>, size: [usize; 2], window: Window| {
@@ -46,7 +46,7 @@ impl Curved {
 
     /// Force of the object if it were pressed in at a pose, N.
     pub fn force_n(&self, sliding: &Sliding, moving: &MovingObject<'_>, pose: &Pose) -> f64 {
-        let (chart, site, deepest_mm) = self.under(moving.mesh(), pose);
+        let (chart, site, deepest_mm) = self.under(moving.mesh(), pose, moving.thickness_mm);
         let texture = moving.carried_texture(sliding);
         let capture = |places: &Places<'_>, size: [usize; 2], window: Window| {
             self.captured(moving, texture.as_ref(), pose, places, size, window)
@@ -71,9 +71,9 @@ impl Curved {
     }
 
     /// The chart around the place where an object comes closest to the gel, that place, and how far it reaches below the gel, mm.
-    fn under(&self, object: &Clusters, pose: &Pose) -> (Chart, Site, f64) {
-        let (site, distance_mm) = self.closest_to_axis(object, pose);
-        (self.chart(site), site, self.shape.radius_mm() - distance_mm)
+    fn under(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Chart, Site, f64) {
+        let (site, reaches_mm) = self.deepest(object, pose, thickness_mm);
+        (self.chart(site), site, reaches_mm)
     }
 }
 

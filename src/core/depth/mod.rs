@@ -14,12 +14,14 @@ use crate::core::pose::{Placement, Pose};
 pub mod beyond;
 pub mod height_map;
 pub mod indenter;
+pub mod lines;
 pub mod normals;
 pub mod patterns;
 pub mod raster;
 pub mod relief;
 pub mod rest;
 pub mod texture;
+pub mod touch;
 
 use height_map::HeightMap;
 use indenter::{Indenter, Shape};

@@ -2,12 +2,14 @@
 //!
 //! All normals of a ball come from its centre, so that a triangle is met by the normals between three planes through its
 //! edges and that centre. Two triangles that share an edge share its plane, to the bit: there is no gap between them. Normals of
-//! a cylinder come from its axis; what a plane is then moved by along that is the same for both triangles, too.
+//! a cylinder come from its axis; what a plane is then moved by along that is the same for both triangles, too. Normals of a mesh
+//! come from nowhere in common (`lines.rs`).
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::{DMat3, DVec3};
 
+use super::lines::Lines;
 use super::{Depth, Window, limited};
 use crate::core::base::chart::{Chart, Latitude};
 use crate::core::base::gel::GelShape;
@@ -34,6 +36,8 @@ pub struct Normals {
     width: usize,
     height: usize,
     margin_px: usize,
+    /// Of a mesh's chart around its tip, once it is asked for.
+    at_tip: OnceLock<Lines>,
     /// Of each latitude, once it is asked for: the same all around the gel. A dome has one, the same everywhere.
     latitudes: Vec<OnceLock<Nodes>>,
 }
@@ -77,11 +81,19 @@ impl Normals {
         let [width, height] = view.resolution_px.map(|px| px + 2 * margin_px);
         let latitudes = shape.wall_mm().map_or(1, |_| Latitude::count(shape));
         let latitudes = (0..latitudes).map(|_| OnceLock::new()).collect();
-        Self { shape: *shape, view: *view, width, height, margin_px, latitudes }
+        Self { shape: shape.clone(), view: *view, width, height, margin_px, at_tip: OnceLock::new(), latitudes }
     }
 
     /// How far `object` reaches below the gel along the normals of a chart, limited to `thickness_mm`.
     pub fn capture(&self, object: &Clusters, pose: &Pose, chart: &Chart, window: Window, thickness_mm: f64) -> Depth {
+        if let Some(geodesics) = chart.geodesics() {
+            let lines = || Lines::new(geodesics, &self.view, self.margin_px);
+            let at_tip = self.shape.surface().is_some_and(|surface| Arc::ptr_eq(surface.around_tip(), geodesics));
+            return match at_tip {
+                true => self.at_tip.get_or_init(lines).capture(object, pose, geodesics, window, thickness_mm),
+                false => lines().capture(object, pose, geodesics, window, thickness_mm),
+            };
+        }
         let number = chart.latitude().number();
         let nodes = self.latitudes[number].get_or_init(|| self.nodes(number));
         let heights = self.heights(nodes, chart.turn().transpose(), object, pose, window.above_mm);

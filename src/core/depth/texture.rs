@@ -116,7 +116,7 @@ impl Texture {
         for y in 0..depth.overlap.height {
             for (x, value) in depth.overlap.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
                 let rest = places.chart.rest((places.place)([x, y]));
-                let on_object = places.chart.point_of_mm(&rest) - f64::from(*value) * rest.normal;
+                let on_object = rest.point_mm - f64::from(*value) * rest.normal;
                 let at = posed.plane.seen_from(on_object);
                 let (x, y) = (at.x - origin_mm[0], at.y - origin_mm[1]);
                 let on_tile = [(x * cos + y * sin) / tile_mm[0], (y * cos - x * sin) / tile_mm[1]];

@@ -6,6 +6,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use super::heat_on_mesh::HeatOnMesh;
 use crate::core::base::gel::{GelShape, Site};
 use glam::{DVec2, DVec3};
 
@@ -14,16 +15,45 @@ const CELLS: [usize; 2] = [160, 120];
 /// Waves around the axis.
 const WAVES: usize = 64;
 /// Width of the LED at the rim, rad: the standard deviation.
-const LED_RAD: f64 = 0.15;
+pub(super) const LED_RAD: f64 = 0.15;
 /// How far light goes in the layer before it is 1 / e, in radii of the gel: where two ways are as short as each other, light comes
 /// from both over as much.
-const REACH: f64 = 0.2;
+pub(super) const REACH: f64 = 0.2;
 
 /// Light that spreads on the way around a ball is so much less steep than light along a line, at least.
-const SPREAD: f64 = 0.97;
+pub(super) const SPREAD: f64 = 0.97;
 
-/// Directions of light over a gel whose LED is at the rim, at azimuth 0.
-pub(super) struct Heat {
+/// Directions of light over a gel from LEDs at its rim.
+pub(super) enum Heat {
+    Round(HeatOnRound),
+    Mesh(HeatOnMesh),
+}
+
+impl Heat {
+    /// Of LEDs at these azimuths.
+    pub fn new(shape: &GelShape, azimuths: impl Iterator<Item = f64>) -> Self {
+        match shape {
+            GelShape::Mesh(surface) => Self::Mesh(HeatOnMesh::new(surface, azimuths)),
+            GelShape::Dome(_) | GelShape::Capsule(_) => Self::Round(HeatOnRound::new(shape)),
+        }
+    }
+
+    /// Towards an LED at one of the azimuths along the gel, of length 1 at most, and how far it is, mm.
+    pub fn at(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
+        match self {
+            Self::Round(heat) => heat.at(site, azimuth),
+            Self::Mesh(heat) => heat.at(site.point_mm, site.normal, azimuth),
+        }
+    }
+}
+
+/// An angle, whichever way it turns, without whole turns.
+pub(super) fn half_turn(angle: f64) -> f64 {
+    (angle - 2.0 * PI * libm::round(angle / (2.0 * PI))).abs()
+}
+
+/// The same on a gel that is round, of an LED at azimuth 0.
+pub(super) struct HeatOnRound {
     shape: GelShape,
     length: f64,
     /// For each cell, rows along the meridian: towards the LED, in the axes that the tip's have when they are taken there along
@@ -33,7 +63,7 @@ pub(super) struct Heat {
     tip: [f64; 3],
 }
 
-impl Heat {
+impl HeatOnRound {
     pub fn new(shape: &GelShape) -> Self {
         let length = FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0) / shape.radius_mm();
         let step = length / CELLS[0] as f64;
@@ -72,12 +102,12 @@ impl Heat {
         }
         let first = &cells[..CELLS[1]];
         let tip = [0, 2].map(|k| first.iter().map(|cell| cell[k]).sum::<f64>() / CELLS[1] as f64);
-        Self { shape: *shape, length, cells, tip: [tip[0], 0.0, tip[1]] }
+        Self { shape: shape.clone(), length, cells, tip: [tip[0], 0.0, tip[1]] }
     }
 
     /// Towards an LED at an azimuth along the gel, of length 1 at most, and how far it is, mm.
     pub fn at(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
-        let Site { normal, below_mm } = site;
+        let Site { normal, below_mm, .. } = site;
         let around = libm::atan2(normal.y, normal.x) - azimuth;
         let around = around - 2.0 * PI * libm::round(around / (2.0 * PI));
         let across = libm::hypot(normal.x, normal.y);
@@ -149,7 +179,7 @@ mod tests {
     #[test]
     fn on_a_dome_light_comes_along_great_circles() {
         let shape = GelShape::Dome(GelDome { radius_mm: 12.0 });
-        let heat = Heat::new(&shape);
+        let heat = HeatOnRound::new(&shape);
         let led = DVec3::X;
         let mut worst = 1.0_f64;
         for from_tip in [0.05, 0.3, 0.7, 1.0, 1.3] {
@@ -159,7 +189,7 @@ mod tests {
                     libm::sin(from_tip) * libm::sin(around),
                     libm::cos(from_tip),
                 );
-                let (towards, distance_mm) = heat.at(Site { normal, below_mm: 0.0 }, 0.0);
+                let (towards, distance_mm) = heat.at(shape.site(normal, 0.0), 0.0);
                 let angle = normal.angle_between(led);
                 let circle = (led - normal * normal.dot(led)).normalize();
                 assert!(towards.dot(normal).abs() < 1e-9 && towards.length() < 1.0 + 1e-9);
@@ -177,9 +207,9 @@ mod tests {
     #[test]
     fn opposite_the_led_light_comes_from_both_sides_without_a_step() {
         let shape = GelShape::Capsule(GelCapsule { radius_mm: 10.0, length_mm: 45.0 });
-        let heat = Heat::new(&shape);
+        let heat = HeatOnRound::new(&shape);
         let at = |around: f64, below_mm: f64| {
-            heat.at(Site { normal: DVec3::new(libm::cos(around), libm::sin(around), 0.0), below_mm }, 0.3).0
+            heat.at(shape.site(DVec3::new(libm::cos(around), libm::sin(around), 0.0), below_mm), 0.3).0
         };
         for below_mm in [0.0, 10.0, 30.0] {
             let steps: Vec<DVec3> = (0..=400).map(|k| at(PI * k as f64 / 200.0 + 0.1, below_mm)).collect();
@@ -191,7 +221,7 @@ mod tests {
         // The tip is lit from the LED's side, whichever way one comes to it.
         for around in [0.0, 2.0, 4.0] {
             let normal = DVec3::new(1e-3 * libm::cos(around), 1e-3 * libm::sin(around), 1.0).normalize();
-            let (towards, _) = heat.at(Site { normal, below_mm: 0.0 }, 0.3);
+            let (towards, _) = heat.at(shape.site(normal, 0.0), 0.3);
             assert!(towards.angle_between(DVec3::new(libm::cos(0.3), libm::sin(0.3), 0.0)) < 0.02, "{towards}");
         }
     }

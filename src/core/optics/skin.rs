@@ -39,6 +39,18 @@ pub struct Skin {
     stray_light: Option<[f32; 3]>,
 }
 
+/// The light of LEDs at the rim of a gel, if there are any.
+pub struct AlongGel(Option<Heat>);
+
+impl AlongGel {
+    /// Of those among `leds`.
+    pub fn new(leds: &[Led], shape: &GelShape) -> Self {
+        let at_rim = || leds.iter().filter(|led| led.position_mm.is_none());
+        let azimuths = at_rim().map(|led| led.azimuth_deg.to_radians());
+        Self(at_rim().next().is_some().then(|| Heat::new(shape, azimuths)))
+    }
+}
+
 /// What of an LED's light reaches the skin.
 struct LitSkin {
     /// Colour times intensity.
@@ -63,12 +75,11 @@ impl Skin {
     pub fn new(
         phong: Phong,
         light: &Illumination<'_>,
-        shape: &GelShape,
+        along_gel: &AlongGel,
         points: &[Option<SkinPoint>],
         width: usize,
     ) -> Self {
-        let heat = light.leds.iter().any(|led| led.position_mm.is_none()).then(|| Heat::new(shape));
-        let leds = light.leds.iter().map(|led| LitSkin::new(led, heat.as_ref(), shape, points)).collect();
+        let leds = light.leds.iter().map(|led| LitSkin::new(led, along_gel, points)).collect();
         let vector = |point: &Option<SkinPoint>| point.map_or([0.0; 3], |point| point.to_camera.as_vec3().to_array());
         let mut skin = Self {
             phong,
@@ -139,17 +150,15 @@ pub fn rendered(
     look: &RenderedBackground,
     noise: &Grid<f32>,
     leds: &[Led],
-    shape: &GelShape,
+    along_gel: &AlongGel,
     points: &[Option<SkinPoint>],
     view: &View,
 ) -> BackgroundImage {
-    let along_gel = leds.iter().any(|led| led.position_mm.is_none()) && look.glow != 0.0;
-    let heat = along_gel.then(|| Heat::new(shape));
     let glow = |number: usize, pixel: usize, _: [f64; 2]| {
         let (led, Some(point)) = (&leds[number], points[pixel]) else { return 0.0 };
-        match (led.position_mm, &heat) {
+        match (led.position_mm, &along_gel.0) {
             (Some(position_mm), _) => {
-                let (towards, strength) = straight(position_mm, shape.point_mm(point.site));
+                let (towards, strength) = straight(position_mm, point.site.point_mm);
                 strength * (-point.site.normal).dot(towards).max(0.0)
             }
             (None, Some(heat)) => {
@@ -180,13 +189,13 @@ fn straight(position_mm: [f64; 3], point_mm: DVec3) -> (DVec3, f64) {
 }
 
 impl LitSkin {
-    fn new(led: &Led, heat: Option<&Heat>, shape: &GelShape, points: &[Option<SkinPoint>]) -> Self {
+    fn new(led: &Led, along_gel: &AlongGel, points: &[Option<SkinPoint>]) -> Self {
         let (sin, cos) = sin_cos_deg(led.elevation_deg);
         let azimuth = led.azimuth_deg.to_radians();
         let lit = |point: &Option<SkinPoint>| {
             let Some(SkinPoint { site, .. }) = point else { return ([0.0; 3], 0.0) };
-            let (towards, strength) = match (led.position_mm, heat) {
-                (Some(position_mm), _) => straight(position_mm, shape.point_mm(*site)),
+            let (towards, strength) = match (led.position_mm, &along_gel.0) {
+                (Some(position_mm), _) => straight(position_mm, site.point_mm),
                 (None, Some(heat)) => (cos * heat.at(*site, azimuth).0 - sin * site.normal, 1.0),
                 (None, None) => (DVec3::ZERO, 0.0),
             };

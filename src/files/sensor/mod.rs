@@ -5,6 +5,7 @@ pub mod markers;
 pub mod pins;
 pub mod quantity;
 pub mod random;
+pub mod shape;
 pub mod unit;
 
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use camera::CameraDistribution;
 use markers::MarkerDistribution;
 use pins::PinDistribution;
 use serde::{Deserialize, Serialize};
+use shape::SensorShape;
 use unit::Unit;
 
 use crate::core::depth::rest::Grain;
@@ -76,7 +78,7 @@ pub struct Sensor {
     pub calibration_sha256: Option<String>,
     /// Shape of a gel that a camera inside sees through `lens`. Without it the gel is flat, or nearly (`rest_shape`).
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub shape: Option<GelShape>,
+    pub shape: Option<SensorShape>,
     /// Lens and place of the camera, with a `shape`. Without it the camera looks from straight below, without perspective.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensModel>,
@@ -134,7 +136,7 @@ impl Sensor {
             resolution_px: self.resolution_px.map(|px| px as usize),
             field_of_view_mm: self.field_of_view_mm,
             gelpad: self.material(),
-            shape: self.shape,
+            shape: self.gel(),
             lens: self.lens.unwrap_or_default(),
             pins: self.pins.as_ref().map(PinDistribution::pins),
             rest_surface: None,
@@ -149,6 +151,11 @@ impl Sensor {
             markers: markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() }),
             camera: camera.resting(),
         }
+    }
+
+    /// The shape of its gel; `None` of a flat one, and of a mesh that was not read.
+    pub fn gel(&self) -> Option<GelShape> {
+        self.shape.as_ref().and_then(SensorShape::gel)
     }
 
     /// What is known of its light.

@@ -1,5 +1,7 @@
 //! `[sensor.pins]`: pins inside a gel that is not flat, and where they stand.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::core::camera::pins::{Along, MountRing, Pins};
@@ -13,10 +15,18 @@ pub struct PinDistribution {
     /// How they stand.
     #[serde(default)]
     pub layout: PinLayout,
-    /// How many there are, 1 to 10000.
-    pub count: u32,
-    /// Distance from ring to ring, or from pin to pin, over the skin, mm.
-    pub spacing_mm: f64,
+    /// SHA-256 of the layout's file in lower-case hex; if given, another content is refused.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub layout_sha256: Option<String>,
+    /// What that file holds, once it was read.
+    #[serde(skip)]
+    pub places_mm: Option<Arc<Vec<[f64; 2]>>>,
+    /// How many there are, 1 to 10000. Not beside a layout from a file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub count: Option<u32>,
+    /// Distance from ring to ring, or from pin to pin, over the skin, mm. Not beside a layout from a file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spacing_mm: Option<f64>,
     /// From x towards y, degrees.
     #[serde(default)]
     pub turn_deg: f64,
@@ -45,7 +55,7 @@ pub struct PinDistribution {
 }
 
 /// How pins stand.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PinLayout {
@@ -54,6 +64,8 @@ pub enum PinLayout {
     Rings,
     /// Each with six neighbours at the same distance.
     Hexagonal,
+    /// As a CSV file says, relative to the file this stands in: columns x_mm and y_mm, mm from the tip over the gel.
+    File(String),
 }
 
 fn whole() -> f64 {
@@ -88,15 +100,16 @@ impl PinDistribution {
             let (sin, cos) = libm::sincos(angle + turn);
             [radius * cos, radius * sin]
         };
-        let count = self.count as usize;
-        match self.layout {
+        let count = self.count.unwrap_or_default() as usize;
+        let spacing_mm = self.spacing_mm.unwrap_or_default();
+        match &self.layout {
             PinLayout::Rings => {
                 let mut places = vec![[0.0; 2]];
                 let mut ring = 1;
                 while places.len() < count {
                     let pins = (6 * ring).min(count - places.len());
                     let step = 2.0 * std::f64::consts::PI / pins as f64;
-                    places.extend((0..pins).map(|k| at(ring as f64 * self.spacing_mm, k as f64 * step)));
+                    places.extend((0..pins).map(|k| at(ring as f64 * spacing_mm, k as f64 * step)));
                     ring += 1;
                 }
                 places
@@ -112,10 +125,64 @@ impl PinDistribution {
                     })
                     .collect();
                 nodes.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-                let place = |(square, angle): (i64, f64)| at(self.spacing_mm * libm::sqrt(square as f64), angle);
+                let place = |(square, angle): (i64, f64)| at(spacing_mm * libm::sqrt(square as f64), angle);
                 nodes.into_iter().take(count).map(place).collect()
             }
+            PinLayout::File(_) => {
+                let turned = |[x, y]: &[f64; 2]| at(libm::hypot(*x, *y), libm::atan2(*y, *x));
+                self.places_mm.iter().flat_map(|places| places.iter().map(turned)).collect()
+            }
         }
+    }
+}
+
+/// The places in a table of pins, or the mistakes in it, each with its line and column.
+#[cfg(feature = "datasets")]
+pub fn places(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
+    use crate::files::rows;
+
+    /// Places of pins, mm.
+    const FARTHEST_MM: f64 = 1e4;
+    const MOST: usize = 10_000;
+    /// Mistakes that are said.
+    const SAID: usize = 10;
+    let source = match rows::source(std::path::Path::new(path), bytes) {
+        Ok(source) => source,
+        Err(_) => return Err(vec![format!("{path}: the table of pins is not UTF-8; save it as CSV in UTF-8")]),
+    };
+    let mut mistakes = Vec::new();
+    let mut wrong = |start: usize, line: u64, cell: usize, what: String| {
+        let place = rows::cell_place(&source.text, start, cell);
+        let column = source.text[start.min(place.start)..place.start].chars().count() + 1;
+        mistakes.push(format!("{path}:{line}:{column}: {what}"));
+    };
+    let mut rows = rows::rows(&source.text);
+    let Some(header) = rows.next() else { return Err(vec![format!("{path}: the table of pins is empty")]) };
+    let named = |name: &str| (0..header.cells.len()).find(|cell| header.cell(*cell) == name);
+    let (Some(x), Some(y)) = (named("x_mm"), named("y_mm")) else {
+        wrong(header.start, header.line, 0, String::from("the first line names no columns x_mm and y_mm"));
+        return Err(mistakes);
+    };
+    let mut found = Vec::new();
+    for row in rows {
+        if found.len() == MOST {
+            wrong(row.start, row.line, 0, format!("more than {MOST} pins"));
+            break;
+        }
+        let mut place = [0.0; 2];
+        for (k, cell) in [x, y].into_iter().enumerate() {
+            match row.cell(cell).parse::<f64>() {
+                Ok(mm) if mm.abs() <= FARTHEST_MM => place[k] = mm,
+                _ => wrong(row.start, row.line, cell, format!("`{}` is no place of a pin in mm", row.cell(cell))),
+            }
+        }
+        found.push(place);
+    }
+    mistakes.truncate(SAID);
+    match (mistakes.is_empty(), found.is_empty()) {
+        (true, false) => Ok(found),
+        (true, true) => Err(vec![format!("{path}: the table has no pins")]),
+        (false, _) => Err(mistakes),
     }
 }
 
@@ -126,8 +193,10 @@ mod tests {
     fn pins(layout: PinLayout, count: u32) -> PinDistribution {
         PinDistribution {
             layout,
-            count,
-            spacing_mm: 2.0,
+            layout_sha256: None,
+            places_mm: None,
+            count: Some(count),
+            spacing_mm: Some(2.0),
             turn_deg: 10.0,
             length_mm: 1.0,
             diameter_mm: 1.0,
@@ -144,14 +213,15 @@ mod tests {
     fn both_layouts_keep_pins_apart_and_fill_from_the_middle() {
         for (layout, closest_mm) in [(PinLayout::Rings, 1.99), (PinLayout::Hexagonal, 1.9999)] {
             for count in [1, 2, 7, 100, 331] {
-                let places = pins(layout, count).places();
+                let places = pins(layout.clone(), count).places();
                 assert_eq!((places.len(), places[0]), (count as usize, [0.0; 2]));
                 let apart = |a: &[f64; 2], b: &[f64; 2]| libm::hypot(a[0] - b[0], a[1] - b[1]);
                 let pairs = places.iter().enumerate().flat_map(|(k, a)| places[..k].iter().map(move |b| apart(a, b)));
                 let closest = pairs.fold(f64::INFINITY, f64::min);
                 assert!(closest > closest_mm, "{layout:?} {count}: {closest}");
             }
-            assert!((pins(layout, 331).reach_mm() - 20.0).abs() < 2.0, "{}", pins(layout, 331).reach_mm());
+            let reach_mm = pins(layout, 331).reach_mm();
+            assert!((reach_mm - 20.0).abs() < 2.0, "{reach_mm}");
         }
     }
 }

@@ -120,8 +120,16 @@ impl Job {
             Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
             _ => None,
         };
+        let gel = match &mut self.sensor.shape {
+            Some(sensor::shape::SensorShape::Mesh(mesh)) => Some(&mut mesh.path),
+            _ => None,
+        };
+        let pins = self.sensor.pins.as_mut().and_then(|pins| match &mut pins.layout {
+            sensor::pins::PinLayout::File(path) => Some(path),
+            _ => None,
+        });
         let sensor = self.sensor.background.iter_mut().chain(&mut self.sensor.calibration);
-        objects.chain(textures).chain(shape).chain(sensor).chain(&mut self.random.backgrounds)
+        objects.chain(textures).chain(shape).chain(gel).chain(pins).chain(sensor).chain(&mut self.random.backgrounds)
     }
 }
 

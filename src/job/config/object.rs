@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::files::figures::figure;
+pub use crate::files::length::Unit;
 use crate::files::mesh::{PlateSize, Reading, UrdfShapes};
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::texture::TextureDistribution;
@@ -152,45 +153,7 @@ impl Default for Object {
     }
 }
 
-/// Unit of length of a mesh file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub enum Unit {
-    /// Millimetres.
-    #[default]
-    Mm,
-    /// Centimetres.
-    Cm,
-    /// Metres.
-    M,
-    /// Inches.
-    In,
-}
-
 impl Unit {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Mm, Self::Cm, Self::M, Self::In];
-
-    /// As it is written in jobs.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Mm => "mm",
-            Self::Cm => "cm",
-            Self::M => "m",
-            Self::In => "in",
-        }
-    }
-
-    /// Millimetres per unit.
-    pub fn mm(self) -> f64 {
-        match self {
-            Self::Mm => 1.0,
-            Self::Cm => 10.0,
-            Self::M => 1000.0,
-            Self::In => 25.4,
-        }
-    }
-
     /// The unit of so many millimetres, if there is one.
     pub fn of_mm(mm: f64) -> Option<Self> {
         Self::ALL.into_iter().find(|unit| unit.mm() == mm)

@@ -139,6 +139,14 @@ impl Presets {
                 job["sensor"][key] = value.clone();
             }
         }
+        if job["sensor"].pointer("/shape/mesh").is_some() {
+            job["sensor"]["shape"] = found["shape"].clone();
+        }
+        if job["sensor"].pointer("/pins/layout/file").is_some() {
+            for key in ["layout", "layout_sha256"] {
+                job["sensor"]["pins"][key] = found["pins"][key].clone();
+            }
+        }
     }
 }
 

@@ -8,7 +8,8 @@ use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
 use crate::core::camera::projection::{Fisheye, LensModel, Pinhole};
 use crate::core::gelpad;
 use crate::files::sensor::Sensor;
-use crate::files::sensor::pins::PinDistribution;
+use crate::files::sensor::pins::{PinDistribution, PinLayout};
+use crate::files::sensor::shape::SensorShape;
 use crate::job::config::Job;
 use crate::job::layers::OutputLayer;
 
@@ -19,10 +20,10 @@ const LONGEST_CAPSULE: f64 = 20.0;
 pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
     match &sensor.shape {
         None => {}
-        Some(GelShape::Dome(GelDome { radius_mm })) => {
+        Some(SensorShape::Dome(GelDome { radius_mm })) => {
             check.number("sensor.shape.dome.radius_mm", *radius_mm, 1.0..=1e6, "mm");
         }
-        Some(GelShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
+        Some(SensorShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
             check.number("sensor.shape.capsule.radius_mm", *radius_mm, 1.0..=1e3, "mm");
             check.number("sensor.shape.capsule.length_mm", *length_mm, 1.0..=1e3, "mm");
             let longest_mm = LONGEST_CAPSULE * radius_mm;
@@ -37,6 +38,8 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
                 check.error("sensor.shape.capsule.length_mm", message, help);
             }
         }
+        // Said where its file is read.
+        Some(SensorShape::Mesh(_)) => {}
     }
     match &sensor.lens {
         None | Some(LensModel::Orthographic) => {}
@@ -85,7 +88,7 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
         for (k, mm) in position_mm.iter().enumerate() {
             check.number(&format!("{at}.{k}"), *mm, -1e4..=1e4, "mm");
         }
-        match sensor.shape.filter(|_| check.sound("sensor.shape")) {
+        match sensor.gel().filter(|_| check.sound("sensor.shape")) {
             None if !has("shape") && check.sound("sensor.shape") => {
                 let message = "`position_mm` places an LED in a gel that has a shape, and this one has none";
                 check.error(&at, message, "write azimuth_deg, elevation_deg and distance_mm; or add [sensor.shape]");
@@ -97,9 +100,35 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
             _ => {}
         }
     }
-    if let Some(shape) = sensor.shape.filter(|_| check.sound("sensor")) {
-        let seen = sensor.to_simulated(None, &Default::default()).projection().chart_view(&shape);
-        if seen.is_none() {
+    if let Some(surface) = sensor.gel().as_ref().and_then(GelShape::surface)
+        && surface.has_no_rim()
+    {
+        for number in
+            sensor.led.iter().enumerate().filter(|(_, led)| led.position_mm.is_none()).map(|(number, _)| number)
+        {
+            let message = "the LED is at the gel's rim, and this gel's mesh ends nowhere";
+            check.error(
+                &format!("sensor.led.{number}"),
+                message,
+                "leave the base out of the mesh, or place the LED with position_mm",
+            );
+        }
+    }
+    if let Some(shape) = sensor.gel().filter(|_| check.sound("sensor")) {
+        let projection = sensor.to_simulated(None, &Default::default()).projection();
+        if let Some(surface) = shape.surface() {
+            let [width, height] = sensor.resolution_px.map(f64::from);
+            let shown = |[x, y]: [f64; 2]| x >= 0.0 && y >= 0.0 && x <= width && y <= height;
+            for hole in surface.holes().iter().filter(|hole| projection.point_px(hole.at_mm).is_some_and(shown)) {
+                let DVec3 { x, y, z } = hole.at_mm;
+                let message = format!(
+                    "the gel's mesh has a hole of {} edges around ({x:.2}, {y:.2}, {z:.2}) mm, where the camera looks",
+                    hole.edges
+                );
+                check.error("sensor.shape.mesh.path", message, "close it, or turn the camera away");
+            }
+        }
+        if projection.chart_view(&shape).is_none() {
             let message = "the camera sees no gel";
             check.error(
                 "sensor.lens",
@@ -123,7 +152,7 @@ fn place(check: &mut Check<'_>, at: &str, sensor: &Sensor, position_mm: [f64; 3]
             "name a point before it, such as the tip",
         );
     }
-    let Some(shape) = sensor.shape.filter(|_| check.sound("sensor.shape")) else { return };
+    let Some(shape) = sensor.gel().filter(|_| check.sound("sensor.shape")) else { return };
     // A camera inside the skin, or beyond it, sees no picture of the skin from within.
     if !inside(&shape, position_mm, sensor.gelpad_thickness_mm) {
         let message = "the camera stands in the gel, or outside of it";
@@ -134,6 +163,11 @@ fn place(check: &mut Check<'_>, at: &str, sensor: &Sensor, position_mm: [f64; 3]
 
 /// True of a place so far from the inside of a gel, or anywhere beyond its base.
 fn inside(shape: &GelShape, place_mm: [f64; 3], from_skin_mm: f64) -> bool {
+    if let GelShape::Mesh(surface) = shape {
+        let place = DVec3::from_array(place_mm);
+        let (skin, normal) = surface.nearest(place);
+        return normal.dot(place - skin) <= 0.0 && place.distance(skin) >= from_skin_mm;
+    }
     let to = DVec3::from_array(place_mm) - shape.centre_mm();
     let wall_mm = shape.wall_mm().unwrap_or(0.0);
     let out = DVec3::new(to.x, to.y, to.z - to.z.clamp(-wall_mm, 0.0));
@@ -148,8 +182,21 @@ fn folded(check: &mut Check<'_>, fisheye: &Fisheye) {
 }
 
 fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
-    check.number("sensor.pins.count", f64::from(pins.count), 1.0..=10_000.0, "pins");
-    check.number("sensor.pins.spacing_mm", pins.spacing_mm, 0.05..=1e3, "mm");
+    let from_file = matches!(pins.layout, PinLayout::File(_));
+    for (key, value, range, unit) in [
+        ("count", pins.count.map(f64::from), 1.0..=10_000.0, "pins"),
+        ("spacing_mm", pins.spacing_mm, 0.05..=1e3, "mm"),
+    ] {
+        let at = format!("sensor.pins.{key}");
+        match (value, from_file) {
+            (Some(value), false) => check.number(&at, value, range, unit),
+            (None, false) => check.missing(&at, "count and spacing_mm say how many pins stand how far apart"),
+            (Some(_), true) => {
+                check.error(&at, format!("`{key}` beside a layout from a file"), "the file says where each pin stands");
+            }
+            (None, true) => {}
+        }
+    }
     check.number("sensor.pins.turn_deg", pins.turn_deg, -3600.0..=3600.0, "degrees");
     check.number("sensor.pins.length_mm", pins.length_mm, 0.0..=1e3, "mm");
     check.number("sensor.pins.diameter_mm", pins.diameter_mm, 1e-3..=100.0, "mm");
@@ -163,12 +210,15 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
         check.number("sensor.pins.mount.below_tip_mm", mount.below_tip_mm, 0.0..=1e4, "mm");
     }
     let sound = check.sound("sensor.pins") && check.sound("sensor.shape");
-    let Some(shape) = sensor.shape.filter(|_| sound) else { return };
+    let Some(shape) = sensor.gel().filter(|_| sound) else { return };
     let most_mm = shape.length_over_mm();
     if pins.reach_mm() > most_mm {
         let message = format!("the outermost pins stand {:.1} mm from the tip, over the rim", pins.reach_mm());
-        let help = format!("the gel ends after {most_mm:.1} mm: lower count or spacing_mm");
-        check.error("sensor.pins.spacing_mm", message, help);
+        let (key, help) = match from_file {
+            true => ("layout.file", "move them inwards"),
+            false => ("spacing_mm", "lower count or spacing_mm"),
+        };
+        check.error(&format!("sensor.pins.{key}"), message, format!("the gel ends after {most_mm:.1} mm: {help}"));
     }
     if pins.length_mm >= shape.radius_mm() {
         let message = "the pins are longer than the gel's radius";
@@ -180,26 +230,34 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
 pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     let pose = &job.pose;
     let place = [("from_tip_mm", &pose.from_tip_mm, 2e6), ("around_deg", &pose.around_deg, 3600.0)];
-    let Some(shape) = &job.sensor.shape else {
+    if job.sensor.shape.is_none() {
         for (key, _, _) in place.iter().filter(|(_, place, _)| place.is_some()) {
             let message = format!("`{key}` is a place on a gel that has a shape, and this one is flat");
             check.error(&format!("pose.{key}"), message, "write x_mm and y_mm; or take a sensor that has a shape");
         }
         return;
-    };
+    }
     for (key, quantity, most) in place {
         if let Some(quantity) = quantity {
             let (least, unit) = if key == "from_tip_mm" { (0.0, "mm") } else { (-most, "degrees") };
             check.quantity(&format!("pose.{key}"), quantity, least..=most, unit);
         }
     }
-    if let Some(from_tip) = &pose.from_tip_mm
+    if let (Some(from_tip), Some(shape)) = (&pose.from_tip_mm, job.sensor.gel())
         && check.sound("sensor.shape")
     {
-        let end_mm = shape.length_over_mm();
+        let (end_mm, where_it_is) = match shape.surface() {
+            Some(surface) => {
+                let (least, most) = pose.around_deg.as_ref().map_or((0.0, 0.0), |around| around.support());
+                let (end_mm, at_deg) = surface.around_tip().least_rim_mm(least..=most);
+                (end_mm, format!(" at around_deg = {at_deg:.0}"))
+            }
+            None => (shape.length_over_mm(), String::new()),
+        };
         let farthest_mm = from_tip.support().1;
         if farthest_mm > end_mm && farthest_mm <= 2e6 {
-            let message = format!("from_tip_mm may be {farthest_mm}, and the gel ends {end_mm:.1} mm from its tip");
+            let message =
+                format!("from_tip_mm may be {farthest_mm}, and the gel ends {end_mm:.1} mm from its tip{where_it_is}");
             check.error("pose.from_tip_mm", message, "it is counted over the gel, along its curve");
         }
     }
@@ -209,6 +267,10 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
                        along the gel's normals";
         check.error("sensor.shape", message, "take a flat sensor, or press meshes into this one by a job");
         return;
+    }
+    if job.sequence.is_some() && matches!(job.sensor.shape, Some(SensorShape::Mesh(_))) {
+        let message = "a sequence on a gel that is a mesh is not simulated";
+        check.error("sequence", message, "leave it out, or take a dome, a capsule or a flat sensor");
     }
     let named = check.document.get("gelpad").is_some();
     let mut refuse = |wrong: bool, path: &str, what: &str| {

@@ -17,7 +17,7 @@ use crate::job::config::texture::{Pattern, TextureDistribution};
 
 /// Reads the file that the key at `key` names. Sets `path` to where it was found and `sha256` to its hash, which must be
 /// the one that the job gives. `None` after a mistake.
-fn read<T>(
+pub fn read<T>(
     check: &mut Check<'_>,
     key: &str,
     what: &str,
@@ -36,6 +36,7 @@ fn read<T>(
             let message = format!("cannot read the {what} {}: {reason}", found.display());
             let help = match what {
                 "background" => "an 8-bit PNG of the untouched pad belongs here",
+                "table of pins" => "a CSV file with the columns x_mm and y_mm belongs here",
                 "calibration" => "the table that `gelsim calibrate` wrote beside its sensor file belongs here",
                 _ => "a grey PNG of 8 or 16 bits, or an npy or EXR file with values from 0 to 1, belongs here",
             };
@@ -48,6 +49,8 @@ fn read<T>(
         let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
         let own = match name {
             "path" => String::from("sha256"),
+            // Beside the key whose value names a file in a table.
+            "file" => String::from("layout_sha256"),
             name => format!("{name}_sha256"),
         };
         check.error(&format!("{table}.{own}"), message, "restore the file, or remove this key");

@@ -32,6 +32,7 @@ pub mod draw;
 mod faces;
 mod files;
 pub mod frames;
+mod gel;
 mod materials;
 mod meshes;
 mod naming;
@@ -136,6 +137,7 @@ impl Plan {
         let optics_named = job.optics.is_some();
         let sensor_file = job.sensor.file.as_ref().map(|file| document.folder("sensor.file").join(file));
         fill(&mut job);
+        gel::read(&mut check, &mut job.sensor);
         if scope == Scope::Dataset {
             ranges::dataset(&mut check, &job);
         }
@@ -176,6 +178,7 @@ impl Plan {
             return Err(Report::new(&problems, &document.sources));
         };
         notes.extend(background_note);
+        notes.extend(gel::notes(&job.sensor));
         notes.extend(notes::of(&job));
         notes.extend(
             others
@@ -379,6 +382,7 @@ fn others_sensors(
         }
         let mut check = Check { document: &document, problems: &mut *problems };
         fill(&mut job);
+        gel::read(&mut check, &mut job.sensor);
         let (own, expected) = (job.sensor.resolution_px, first.sensor.resolution_px);
         if own != expected {
             let names = [&first.sensor.name, &job.sensor.name];

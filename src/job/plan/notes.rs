@@ -44,7 +44,9 @@ fn out_of_view(job: &Job) -> Option<String> {
 /// Where the object of a sequence may be moved so far over a gel that has a shape that this falls away below it: motions are in
 /// the plane that the object is posed over.
 fn off_the_curve(job: &Job) -> Option<String> {
-    let (sequence, shape) = (job.sequence.as_ref()?, job.sensor.shape.as_ref()?);
+    let sequence = job.sequence.as_ref()?;
+    // On a mesh sequences are refused.
+    let shape = job.sensor.gel().filter(|gel| gel.surface().is_none())?;
     let radius_mm = shape.radius_mm();
     // A finger is straight along itself, below its cap.
     let from_tip_mm = job.pose.from_tip_mm.as_ref().map_or(0.0, |from_tip| from_tip.support().0);

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
-use super::{Scope, curved, files, ranges};
+use super::{Scope, curved, files, gel, ranges};
 use crate::core::sensor::{Background, Sensor};
 use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::sensor;
@@ -42,6 +42,7 @@ pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
 /// The sensor of a job that was read, its files found. `None` after a mistake.
 pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
     check.one_sensor(&job.sensor);
+    gel::read(check, &mut job.sensor);
     ranges::sensor(check, job);
     curved::job(check, job, Scope::Sensor);
     let backgrounds = files::backgrounds(check, job);
@@ -78,6 +79,7 @@ fn resolved(written: Written, mut problems: Diagnostics) -> Result<Sensor, Repor
     let Written { mut job, document, .. } = written;
     let mut check = Check { document: &document, problems: &mut problems };
     check.one_sensor(&job.sensor);
+    gel::read(&mut check, &mut job.sensor);
     ranges::sensor(&mut check, &job);
     ranges::pad_surface(&mut check, &job);
     ranges::camera(&mut check, &job);

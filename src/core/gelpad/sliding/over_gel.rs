@@ -55,13 +55,13 @@ impl Sliding {
             }
         };
         self.way.moved(motion);
-        self.over = Some((*chart, site));
+        self.over = Some((chart.clone(), site));
 
         // The object's motion in the middle of the way, without what goes into the gel or out of it.
         let middle = (0.5 * (before + here)).to_array();
         let rest = chart.rest(middle);
         let in_sensor = |[x, y]: [f64; 2]| plane.axes * DVec3::new(x, y, 0.0);
-        let from = chart.point_of_mm(&rest) - plane.origin_mm - in_sensor(motion.about_mm);
+        let from = rest.point_mm - plane.origin_mm - in_sensor(motion.about_mm);
         let turned = about(plane.axes.z_axis, motion.turn_rad.to_degrees()) * from;
         let by = turned - from + in_sensor(motion.shift_mm);
         self.frame.moved(PlanarMotion {
@@ -130,7 +130,7 @@ impl Sliding {
             let rest = chart.rest(at);
             let [along, down] = rest.tangents;
             let force = newtons * chart.area(at) * force([along, down, rest.normal]);
-            *sum = [sum[0] + force, sum[1] + chart.point_of_mm(&rest).cross(force)];
+            *sum = [sum[0] + force, sum[1] + rest.point_mm.cross(force)];
         };
         let (mut pressure, mut tractions) = ([DVec3::ZERO; 2], [DVec3::ZERO; 2]);
         for (place, normal) in self.history.presses() {

@@ -1,0 +1,214 @@
+//! Capture along the normals of a gel that is a mesh: each node of a chart has a line of its own.
+//!
+//! On which side of a triangle's edge a line passes is told by Pluecker's coordinates of both. Two triangles that share an edge
+//! get the same number but for its sign, to the bit: there is no gap between them.
+
+use std::sync::OnceLock;
+
+use glam::DVec3;
+
+use super::{Depth, Window, limited};
+use crate::core::base::grid::Grid;
+use crate::core::base::simd::simd_dispatch;
+use crate::core::base::surface::unrolled::Unrolled;
+use crate::core::base::view::View;
+use crate::core::mesh::clusters::Clusters;
+use crate::core::mesh::nearest::triangles;
+use crate::core::pose::Pose;
+
+/// Nodes on a side of a block.
+const BLOCK: usize = 8;
+/// Blocks that are passed over at once.
+const GROUP: usize = 16;
+/// How far below the gel lines begin, in thicknesses.
+pub const DEEP: f64 = 2.0;
+
+/// The lines of a chart's nodes, in blocks.
+#[derive(Debug)]
+pub(super) struct Lines {
+    width: usize,
+    height: usize,
+    margin_px: usize,
+    view: View,
+    blocks: Vec<Block>,
+}
+
+#[derive(Debug)]
+struct Block {
+    columns_and_rows: [[usize; 2]; 2],
+    /// Boxes around the points of its nodes, and around their normals.
+    points: [DVec3; 2],
+    normals: [DVec3; 2],
+    /// Some of its nodes may lie beyond the gel.
+    at_rim: bool,
+    /// Once it is asked for.
+    bundle: OnceLock<Box<Bundle>>,
+}
+
+/// Lines through the nodes of a block, row by row: directions, moments, and how far their points are along them. No numbers beyond
+/// the gel.
+#[derive(Debug)]
+struct Bundle {
+    directions: [[f64; BLOCK * BLOCK]; 3],
+    moments: [[f64; BLOCK * BLOCK]; 3],
+    along: [f64; BLOCK * BLOCK],
+}
+
+impl Lines {
+    /// Of a chart with the nodes of `view` and so many more on every side.
+    pub fn new(chart: &Unrolled, view: &View, margin_px: usize) -> Self {
+        let [width, height] = view.resolution_px.map(|px| px + 2 * margin_px);
+        let [columns, rows] = [width, height].map(|nodes| nodes.div_ceil(BLOCK) + 1);
+        let pitch_mm = view.mm_per_px[0].max(view.mm_per_px[1]);
+        let size_mm = BLOCK as f64 * libm::hypot(view.mm_per_px[0], view.mm_per_px[1]);
+        let corner = |number: usize| {
+            let px = [number % columns, number / columns].map(|at| (at * BLOCK) as f64 - margin_px as f64);
+            let at = view.point_mm(px);
+            let rest = chart.rest(at);
+            let near = chart.is_on_gel(at, BLOCK as f64 * pitch_mm);
+            (rest.point_mm, rest.normal, near, near && chart.is_on_gel(at, -size_mm))
+        };
+        let corners: Vec<_> = (0..columns * rows).map(corner).collect();
+        let mut blocks = Vec::new();
+        for row in 0..rows - 1 {
+            for column in 0..columns - 1 {
+                let around = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(x, y)| corners[(row + y) * columns + column + x]);
+                if !around.iter().any(|(_, _, near, _)| *near) {
+                    continue;
+                }
+                let low_high = |of: &dyn Fn(usize) -> DVec3| {
+                    (0..4)
+                        .map(of)
+                        .fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+                };
+                let [low, high] = low_high(&|k| around[k].0);
+                let [down, up] = low_high(&|k| around[k].1);
+                // The gel between corners bulges no more than their normals differ.
+                let spread = (up - down).length();
+                let bulge = DVec3::splat((high - low).length() * (0.25 * spread + 0.05));
+                let lean = DVec3::splat(0.25 * spread + 1e-3);
+                let side = |at: usize, count: usize| [at * BLOCK, ((at + 1) * BLOCK).min(count)];
+                blocks.push(Block {
+                    columns_and_rows: [side(column, width), side(row, height)],
+                    points: [low - bulge, high + bulge],
+                    normals: [down - lean, up + lean],
+                    at_rim: around.iter().any(|(_, _, _, inside)| !inside),
+                    bundle: OnceLock::new(),
+                });
+            }
+        }
+        Self { width, height, margin_px, view: *view, blocks }
+    }
+
+    /// How far `object` reaches below the gel, limited to `thickness_mm`.
+    pub fn capture(
+        &self,
+        object: &Clusters,
+        pose: &Pose,
+        chart: &Unrolled,
+        window: Window,
+        thickness_mm: f64,
+    ) -> Depth {
+        let reach = [-DEEP * thickness_mm, window.above_mm];
+        let shift = pose.rotation * DVec3::from_array(object.centre_mm()) + pose.translation_mm;
+        let boxes: Vec<[DVec3; 2]> = self.blocks.iter().map(|block| block.around(reach)).collect();
+        let join = |boxes: &[[DVec3; 2]]| {
+            let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+            boxes.iter().fold(none, |[low, high], [least, most]| [low.min(*least), high.max(*most)])
+        };
+        let groups: Vec<[DVec3; 2]> = boxes.chunks(GROUP).map(join).collect();
+        let [least, most] = join(&groups);
+        let mut distances = vec![reach[1]; self.width * self.height];
+        object.query(
+            |min, max| {
+                let [min, max] = [min, max].map(|side| DVec3::from_array(side.map(f64::from)));
+                let (middle, half) = (pose.rotation * (0.5 * (min + max)) + shift, (0.5 * (max - min)).length());
+                middle.cmpge(least - half).all() && middle.cmple(most + half).all()
+            },
+            |part| {
+                for triangle in triangles(part) {
+                    let corners = triangle.map(|corner| pose.rotation * corner + shift);
+                    let [a, b, c] = corners;
+                    let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+                    let apart = |[low, high]: [DVec3; 2]| min.cmpgt(high).any() || max.cmplt(low).any();
+                    let near = groups.iter().enumerate().filter(|(_, group)| !apart(**group));
+                    for number in near.flat_map(|(group, _)| group * GROUP..(group + 1) * GROUP) {
+                        let Some(block) = self.blocks.get(number) else { break };
+                        if !apart(boxes[number]) {
+                            let bundle = block.bundle.get_or_init(|| Box::new(self.bundle(block, chart)));
+                            let nodes = block.columns_and_rows;
+                            simd_dispatch(
+                                #[inline(always)]
+                                || bundle.meet(corners, reach[0], nodes, &mut distances, self.width),
+                            );
+                        }
+                    }
+                }
+            },
+        );
+        let data = distances.into_iter().map(|distance| distance as f32).collect();
+        limited(Grid { width: self.width, height: self.height, data }, self.margin_px, thickness_mm)
+    }
+
+    fn bundle(&self, block: &Block, chart: &Unrolled) -> Bundle {
+        let nothing = [f64::NAN; BLOCK * BLOCK];
+        let mut bundle = Bundle { directions: [nothing; 3], moments: [nothing; 3], along: nothing };
+        let [[x0, x1], [y0, y1]] = block.columns_and_rows;
+        for (y, x) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (y, x))) {
+            let at = self.view.point_mm([x, y].map(|at| at as f64 + 0.5 - self.margin_px as f64));
+            if block.at_rim && !chart.is_on_gel(at, 0.0) {
+                continue;
+            }
+            let rest = chart.rest(at);
+            let moment = rest.point_mm.cross(rest.normal);
+            let number = (y - y0) * BLOCK + x - x0;
+            for k in 0..3 {
+                bundle.directions[k][number] = rest.normal[k];
+                bundle.moments[k][number] = moment[k];
+            }
+            bundle.along[number] = rest.point_mm.dot(rest.normal);
+        }
+        bundle
+    }
+}
+
+impl Block {
+    /// A box around what the lines of its nodes pass in a range of distances from the gel.
+    fn around(&self, [least, most]: [f64; 2]) -> [DVec3; 2] {
+        let ends = [least, most].map(|distance| self.normals.map(|side| distance * side));
+        let [[a, b], [c, d]] = ends;
+        [self.points[0] + a.min(b).min(c).min(d), self.points[1] + a.max(b).max(c).max(d)]
+    }
+}
+
+impl Bundle {
+    /// Keeps the distances from the gel, no less than `least`, at which lines meet a triangle, where it is closer than what was there.
+    #[inline(always)]
+    fn meet(
+        &self,
+        [a, b, c]: [DVec3; 3],
+        least: f64,
+        [[x0, x1], [y0, y1]]: [[usize; 2]; 2],
+        distances: &mut [f64],
+        width: usize,
+    ) {
+        let edges = [b - a, c - b, a - c];
+        let sides = [a.cross(b), b.cross(c), c.cross(a)];
+        for y in y0..y1 {
+            let row = &mut distances[y * width + x0..y * width + x1];
+            let nodes = (y - y0) * BLOCK..(y - y0) * BLOCK + row.len();
+            let [nx, ny, nz] = self.directions.each_ref().map(|plane| &plane[nodes.clone()]);
+            let [mx, my, mz] = self.moments.each_ref().map(|plane| &plane[nodes.clone()]);
+            let lines = row.iter_mut().zip(nx).zip(ny).zip(nz).zip(mx).zip(my).zip(mz).zip(&self.along[nodes]);
+            for (((((((to, x), y), z), u), v), w), along) in lines {
+                let towards = |side: DVec3| side.x * x + side.y * y + side.z * z;
+                let passes = |k: usize| towards(sides[k]) + (edges[k].x * u + edges[k].y * v + edges[k].z * w);
+                let (p, q, r) = (passes(0), passes(1), passes(2));
+                let within = (p.min(q).min(r) >= 0.0) | (p.max(q).max(r) <= 0.0);
+                let distance = (q * towards(a) + r * towards(b) + p * towards(c)) / (p + q + r) - along;
+                let closer = within & (distance >= least) & (distance < *to);
+                *to = if closer { distance } else { *to };
+            }
+        }
+    }
+}

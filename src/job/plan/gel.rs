@@ -1,0 +1,151 @@
+//! The files of a gel that is not flat: the mesh of its shape, and where its pins stand.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::check::Check;
+use super::files;
+use crate::core::base::surface::{Surface, SurfaceError};
+use crate::files::mesh;
+use crate::files::sensor::Sensor;
+use crate::files::sensor::pins::{PinLayout, places};
+use crate::files::sensor::shape::{GelMesh, SensorShape};
+use crate::job::config::object::Unit;
+
+/// Widths of gels, mm.
+const WIDTHS_MM: [f64; 2] = [1.0, 1e3];
+/// Triangles of a gel.
+const MOST_TRIANGLES: usize = 500_000;
+
+/// Reads the files that a sensor's shape and pins name, and remembers them by their hashes.
+pub fn read(check: &mut Check<'_>, sensor: &mut Sensor) {
+    if let Some(SensorShape::Mesh(mesh)) = &mut sensor.shape {
+        mesh.surface = surface(check, mesh);
+    }
+    if let Some(pins) = &mut sensor.pins
+        && let PinLayout::File(path) = &mut pins.layout
+    {
+        // A preset or a sensor file that counts its pins does so for its own layout.
+        let source = |key: &str| check.document.place(&format!("sensor.pins.{key}")).map(|place| place.source);
+        if pins.count.is_some() && source("count") != source("layout") {
+            pins.count = None;
+        }
+        if pins.spacing_mm.is_some() && source("spacing_mm") != source("layout") {
+            pins.spacing_mm = None;
+        }
+        let sha256 = &mut pins.layout_sha256;
+        let table = |bytes: &[u8]| Ok(bytes.to_vec());
+        let bytes = files::read(check, "sensor.pins.layout.file", "table of pins", path, sha256, table);
+        if let Some(bytes) = bytes {
+            match places(path, &bytes) {
+                Ok(places) => pins.places_mm = Some(Arc::new(places)),
+                Err(mistakes) => {
+                    for message in mistakes {
+                        let help = "the first line is x_mm,y_mm; each further one a pin, mm from the tip over the gel";
+                        check.error("sensor.pins.layout.file", message, help);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn surface(check: &mut Check<'_>, mesh: &mut GelMesh) -> Option<Arc<Surface>> {
+    const KEY: &str = "sensor.shape.mesh.path";
+    for k in 0..3 {
+        check.number(&format!("sensor.shape.mesh.offset_mm.{k}"), mesh.offset_mm[k], -1e4..=1e4, "mm");
+    }
+    let found = check.document.folder(KEY).join(&mesh.path);
+    let Some(path) = found.to_str() else {
+        check.error(KEY, "the path of the gel's mesh is not UTF-8, so that no job can hold it", "rename the file");
+        return None;
+    };
+    let reading = mesh::Reading { mm_per_unit: mesh.unit.map(Unit::mm), ..mesh::Reading::default() };
+    let loaded = match mesh::load(&found, reading) {
+        Ok(loaded) => loaded,
+        Err(error) => {
+            let help = format!("a mesh of the gel's outer surface belongs here ({})", mesh::ENDINGS);
+            check.error(KEY, format!("cannot read the gel's mesh {error}"), help);
+            return None;
+        }
+    };
+    if mesh.sha256.as_ref().is_some_and(|expected| *expected != loaded.sha256) {
+        let message = format!("the gel's mesh {path} has changed: its SHA-256 is {}", loaded.sha256);
+        check.error("sensor.shape.mesh.sha256", message, "restore the file, or remove this key");
+    }
+    mesh.path = path.to_owned();
+    mesh.sha256 = Some(loaded.sha256);
+    let mesh::Loaded { mesh: triangles, mm_per_unit, .. } = loaded;
+    let half = triangles.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
+    let across_mm = 2.0 * f64::from(half);
+    if !(WIDTHS_MM[0]..=WIDTHS_MM[1]).contains(&across_mm) {
+        let message =
+            format!("the gel's mesh {path} is {across_mm:.3} mm across, read with {}", Unit::written(mm_per_unit));
+        check.error(KEY, message, "gels are 1 to 1000 mm large: set unit to \"mm\", \"cm\", \"m\" or \"in\"");
+        return None;
+    }
+    if triangles.triangles.len() > MOST_TRIANGLES {
+        let message = format!("the gel's mesh {path} has {} triangles", triangles.triangles.len());
+        check.error(KEY, message, format!("allowed: up to {MOST_TRIANGLES}; the surface is smooth between them"));
+        return None;
+    }
+    let offset = DVec3::from_array(triangles.centre_mm) + DVec3::from_array(mesh.offset_mm);
+    let point = |vertex: &[f32; 3]| DVec3::from_array(vertex.map(f64::from)) + offset;
+    match Surface::new(triangles.vertices.iter().map(point).collect(), triangles.triangles) {
+        Ok(surface) => Some(Arc::new(surface)),
+        Err(error) => {
+            check.error(KEY, format!("{path}: {error}"), way_out(&error, mesh.offset_mm));
+            None
+        }
+    }
+}
+
+/// What to do about a mesh that is no gel's surface.
+fn way_out(error: &SurfaceError, offset_mm: [f64; 3]) -> String {
+    match error {
+        SurfaceError::TipElsewhere(z) => {
+            let [x, y, moved] = offset_mm;
+            let moved = libm::round((moved - z) * 1e3) / 1e3 + 0.0;
+            format!("the tip is where the z axis leaves the gel: write offset_mm = [{x:?}, {y:?}, {moved:?}]")
+        }
+        SurfaceError::NoTip(low, high) => {
+            let middle = -0.5 * (*low + *high) + DVec3::from_array(offset_mm);
+            let [x, y] = [middle.x, middle.y].map(|mm| libm::round(mm * 1e3) / 1e3 + 0.0);
+            format!(
+                "the tip is where the z axis leaves the gel: turn the mesh, or move it with offset_mm = [{x:?}, {y:?}, z]"
+            )
+        }
+        SurfaceError::SteepTip(_) => String::from("z goes out of the gel at its tip: turn the mesh in its file"),
+        SurfaceError::SheetsMeet(_) => {
+            String::from("the gel's outer surface is one sheet: delete what else is in the file")
+        }
+        SurfaceError::Pieces { .. } => String::from(
+            "the gel's outer surface is one piece: delete what else is in the file, or join what belongs together",
+        ),
+        SurfaceError::Twisted(_) => String::from("delete or mend the triangles there"),
+    }
+}
+
+/// What is allowed and yet to be known of a gel's mesh.
+pub fn notes(sensor: &Sensor) -> Vec<String> {
+    /// Edges over which the normal turns more are seen, degrees.
+    const COARSE_DEG: f64 = 20.0;
+    let Some(SensorShape::Mesh(GelMesh { path, surface: Some(surface), .. })) = &sensor.shape else {
+        return Vec::new();
+    };
+    let mut notes = Vec::new();
+    let coarsest = surface.coarsest_deg();
+    if coarsest > COARSE_DEG {
+        notes.push(format!(
+            "{path}: the gel's surface turns by {coarsest:.0} degrees over one edge; a finer mesh is truer to the shape"
+        ));
+    }
+    if surface.sharp_edges() > 0 {
+        notes.push(format!(
+            "{path}: {} edges are sharper than 40 degrees and stay so; contacts over them are not simulated well",
+            surface.sharp_edges()
+        ));
+    }
+    notes
+}
