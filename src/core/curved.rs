@@ -23,7 +23,7 @@ use crate::core::depth::texture::{Posed, Texture};
 use crate::core::depth::touch;
 use crate::core::depth::{Depth, texture_required};
 use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::elastic::inplane::InPlane;
+use crate::core::gelpad::elastic::inplane::{InPlane, Load};
 use crate::core::gelpad::elastic::model_error::{ContactEdge, error_on_core_mm, force_on_core};
 use crate::core::gelpad::elastic::shear::{Friction, Motion};
 use crate::core::gelpad::material::Material;
@@ -41,6 +41,13 @@ use crate::core::optics::skin::{self, AlongGel, PressedSkin, Skin, SkinPoint};
 use crate::core::pose::{PadPlane, Pose};
 
 pub mod sequence;
+
+/// A contact's radius over its area per perimeter, at most: a disc's is 2.
+const WIDEST: f64 = 3.0;
+
+/// Variance of a round contact's pressure along an axis, as a share of its radius squared: 1 / 5 on a half-space, 1 / 6 on a
+/// layer much thinner than the contact is wide.
+const SPREAD: f64 = 1.0 / 5.5;
 
 /// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
 const NEAR: f64 = 0.2;
@@ -326,41 +333,16 @@ impl Curved {
 
     /// Corrects forces and the error that the model states for the core under the gel, which is curved as the gel is.
     fn on_core(&self, contact: &mut Contact, depth: &Depth, chart: &Chart, material: &Material) {
-        let Some(edge) = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.view.mm_per_px) else {
-            return;
-        };
-        // A disc's, or half the width of what is long.
-        let radius_mm = 2.0 * edge.area_over_perimeter_mm;
-        let curvature_per_mm = self.curvature_per_mm(contact, chart);
+        let Some(load) = &contact.load else { return };
+        let (radius_mm, curvature_per_mm) = pressed(load, chart);
+        // Of many small contacts each is as wide as it is, whatever they are spread over.
+        let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.view.mm_per_px);
+        let radius_mm = edge.map_or(radius_mm, |edge| radius_mm.min(WIDEST * edge.area_over_perimeter_mm));
         contact.stiffen(force_on_core(radius_mm, curvature_per_mm, material.thickness_mm, material.poisson_ratio));
         if let Some(error_um) = contact.numerics.model_error_um.as_mut() {
             let turn_rad = radius_mm * curvature_per_mm.abs();
             *error_um = 1e3 * error_on_core_mm(1e-3 * *error_um, f64::from(depth.deepest_mm), turn_rad);
         }
-    }
-
-    /// Mean curvature of the gel where it is touched: half of how its normals part, over all of the contact, so that nothing jumps
-    /// where it grows from a part of the gel into another.
-    fn curvature_per_mm(&self, contact: &Contact, chart: &Chart) -> f64 {
-        let place = |[x, y]: [usize; 2]| self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
-        let mask = &contact.mask;
-        let touched = |y: usize| (0..mask.width).filter(move |x| mask.at(*x, y) > 0).map(move |x| [x, y]);
-        let (mut middle, mut count) = (DVec2::ZERO, 0.0);
-        for node in (0..mask.height).flat_map(touched) {
-            middle += DVec2::from_array(place(node));
-            count += 1.0;
-        }
-        let middle = (middle / f64::max(count, 1.0)).to_array();
-        let (up, from) = (chart.rest(middle).normal, chart.point_mm(middle));
-        let (mut parted, mut squares) = (0.0, 0.0);
-        // A mean needs no more than some of the nodes.
-        for node in (0..mask.height).flat_map(touched).step_by(1 + contact.region.area() / 2000) {
-            let rest = chart.rest(place(node));
-            let away = rest.point_mm - from;
-            parted += (rest.normal - up).dot(away);
-            squares += away.length_squared();
-        }
-        if squares > 0.0 { parted / squares } else { 0.0 }
     }
 
     /// Share of the contact that the image shows, 0 without contact. A dome's chart ends where the image does.
@@ -548,4 +530,38 @@ fn shaded(
         }
         skin.shade(&PressedSkin { region: changed, normals: &normals, displaced_mm: &displaced_mm }, picture, darkens)
     })
+}
+
+/// Radius of a contact, mm, or half the width of a long one; and the mean curvature of the gel there, per mm, half of how its
+/// normals part. By the pressure, which is nothing at the contact's edge: neither jumps from pixel to pixel, nor where the
+/// contact goes over from a part of the gel into another.
+fn pressed(load: &Load, chart: &Chart) -> (f64, f64) {
+    let place = |x: usize, y: usize| {
+        let at = [x, y];
+        DVec2::from([0, 1].map(|k| load.origin_mm[k] + at[k] as f64 * load.mm_per_px[k]))
+    };
+    let rows = (0..load.pressure.height).flat_map(|y| (0..load.pressure.width).map(move |x| [x, y]));
+    let nodes: Vec<(DVec2, f64)> = rows
+        .filter(|[x, y]| load.pressure.at(*x, *y) > 0.0)
+        .map(|[x, y]| (place(x, y), f64::from(load.pressure.at(x, y))))
+        .collect();
+    let all: f64 = nodes.iter().map(|(_, p)| p).sum();
+    let middle = nodes.iter().map(|(at, p)| *p * *at).sum::<DVec2>() / all;
+    let centre = chart.rest(middle.to_array());
+    let (mut along, mut across, mut down, mut parted, mut squares) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (at, p) in &nodes {
+        let [x, y] = (*at - middle).to_array();
+        along += p * x * x;
+        across += p * x * y;
+        down += p * y * y;
+        let rest = chart.rest(at.to_array());
+        let away = rest.point_mm - centre.point_mm;
+        parted += p * (rest.normal - centre.normal).dot(away);
+        squares += p * away.length_squared();
+    }
+    // The smaller of the variances along the contact's own axes.
+    let half = 0.5 * (along + down);
+    let least = (half - libm::hypot(0.5 * (along - down), across)).max(0.0) / all;
+    let curvature_per_mm = if squares > 0.0 { parted / squares } else { 0.0 };
+    (libm::sqrt(least / SPREAD), curvature_per_mm)
 }

@@ -13,7 +13,7 @@ use crate::core::depth::relief::Relief;
 use crate::core::depth::texture::{Texture, TextureSample};
 use crate::core::gelpad::elastic::shear::{Friction, Motion};
 use crate::core::gelpad::elastic::soft::Soft;
-use crate::core::gelpad::material::ObjectMaterial;
+use crate::core::gelpad::object::ObjectMaterial;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Angles, PadPlane, Pose, Side};

@@ -14,6 +14,7 @@ pub mod gaussian;
 pub mod material;
 pub mod mean_blur;
 pub mod none;
+pub mod object;
 pub mod planar;
 pub mod sliding;
 pub mod subpixel;
@@ -28,9 +29,10 @@ use elastic::shear::Friction;
 use elastic::soft::Yielded;
 use elastic::{Elastic, Given};
 use gaussian::Gaussian;
-use material::{Material, ObjectMaterial};
+use material::Material;
 use mean_blur::MeanBlur;
 use none::NoDeformation;
+use object::ObjectMaterial;
 use subpixel::Subpixel;
 use tangential::TangentialMotion;
 use whole::{Beyond, Whole};
@@ -120,7 +122,7 @@ impl Pad {
     pub fn under(&self, object: &ObjectMaterial) -> Option<Self> {
         match self {
             Self::Elastic(pad) if *object != ObjectMaterial::default() => {
-                Some(Self::Elastic(Box::new(pad.under(object))))
+                Some(Self::Elastic(Box::new(pad.under(object.friction, object.soft))))
             }
             _ => None,
         }

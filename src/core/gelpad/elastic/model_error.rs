@@ -167,7 +167,7 @@ pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, m
 /// depth.
 const TURNED: f64 = 0.2;
 /// The share of a flat layer's error that is left at least where both errors cancel each other.
-const UNCANCELLED: f64 = 0.6;
+const UNCANCELLED: f64 = 0.5;
 
 /// Force of a contact on a gel that is as thick everywhere, over a core of a mean curvature, over that of the same contact on a
 /// flat layer: material narrows towards a core that is bent outwards, as if the layer were thicker by 1 / (1 - h c). A force

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 
 use super::resample::Shape;
 use super::response::Response;
+use super::shear::Friction;
 use super::walls::Thinned;
 use super::{Elastic, Given, Pad, WORKSPACE, Workspace};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::depth::{Depth, Window};
-use crate::core::gelpad::material::ObjectMaterial;
 use crate::core::gelpad::whole::Beyond;
 
 /// What an object is made of that is not rigid.
@@ -43,10 +43,10 @@ pub struct Yielded {
 
 impl Pad {
     /// The same pad under an object of its own material. Friction is the object's where there is any.
-    pub fn under(&self, object: &ObjectMaterial) -> Self {
-        let friction = self.elastic.friction.map(|held| object.friction.unwrap_or(held));
+    pub fn under(&self, friction: Option<Friction>, soft: Option<Soft>) -> Self {
+        let friction = self.elastic.friction.map(|held| friction.unwrap_or(held));
         let elastic = Elastic { friction, ..self.elastic };
-        Self { elastic, object: object.soft.map(|soft| soft.half_space(self.youngs_modulus_kpa)), ..self.clone() }
+        Self { elastic, object: soft.map(|soft| soft.half_space(self.youngs_modulus_kpa)), ..self.clone() }
     }
 
     /// How an object gives way: what its displacement is times frequency, under pressure 1 at Young's modulus 1; none if it is
