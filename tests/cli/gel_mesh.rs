@@ -190,7 +190,7 @@ fn pins_stand_where_a_file_says() {
     assert_eq!(pictures(&counted), pictures(&named));
     for (pins, table, said) in [
         (file, "x_mm,y_mm\n0,0\n1, a\n", "pins.csv:3:3: `a` is no place of a pin in mm"),
-        (file, "x_mm,y_mm\n0\n", "pins.csv:2:2: `` is no place of a pin in mm"),
+        (file, "x_mm,y_mm\n0\n", "pins.csv:2:1: `` is no place of a pin in mm"),
         (file, "x,y\n0,0\n", "pins.csv:1:1: the first line names no columns x_mm and y_mm"),
         (file, "x_mm,y_mm\n", "the table has no pins"),
         (file, "", "the table of pins is empty"),

@@ -863,7 +863,7 @@ fn places_on_a_gel_are_on_it() {
         ("from_tip_mm = [0.0, 80.0]", "", "the gel ends 56.6 mm from its tip"),
         ("from_tip_mm = -1.0", "", "from_tip_mm = -1"),
         ("around_deg = 5000.0", "", "around_deg = 5000"),
-        ("from_tip_mm = 3.0", "shear.x_mm = 0.5", "shear that no pins show"),
+        ("from_tip_mm = 3.0", "shear.x_mm = 0.5", "shear that neither pins nor the layer `flow` show"),
     ] {
         folder.write("job.toml", job(pose, more));
         let found = folder.fail("plan job.toml", 2);
@@ -975,5 +975,11 @@ fn what_an_object_says_of_its_material_and_size_is_checked_where_it_stands() {
         "a grey PNG of 8 or 16 bits",
     );
     map("path = \"map.png\"\nmm_per_px = «0.0»\nheight_mm = 1.0", "mm_per_px = 0 is out of range", "0.0001 to 100 mm");
-    map("«path» = \"map.png\"\nmm_per_px = 0.1", "missing key `height_mm` in [[object]]", "height_mm = 0.5");
+    one_mistake_in(
+        &folder,
+        "[[object]]\npath = \"cone.obj\"",
+        "«[[object]]»\npath = \"map.png\"\nmm_per_px = 0.1",
+        "missing key `height_mm` in [[object]]",
+        "height_mm = 0.5",
+    );
 }

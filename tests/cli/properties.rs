@@ -380,7 +380,7 @@ proptest! {
             prop_assert_eq!((sample.impression.image.width, sample.impression.image.height), (24, 18));
             prop_assert_eq!(sample.impression.image.rgb.len(), 24 * 18 * 3);
             let json = serde_json::to_value(&sample.label).expect("JSON");
-            let nulls = ["/contact/force_n", "/contact/total_force_n", "/contact/in_view_fraction", "/contact/peak_pressure_kpa", "/numerics/residual_um", "/numerics/model_error_um"];
+            let nulls = ["/object/material/youngs_modulus_kpa", "/object/material/poisson_ratio", "/object/material/friction", "/contact/force_n", "/contact/total_force_n", "/contact/in_view_fraction", "/contact/peak_pressure_kpa", "/numerics/residual_um", "/numerics/model_error_um"];
             let count = nulls.iter().filter(|path| json.pointer(path).is_some_and(|value| value.is_null())).count();
             prop_assert_eq!(json.to_string().matches("null").count(), count, "NaN is written as null: {}", json);
             let depth = sample.label.contact.max_depth_mm;
