@@ -41,7 +41,7 @@ fn made_of(youngs_modulus_kpa: f64, poisson_ratio: f64) -> ObjectMaterial {
 
 /// The press of an object that is not rigid, and the shape that it takes.
 fn press(rig: &Rig, material: &ObjectMaterial, overlap: impl Fn(f64, f64) -> f64) -> (Depth, Contact) {
-    let pad = rig.pad.under(material);
+    let pad = rig.pad.under(material.friction, material.soft);
     let window = Window { margin_px: rig.margin_px(), above_mm: rig.setup.thickness_mm };
     let yielded = pad.yielded(&rig.depth(overlap), None, window).expect("an object that gives way");
     assert!(yielded.solved);
@@ -205,7 +205,7 @@ fn an_objects_own_friction_takes_the_place_of_the_models_where_it_has_any() {
         let elastic = Elastic { friction: of_model, ..Elastic::default() };
         let rig = Setup { elastic, ..Setup::default() }.rig();
         let depth = rig.depth(|x, y| 0.6 - (x * x + y * y) / 6.0);
-        rig.pad.under(&ObjectMaterial { friction: of_object, ..ObjectMaterial::default() }).press(&depth).surface.data
+        rig.pad.under(of_object, None).press(&depth).surface.data
     };
     let rough = Some(Friction::Coulomb { coefficient: 0.5 });
     let smooth = Some(Friction::Coulomb { coefficient: 0.0 });
