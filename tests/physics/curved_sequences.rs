@@ -123,7 +123,7 @@ fn the_same_slide_anywhere_on_a_gel_gives_the_same_forces() {
         for place in &places[1..] {
             let worst = first.iter().zip(of(*place)).map(|(a, b)| (*a - b).length() / a.length()).fold(0.0, f64::max);
             println!("{name}: a slide at {place:?}: forces within {:.3} %", 100.0 * worst);
-            assert!(worst < 0.015, "{name} {place:?}: {worst}");
+            assert!(worst < 0.02, "{name} {place:?}: {worst}");
         }
         // Pulled along, no harder than friction lets.
         let last = first.last().expect("frames");

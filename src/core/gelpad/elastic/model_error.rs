@@ -182,7 +182,7 @@ pub fn force_on_core(radius_mm: f64, curvature_per_mm: f64, thickness_mm: f64, p
 }
 
 /// Largest error expected of the surface of such a gel, mm, whose flat layer's is `flat_mm`, under a contact of so many radians
-/// from its middle to its edge. The core's lowers the pad beside the contact, large strains raise it: within a factor of 2.2 of 16
+/// from its middle to its edge. The core's lowers the pad beside the contact, large strains raise it: within a factor of 2.3 of 16
 /// presses on domes.
 pub fn error_on_core_mm(flat_mm: f64, depth_mm: f64, turn_rad: f64) -> f64 {
     (TURNED * depth_mm * turn_rad - flat_mm).abs().max(UNCANCELLED * flat_mm)
