@@ -264,7 +264,7 @@ fn an_object_has_its_own_softness_friction_and_texture() {
     let deepest = depth.iter().copied().fold(0.0, f32::max);
     assert!(deepest < 0.28 && deepest > 0.05, "{deepest}");
     assert!(depth.iter().zip(&gap).any(|(depth, gap)| *depth > 0.0 && *gap == 0.0));
-    folder.succeed("verify out/small --quiet");
+    folder.succeed("verify out/small");
 }
 
 #[test]
@@ -272,7 +272,7 @@ fn points_are_the_surface_in_the_sensors_frame() {
     let folder = Folder::with_job(&level("path = \"cube.obj\"\nscale = 0.1", "[\"surface\", \"points\"]"));
     folder.succeed("generate job.toml --quiet --set output.depth_format=\"exr\" --out exr");
     folder.succeed("generate job.toml --quiet");
-    folder.succeed("verify out/small --quiet");
+    folder.succeed("verify out/small");
     let sample = |out: &str| folder.samples(out).into_values().next().expect("a sample");
     let (surface, points) = (sample("out/small")["surface.npy"].clone(), sample("out/small")["points.npy"].clone());
     assert_eq!(sample("exr")["points.npy"], points, "an array whatever the format of the others");
@@ -288,7 +288,7 @@ fn points_are_the_surface_in_the_sensors_frame() {
 #[test]
 fn points_of_a_gel_that_is_not_flat_lie_on_it() {
     let text = edited(
-        &level("path = \"cube.obj\"\nscale = 0.1", "[\"points\", \"surface\"]"),
+        &level("path = \"cube.obj\"", "[\"points\", \"surface\"]"),
         &[("resolution_px = [48, 36]\nfield_of_view_mm = [4.8, 3.6]", "preset = \"tactip\"\nresolution_px = [64, 64]")],
     );
     let folder = Folder::with_job(&text);
