@@ -966,18 +966,20 @@ fn what_an_object_says_of_its_material_and_size_is_checked_where_it_stands() {
     );
     let folder = Folder::new();
     folder.write("map.png", "no picture");
-    let map = |keys: &str, title: &str, help: &str| {
-        one_mistake_in(&folder, "path = \"cone.obj\"", keys, title, help);
+    let map = |object: &str, title: &str, help: &str| {
+        one_mistake_in(&folder, "[[object]]\npath = \"cone.obj\"", object, title, help);
     };
     map(
-        "path = «\"map.png\"»\nmm_per_px = 0.1\nheight_mm = 1.0",
+        "[[object]]\npath = «\"map.png\"»\nmm_per_px = 0.1\nheight_mm = 1.0",
         "map.png: is no height map",
         "a grey PNG of 8 or 16 bits",
     );
-    map("path = \"map.png\"\nmm_per_px = «0.0»\nheight_mm = 1.0", "mm_per_px = 0 is out of range", "0.0001 to 100 mm");
-    one_mistake_in(
-        &folder,
-        "[[object]]\npath = \"cone.obj\"",
+    map(
+        "[[object]]\npath = \"map.png\"\nmm_per_px = «0.0»\nheight_mm = 1.0",
+        "mm_per_px = 0 is out of range",
+        "0.0001 to 100 mm",
+    );
+    map(
         "«[[object]]»\npath = \"map.png\"\nmm_per_px = 0.1",
         "missing key `height_mm` in [[object]]",
         "height_mm = 0.5",

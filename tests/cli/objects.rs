@@ -288,7 +288,7 @@ fn points_are_the_surface_in_the_sensors_frame() {
 #[test]
 fn points_of_a_gel_that_is_not_flat_lie_on_it() {
     let text = edited(
-        &level("path = \"cube.obj\"\nscale = 0.4", "[\"points\", \"surface\"]"),
+        &level("path = \"cube.obj\"", "[\"points\", \"surface\"]"),
         &[("resolution_px = [48, 36]\nfield_of_view_mm = [4.8, 3.6]", "preset = \"tactip\"\nresolution_px = [64, 64]")],
     );
     let folder = Folder::with_job(&text);

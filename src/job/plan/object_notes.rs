@@ -20,8 +20,8 @@ const ROUND_DEG: [f64; 2] = [1.0, 30.0];
 /// Share of a mesh's area in facets that stand for round surfaces, from which on it is said.
 const MOSTLY: f64 = 0.5;
 
-/// Size of a facet that is seen, px.
-const SEEN_PX: f64 = 2.0;
+/// Width of a facet that is seen for what it is, as a share of the view's shorter side: the pad rounds smaller ones.
+const SEEN: f64 = 0.05;
 
 /// The facets of a mesh that stand for round surfaces.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,14 +97,17 @@ pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &
 /// Where the facets of round surfaces are so large that the image shows them.
 fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<String> {
     let sensor = &job.sensor;
-    let pitch = (0..2).map(|k| sensor.field_of_view_mm[k] / f64::from(sensor.resolution_px[k])).fold(0.0, f64::max);
+    let [shorter_mm, px] = match sensor.field_of_view_mm[0] < sensor.field_of_view_mm[1] {
+        true => [sensor.field_of_view_mm[0], f64::from(sensor.resolution_px[0])],
+        false => [sensor.field_of_view_mm[1], f64::from(sensor.resolution_px[1])],
+    };
     let width_mm = facets.width_mm * scale.support().0;
-    (facets.share > MOSTLY && width_mm > SEEN_PX * pitch).then(|| {
+    (facets.share > MOSTLY && width_mm > SEEN * shorter_mm).then(|| {
         format!(
             "{shown}: its round surfaces are facets some {} mm ({:.0} px) wide that meet at some {:.1} degrees, which images \
              show: export it with smaller ones",
             figure(width_mm),
-            width_mm / pitch,
+            width_mm / shorter_mm * px,
             facets.angle_deg
         )
     })
