@@ -107,11 +107,6 @@ impl Impression {
         self.mask_in_image(&self.contact.mask).data
     }
 
-    /// The same, where the image shows it in another geometry than the pad's own.
-    pub(crate) fn mask_where_warped(&self) -> Option<Grid<u8>> {
-        (self.gel_map.is_some() || self.lens.is_some()).then(|| self.mask_in_image(&self.contact.mask))
-    }
-
     /// Of each pixel 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it; 0 everywhere but
     /// in a frame of a sequence.
     pub fn slip(&self) -> Vec<u8> {

@@ -343,7 +343,9 @@ impl Label {
             (None, None) => extent.bbox,
         };
         let in_contact = extent.pixels > 0;
-        let in_image = impression.mask_where_warped().filter(|_| in_contact).map(|mask| Extent::of(&mask));
+        let warped = gel_map.is_some() || lens.is_some();
+        let in_image =
+            (in_contact && warped).then(|| Extent::of(&Grid { width, height, data: impression.contact_mask() }));
         let in_image = in_image.as_ref().unwrap_or(&extent);
         let (area_mm2, centroid_mm) = (extent.pixels as f64 * mm_x * mm_y, extent.centroid_mm(simulator.view()));
         let view = Rect::whole(width, height);

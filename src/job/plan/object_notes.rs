@@ -28,7 +28,8 @@ const SEEN: f64 = 0.05;
 pub struct Facets {
     /// Share of the mesh's area that they make up.
     pub share: f64,
-    /// Their width from one such edge to the next, the mean by area, mm.
+    /// Their width from one such edge to the next, the mean by area, mm. Where two meet it is the narrower one's: a flat face
+    /// beside a rounded edge is no facet of it.
     pub width_mm: f64,
     /// Angle between neighbours, the mean by area, degrees.
     pub angle_deg: f64,
@@ -61,9 +62,10 @@ impl Facets {
                     let angle_deg = across[number].angle_between(across[other]).to_degrees();
                     if angle_deg > ROUND_DEG[0] && angle_deg <= ROUND_DEG[1] {
                         let [a, b, _] = corners(&[triangle[k], triangle[(k + 1) % 3], 0]);
+                        let narrower = across[number].length().min(across[other].length());
                         for own in [number, other] {
                             if steepest[own][0] < angle_deg {
-                                steepest[own] = [angle_deg, 2.0 * across[own].length() / a.distance(b)];
+                                steepest[own] = [angle_deg, 2.0 * narrower / a.distance(b)];
                             }
                         }
                     }
@@ -178,5 +180,20 @@ mod tests {
         // Of six corners they are edges, of a thousand nobody sees them.
         assert_eq!(Facets::of(&cylinder(6, 5.0)).share, 0.0);
         assert_eq!(Facets::of(&cylinder(1000, 5.0)).share, 0.0);
+    }
+
+    #[test]
+    fn a_flat_face_beside_a_rounded_edge_is_no_facet() {
+        // A plate 20 mm wide and 10 mm long whose two sides are rounded, in eight steps each, with 1 mm.
+        let turn = |k: u32| std::f64::consts::FRAC_PI_2 * f64::from(k) / 8.0;
+        let right: Vec<[f64; 2]> = (0..=8).map(|k| [10.0 + turn(k).sin(), turn(k).cos() - 1.0]).collect();
+        let section: Vec<[f64; 2]> = right.iter().rev().map(|[x, z]| [-x, *z]).chain(right.iter().copied()).collect();
+        let count = section.len() as u32;
+        let along = |y: f64| section.iter().map(move |[x, z]| [*x, y, *z]);
+        let vertices = along(0.0).chain(along(10.0)).collect();
+        let quad = |k: u32| [k, k + 1, k + 1 + count, k + count];
+        let triangles = (0..count - 1).map(quad).flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        let facets = Facets::of(&Mesh::new(vertices, triangles).expect("a mesh").0);
+        assert!(facets.width_mm < 0.2, "{facets:?}");
     }
 }
