@@ -1,0 +1,418 @@
+"""Every combination that a user can write works, or is refused with its place: what is refused is the table of docs/combinations.md.
+
+    python combinations.py GELSIM [--rows N]     from the project's root; with the wheel installed also loads and exports
+
+A job has a value on each axis below, and one command is run on it. Jobs that no refusal holds for are chosen so that every pair
+of values of two axes that can be together is in one (a greedy covering array); each is generated, verified, and given to its
+command. Jobs that are refused are drawn at random for each refusal: the command ends with 2, names the job's line and column
+and what the refusal says, and writes nothing. So a refusal that is no longer needed fails the test as one that is missing does.
+"""
+
+import itertools
+import json
+import random
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tarfile
+import tempfile
+import zlib
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parents[2]
+OBJECTS = PROJECT / "objects"
+PAGE = PROJECT / "docs/combinations.md"
+# Jobs drawn for each refusal.
+REFUSED = 6
+
+try:
+    import gelsim
+except ImportError:
+    gelsim = None
+
+
+def mesh(name, **more):
+    return {"object": [{"path": str(OBJECTS / f"{name}.obj"), **more}]}
+
+
+def press(depth_mm=0.6):
+    return {"indentation.depth_mm": depth_mm}
+
+
+def sequence(**deep):
+    phases = [{"name": "press", "duration_s": 0.2, **deep}, {"name": "slide", "duration_s": 0.2, "x_mm": 0.4}]
+    return {"sequence.frame_rate_hz": 10.0, "sequence.phase": phases}
+
+
+PRESETS = ["gelsight-2014", "gelsight-2017", "gelsight-mini", "digit", "gelsight-series2", "tactip", "geltip", "allsight"]
+SHAPED = {"tactip", "geltip", "allsight", "a mesh"}
+
+# Of each axis the values by name, and the keys of the job that they set. The first is the usual one.
+AXES = {
+    "sensor": {preset: {"sensor.preset": preset} for preset in PRESETS}
+    | {
+        "a mesh": {"sensor.file": str(PROJECT / "configs/fingertip/sensor.toml")},
+        "calibrated": {"sensor.file": "calibrated.toml"},
+        "curved pad": {"sensor.rest_shape": {"dome": {"radius_mm": 60.0}}},
+        "coated pad": {"sensor.grain": {"height_um": 1.0, "size_mm": 0.3}},
+        "units": {"sensor.unit.variation": 1.0},
+        "drawn": {"sensor.gelpad_thickness_mm": [3.0, 4.0]},
+        "several": {"sensor.preset": ["digit", "gelsight-mini"]},
+    },
+    "fidelity": {level: {"fidelity": level} for level in ["standard", "paper", "draft", "high", "reference"]}
+    | {"a bound": {"fidelity": {"max_error_um": 500.0}}},
+    "gelpad": {
+        "the level's": {},
+        "none": {"gelpad": "none"},
+        "gaussian": {"gelpad": "gaussian"},
+        "stick": {"gelpad.elastic.friction": "stick"},
+    },
+    "optics": {"the sensor's": {}, **{model: {"optics": model} for model in ["phong", "led", "lamps", "calibrated"]}},
+    "object": {
+        "a mesh": mesh("sphere"),
+        "soft": mesh("sphere", youngs_modulus_kpa=300.0),
+        "own friction": mesh("sphere", friction=0.5),
+        "own texture": mesh("sphere", texture={"amplitude_mm": 0.05}),
+        "scaled": mesh("cube", scale=[0.8, 1.2]),
+        "richest side": mesh("brick") | {"pose.face": "auto"},
+        "height map": {"object": [{"path": "relief.png", "mm_per_px": 0.3, "height_mm": 0.5}]},
+    },
+    "place": {
+        "the middle": {},
+        "on the gel": {"pose.from_tip_mm": [0.0, 4.0], "pose.around_deg": [0.0, 360.0]},
+        "on the axis": {"indentation.at": "axis"},
+        "rolled": {"pose.roll_deg": 5.0, "pose.pitch_deg": [-5.0, 5.0]},
+        "above": {"indentation.no_contact": 1.0},
+    },
+    "motion": {
+        "none": press(),
+        "shear": press() | {"shear.x_mm": 0.3},
+        "sequence": sequence(depth_mm=0.5),
+        "forces": sequence(force_n=0.3),
+    },
+    "extras": {
+        "none": {},
+        "texture": {"texture.amplitude_mm": 0.05},
+        "print": {"markers.pitch_mm": 1.5},
+        "camera": {"camera.vignette": 0.2, "camera.defocus_mm": 0.1, "camera.exposure": 1.1, "camera.read_noise_levels": 1.0},
+        "lens": {"camera.distortion_k1": -0.1},
+        "threshold": {"camera.threshold": 0.5},
+    },
+    "layers": {
+        "depth": {"output.layers": ["depth"]},
+        "surface": {"output.layers": ["surface", "normal", "contact", "reference", "gap"]},
+        **{name: {"output.layers": [name]} for name in ["pressure", "points", "flow", "slip", "markers", "pins", "lamps"]},
+    },
+    "files": {
+        "tar": {},
+        "npy": {"output.depth_format": "npy"},
+        "folder": {"output.container": "folder", "output.depth_format": "png16"},
+        "floats": {"output.container": "folder", "output.exr.pixel": "float"},
+    },
+    "effects": {"where needed": {}, "all": {"effects": "all"}},
+    "command": dict.fromkeys(
+        ["parts", "extended", "reproduce", "report", "preview", "preview of the job", "effects", "film", "tradeoff", "plan", "augment"]
+        + (["load", "lerobot", "zarr", "hdf5"] if gelsim else []),
+        {},
+    ),
+}
+
+# As the page calls them.
+OPTICS_LAMPS, NO_LAMPS = '`optics = "lamps"`', "a sensor whose lamps were not measured one by one"
+BLURS = "a gelpad that is not elastic: `none`, `mean_blur` (level `paper`), `gaussian`"
+BOUND = "`fidelity = { max_error_um = .. }`, `{ max_ms = .. }`"
+
+
+def shaped(row):
+    return row["sensor"] in SHAPED
+
+
+def moves(row):
+    return row["motion"] in {"sequence", "forces"}
+
+
+def elastic(row):
+    return row["gelpad"] == "stick" or (row["gelpad"] == "the level's" and row["fidelity"] != "paper")
+
+
+# What is refused: when, what the message says, and as the page tells it, what does not go with what.
+REFUSALS = [
+    (lambda row: row["optics"] == "lamps" and row["sensor"] != "gelsight-series2", "has no lamps", OPTICS_LAMPS, NO_LAMPS),
+    (lambda row: row["layers"] == "lamps" and row["sensor"] != "gelsight-series2", "no lamps that were measured", "layer `lamps`", NO_LAMPS),
+    (lambda row: row["optics"] in {"phong", "led"} and row["sensor"] == "gelsight-series2", "has lamps and no LED", '`optics = "phong"`, `"led"`', "a sensor that has lamps and no LED"),
+    (lambda row: row["optics"] == "calibrated" and row["sensor"] != "calibrated", "nothing was measured on this sensor", '`optics = "calibrated"`', "a sensor that was not calibrated"),
+    (lambda row: row["layers"] == "markers" and row["extras"] != "print", "no printed markers", "layer `markers`", "a sensor without `[markers]`"),
+    (lambda row: row["layers"] == "pins" and row["sensor"] != "tactip", "no pins", "layer `pins`", "a sensor without `[pins]`"),
+    (lambda row: row["layers"] == "slip" and not moves(row), "a single press has no slip", "layer `slip`", "single presses"),
+    (lambda row: row["layers"] == "pressure" and not elastic(row), "knows no pressure", "layer `pressure`", BLURS),
+    (lambda row: row["layers"] == "flow" and not elastic(row), "knows no motion of the pad in its plane", "layer `flow`", BLURS),
+    (lambda row: row["object"] == "soft" and not elastic(row), "nothing gives way", "an object's `youngs_modulus_kpa`", BLURS),
+    (lambda row: row["object"] == "soft" and moves(row), "the objects of a sequence are rigid", "an object's `youngs_modulus_kpa`", "`[sequence]`"),
+    (lambda row: row["object"] == "own friction" and row["motion"] == "none" and row["gelpad"] != "stick", "uses the friction of an object", "an object's `friction`", "a job without any friction"),
+    (lambda row: moves(row) and not elastic(row), "knows no tractions, which a sequence carries on", "`[sequence]`", BLURS),
+    (lambda row: moves(row) and row["gelpad"] == "stick", "a sequence has a friction of its own", "`[sequence]`", "`gelpad.elastic.friction`"),
+    (lambda row: moves(row) and row["place"] == "on the axis", "the phases of a sequence say how deep", "`[sequence]`", "`[indentation]`"),
+    (lambda row: moves(row) and row["place"] == "above", "the phases of a sequence say whether", "`[sequence]`", "`[indentation]`"),
+    (lambda row: moves(row) and row["fidelity"] == "a bound", "the level of a sequence is not chosen", "`[sequence]`", BOUND),
+    (lambda row: row["fidelity"] == "a bound" and row["gelpad"] != "the level's", "leaves nothing to choose", "`gelpad`", BOUND),
+    (lambda row: row["place"] == "on the gel" and not shaped(row), "this one is flat", "`from_tip_mm`, `around_deg`", "a sensor without `[shape]`"),
+    (lambda row: shaped(row) and not elastic(row), "a pad that is not elastic on a gel that has a shape", "`[shape]`", BLURS),
+    (lambda row: shaped(row) and row["extras"] == "print", "print on a gel that has a shape", "`[shape]`", "`[markers]`"),
+    (lambda row: shaped(row) and row["extras"] == "lens", "on a gel that has a shape is not simulated", "`[shape]`", "`[camera] distortion_k1`, `distortion_k2`"),
+    (lambda row: shaped(row) and row["motion"] == "shear" and row["sensor"] != "tactip" and row["layers"] != "flow", "shear that neither pins nor the layer `flow` show", "`[shape]`", "`[shear]` that neither pins nor the layer `flow` show"),
+    (lambda row: shaped(row) and row["motion"] == "shear" and row["place"] == "on the gel", "shear", "`from_tip_mm`, `around_deg`", "`[shear]`"),
+    (lambda row: row["sensor"] == "a mesh" and moves(row), "a sequence on a gel that is a mesh", "`[shape] mesh`", "`[sequence]`"),
+]  # fmt: skip
+
+
+def refusals(row):
+    return [says for holds, says, _, _ in REFUSALS if holds(row)]
+
+
+def toml(value):
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(value)
+
+
+def job(row):
+    keys = {"dataset.name": "combined", "dataset.samples": 3, "dataset.samples_per_shard": 2, "dataset.seed": 3}
+    keys |= {"pose.yaw_deg": [0.0, 360.0]}
+    # The calibrated sensor has the size of its photograph.
+    keys |= {} if row["sensor"] == "calibrated" else {"sensor.resolution_px": [32, 24]}
+    for axis, value in row.items():
+        keys |= AXES[axis][value]
+    return "".join(f"{key} = {toml(value)}\n" for key, value in keys.items())
+
+
+def picture(path, width, height, value, channels=1):
+    """A PNG of bytes."""
+    rows = b"".join(b"\0" + bytes(value(x, y, k) for x in range(width) for k in range(channels)) for y in range(height))
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    header = struct.pack(">IIBBBBB", width, height, 8, {1: 0, 3: 2}[channels], 0, 0, 0)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def prepare(folder):
+    """What the jobs name."""
+    picture(folder / "relief.png", 24, 24, lambda x, y, _: x * 9 % 256)
+    picture(folder / "untouched.png", 32, 24, lambda x, y, k: 100 + 2 * x + y + 5 * k, channels=3)
+    inputs, terms, hidden = 11, 15, 1
+    outputs = [[0.0] * (hidden + inputs + 1) for _ in range(3 * terms)]
+    for channel, (down, right) in enumerate([(0.0, 0.5), (0.5, 0.0), (-0.25, -0.25)]):
+        outputs[terms * channel + 1][-1], outputs[terms * channel + 2][-1] = down, right
+    response = {"height_mm": 0.5, "place_mm": 9.5, "heights_mm": [-0.25, 1.0], "steepest": 0.75}
+    response |= {"hidden": [[0.5] * (inputs + 1)], "outputs": outputs}
+    table = {"calibration_version": 1, "generator": "0.1.0", "contact_over_disc": 0.9, "colors": {"response": response}}
+    (folder / "table.json").write_text(json.dumps(table))
+    (folder / "calibrated.toml").write_text(
+        'name = "mine"\nresolution_px = [32, 24]\nfield_of_view_mm = [19.2, 14.4]\ngelpad_thickness_mm = 3.0\n'
+        'background = "untouched.png"\ncalibration = "table.json"\n'
+    )
+    (folder / "augment.toml").write_text('[input]\npath = "out"\nbackground = "rendered"\n[sensor]\npreset = "gelsight-2014"\n[[photometric]]\ncopies = 1\nexposure_ev = 0.2\n')
+
+
+def covering(chance):
+    """Rows without a refusal that hold every pair of values which any such row holds."""
+    names = list(AXES)
+    pairs = {
+        frozenset([(a, x), (b, y)])
+        for a, b in itertools.combinations(names, 2)
+        for x in AXES[a]
+        for y in AXES[b]
+    }
+    rows, given_up = [], 0
+    while pairs:
+        best, gain = None, 0
+        target = sorted(chance.choice(sorted(map(sorted, pairs))))
+        for _ in range(60):
+            row = dict(target)
+            for name in chance.sample(names, len(names)):
+                if name in row:
+                    continue
+                # The value that adds most pairs, among those that leave the row unrefused as far as it is known.
+                values = chance.sample(list(AXES[name]), len(AXES[name]))
+                key = lambda value: sum(frozenset([(name, value), item]) in pairs for item in row.items())
+                row[name] = max(values, key=lambda value: key(value) + 0.5 * chance.random())
+            row = repaired(row, dict(target), chance)
+            new = row and sum(frozenset(pair) in pairs for pair in itertools.combinations(row.items(), 2))
+            if row and new > gain:
+                best, gain = row, new
+        if best is None:
+            pairs.discard(frozenset(target))
+            given_up += 1
+            continue
+        rows.append({name: best[name] for name in names})
+        pairs -= {frozenset(pair) for pair in itertools.combinations(best.items(), 2)}
+    return rows, given_up
+
+
+def repaired(row, fixed, chance):
+    """The row with values that are free changed until nothing refuses it; none if that does not come about."""
+    for _ in range(40):
+        if not unfit(row):
+            return row
+        free = [name for name in row if name not in fixed]
+        name = chance.choice(free)
+        row = row | {name: chance.choice(list(AXES[name]))}
+    return None
+
+
+def unfit(row):
+    """Refused, or of a command that has nothing to do there."""
+    command = row["command"]
+    return bool(
+        refusals(row)
+        or (command == "film" and not moves(row))
+        or (command == "effects" and (moves(row) or row["place"] == "above"))
+        or (command == "parts" and row["fidelity"] == "a bound")
+        or (command == "augment" and (row["sensor"] != "gelsight-2014" or moves(row) or row["effects"] == "all"))
+        # Rendering it anew and again takes a minute.
+        or (command == "tradeoff" and row["sensor"] == "a mesh")
+    )
+
+
+class Failed(Exception):
+    pass
+
+
+def run(folder, *arguments, status=0):
+    done = subprocess.run([program, *map(str, arguments)], cwd=folder, capture_output=True, text=True, timeout=300)
+    if done.returncode != status:
+        raise Failed(f"{' '.join(map(str, arguments))}: status {done.returncode}, not {status}\n{done.stdout}{done.stderr}")
+    return done
+
+
+def files(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def same(ours, theirs):
+    a, b = ({name: data for name, data in files(each).items() if name.parts[0] != "stats"} for each in (ours, theirs))
+    if a != b:
+        raise Failed(f"{ours.name} and {theirs.name} differ: {[str(name) for name in a | b if a.get(name) != b.get(name)]}")
+
+
+def keys(out):
+    names = [path.name for path in (out / "data").rglob("*.json*")]
+    names += [name for tar in (out / "data").glob("*.tar") for name in tarfile.open(tar).getnames()]
+    return sorted({name[:9] for name in names if name[:9].isdigit()})
+
+
+def command(folder, row):
+    """Runs a row's command on its dataset."""
+    out, name = folder / "out", row["command"]
+    match name:
+        case "parts":
+            for part in ["0/2", "1/2"]:
+                run(folder, "generate", "job.toml", "--quiet", "--out", "parts", "--partition", part)
+            same(out, folder / "parts")
+        case "extended":
+            run(folder, "generate", "job.toml", "--quiet", "--out", "longer", "--samples", "2")
+            run(folder, "generate", "job.toml", "--quiet", "--out", "longer", "--samples", "3")
+            same(out, folder / "longer")
+        case "reproduce":
+            run(folder, "reproduce", "out", keys(out)[-1])
+        case "report":
+            run(folder, "report", "out", "--out", "report.html")
+        case "preview":
+            run(folder, "preview", "out", "--out", "sheet.png")
+        case "preview of the job":
+            run(folder, "preview", "job.toml", "--out", "sheet.png")
+        case "effects":
+            run(folder, "preview", "job.toml", "--effects", "--out", "sheet.png")
+        case "film":
+            run(folder, "preview", "job.toml", "--key", "1", "--apng", "--out", "film.png")
+        case "tradeoff":
+            run(folder, "tradeoff", "job.toml", "--samples", "1", "--quiet", "--out", "levels")
+        case "plan":
+            run(folder, "plan", "job.toml")
+        case "augment":
+            run(folder, "augment", "augment.toml", "--quiet", "--out", "larger")
+        case "load":
+            loaded, rendered = gelsim.load(out), gelsim.Job.load(folder / "job.toml")
+            if len(loaded) != len(rendered) or list(loaded[0])[:-1] != list(rendered[0]):
+                raise Failed(f"{list(loaded[0])} is loaded, {list(rendered[0])} rendered")
+            gelsim.collate([loaded[i] for i in range(len(loaded))])
+        case _:
+            export = [sys.executable, "-m", "gelsim.export.command", out, "--to", name, "--out", folder / "copy", "--quiet"]
+            for more in [[], ["--check"]]:
+                done = subprocess.run([*export, *more], capture_output=True, text=True)
+                if done.returncode:
+                    raise Failed(f"--to {name} {more}: {done.stdout}{done.stderr}")
+
+
+def works(folder, row):
+    (folder / "job.toml").write_text(job(row))
+    run(folder, "generate", "job.toml", "--quiet", "--out", "out")
+    run(folder, "verify", "out")
+    command(folder, row)
+
+
+def is_refused(folder, row):
+    (folder / "job.toml").write_text(job(row))
+    said = run(folder, "generate", "job.toml", "--quiet", "--out", "out", status=2).stderr
+    missing = [says for says in refusals(row) if says not in re.sub(r"\s+", " ", said)]
+    if len(missing) == len(refusals(row)) or not re.search(r"job\.toml:\d+:\d+", said):
+        raise Failed(f"it does not say {missing}: {said}")
+    if (folder / "out").exists():
+        raise Failed("it left something behind")
+
+
+def random_row(chance, holds):
+    """A row that a refusal holds for, and no other one if that can be."""
+    best = None
+    for _ in range(4000):
+        row = {name: chance.choice(list(values)) for name, values in AXES.items()}
+        if holds(row) and (best is None or len(refusals(row)) < len(refusals(best))):
+            best = row
+            if len(refusals(row)) == 1 and chance.random() < 0.2:
+                break
+    return best
+
+
+def tried(check, rows):
+    """Of each row what is wrong with it."""
+    wrong = []
+    for row in rows:
+        with tempfile.TemporaryDirectory() as folder:
+            folder = Path(folder)
+            prepare(folder)
+            try:
+                check(folder, row)
+            except (Failed, subprocess.TimeoutExpired) as failed:
+                wrong.append(f"{row}\n{failed}\n{job(row)}")
+    return wrong
+
+
+def page():
+    """Every refusal has its line in the page's first table, and that has no other."""
+    table = PAGE.read_text().split("\n## ")[0]
+    listed = set(re.findall(r"^\| (.*?) \| (.*?) \| ", table, re.M)) - {("what", "does not go with")}
+    told = {(what, beside) for _, _, what, beside in REFUSALS}
+    return [f"{PAGE.name} lacks {line}" for line in sorted(told - listed)] + [
+        f"{PAGE.name} has {line}, which nothing here is" for line in sorted(listed - told)
+    ]
+
+
+def main():
+    chance = random.Random(7)
+    rows, impossible = covering(chance)
+    if "--rows" in sys.argv:
+        rows = rows[: int(sys.argv[sys.argv.index("--rows") + 1])]
+    print(f"{len(rows)} jobs hold every pair of values that go together; {impossible} pairs do not", flush=True)
+    wrong = page() + tried(works, rows)
+    bad = [random_row(chance, holds) for holds, *_ in REFUSALS for _ in range(REFUSED)]
+    wrong += tried(is_refused, bad)
+    print(f"{len(REFUSALS)} refusals, {len(bad)} jobs that are refused; {len(wrong)} wrong")
+    if wrong:
+        sys.exit("\n\n".join(wrong))
+
+
+if __name__ == "__main__":
+    program = Path(sys.argv[1]).resolve()
+    main()
