@@ -2,7 +2,7 @@
 //!
 //! Each pixel gives back a share of the diffuse light that it gets, alike in all directions (Lambert 1760), and every
 //! other pixel that it faces gets its part: cos cos / (pi d^2) of it per area. One bounce, an albedo of one half, and
-//! nothing stands between two pixels. The figures are in `docs/effects.md`. Random paths of any length, which shapes do block,
+//! nothing stands between two pixels. The figures are in `docs/effects-models.md`. Random paths of any length, which shapes do block,
 //! say what that leaves out.
 
 use gelsim::core::base::grid::Rect;

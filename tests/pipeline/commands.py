@@ -4,7 +4,7 @@
 
 A command is a block fenced as `sh`, or an indented line that begins with a program. What cannot run here is listed below
 with the reason and the test that runs it instead; a command that is neither fails the test, and so does a list that names
-what is in no page any more. Of commands with placeholders, and of those named within a sentence, the options are looked up
+what is in no page any more. Links must lead somewhere, and no page may be too long to be read. Of commands with placeholders, and of those named within a sentence, the options are looked up
 in the program's help; of `cargo test` and `cargo bench` the targets in their Cargo.toml, and the module of the tests.
 """
 
@@ -31,6 +31,11 @@ CARGO = {
 }
 INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|gelsim-export|cargo|pip|python3?|bash|sh|sbatch|kubectl|npm|docker|make) .*)$")
 
+# Words of a page.
+MOST_WORDS = 2500
+# What is looked things up in, not read.
+LONG = {"changelog.md", "stability-reference.md", "job.md"}
+
 # Options of the documentation that make a run shorter.
 SMALL = "--set 'sensor.resolution_px=[160, 120]'"
 CALIBRATION = "gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml"
@@ -54,7 +59,7 @@ ELSEWHERE = {
     "cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none TARGET": ("a nightly compiler", ".ci/run"),
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/pipeline/taxim_pictures.py OUT": ("the packages of the line before", ".ci/run"),
-    "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/transfer.md"),
+    "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/transfer-tactip.md"),
     "python tests/bench/others.py GELSIM": ("numpy, OpenCV and 400 MB", ".ci/run"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/pipeline/install.py"),
     "pip install '.[load]'": ("a compiler; there without extras", "tests/pipeline/install.py"),
@@ -235,7 +240,32 @@ def presses(folder):
         (folder / table).write_text(text.getvalue())
 
 
+def misguided(page):
+    """What is wrong with a page beside its commands: links that lead nowhere, and more words than are read at one go."""
+    text = re.sub(r"(?ms)^```.*?^```$", "", page.read_text())
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        file, _, anchor = target.partition("#")
+        if "://" in target:
+            continue
+        there = (page.parent / file).resolve() if file else page
+        if not there.exists():
+            yield f"{page.name}: {target} is not there"
+        elif anchor and anchor not in anchors(there.read_text()):
+            yield f"{page.name}: {target} has no such heading"
+    words = len(page.read_text().split())
+    if words > MOST_WORDS and page.name not in LONG:
+        yield f"{page.name} has {words} words; {MOST_WORDS} are the most of a page"
+
+
+def anchors(text):
+    """The anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"(?ms)^```.*?^```$", "", text), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 def main():
+    pages = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+    assert not (wrong := [line for page in pages for line in misguided(page)]), "\n".join(wrong)
     os.environ.update(environment(pathlib.Path(sys.argv[1]).resolve()))
     helps, used = {}, set()
     with tempfile.TemporaryDirectory() as temporary:

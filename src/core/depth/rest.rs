@@ -2,7 +2,7 @@
 //!
 //! The undeformed surface touches the plane z = 0 at its highest point and lies `drop` below it elsewhere, towards the
 //! camera. An object's overlap is taken against that surface; the contact is then solved as on a flat layer, which is
-//! right for slopes of the rest surface that are small against 1 (what that costs: docs/effects.md). Of the coating's
+//! right for slopes of the rest surface that are small against 1 (what that costs: docs/effects-models.md). Of the coating's
 //! grain only the light takes notice: it is far finer than what changes a contact.
 
 use std::sync::Arc;
