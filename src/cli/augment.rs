@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::log::{Log, say};
 use super::long_run::long_run;
+use super::store::folder_only;
 use super::{Failure, checked_threads};
 use crate::lab::augment::trace::Source;
 use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report};
@@ -55,6 +56,7 @@ impl Augment {
         let recipe = Recipe::load(&self.file, &set)?;
         log.notes(&recipe.notes);
         let root = self.out.unwrap_or_else(|| recipe.root.clone());
+        folder_only(&root, "augment")?;
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
 
         let (result, signal) = long_run(log, |watch| augment(&recipe, &target, watch))?;

@@ -6,6 +6,7 @@ use std::path::Path;
 use crate::dataset::refused::Refused;
 use crate::files::diagnostic::Report;
 use crate::files::spelling::visible;
+use crate::files::store::{self, StoreError};
 
 /// Why the program ends with a status other than 0.
 #[derive(Debug)]
@@ -63,7 +64,12 @@ impl From<Refused> for Failure {
     fn from(refused: Refused) -> Self {
         match refused {
             Refused::Usage(report) => report.into(),
-            Refused::Io(path, error) => Self::from_path(&path, &error),
+            Refused::Io(path, error) => {
+                match store::said(&error).map_or("", StoreError::way_out).trim_end_matches("; ") {
+                    "" => Self::from_path(&path, &error),
+                    way_out => Self::running(format!("{}: {error}\n  {way_out}", path.display())),
+                }
+            }
         }
     }
 }
@@ -75,6 +81,9 @@ impl From<Report> for Failure {
 }
 
 fn way_out(error: &io::Error) -> &'static str {
+    if let Some(said) = store::said(error) {
+        return said.way_out();
+    }
     use io::ErrorKind::{FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull, WouldBlock};
     let no_pool = error.get_ref().is_some_and(|inner| inner.is::<rayon::ThreadPoolBuildError>());
     let too_many_files = Some(rustix::io::Errno::MFILE.raw_os_error());

@@ -8,11 +8,13 @@ use serde_json::{Value, json};
 
 use super::log::{Format, Log, say};
 use super::long_run::long_run;
+use super::store::{address, staging};
 use super::{Extent, Failure, JobOverrides, settled};
 use crate::dataset::folder::recorded_rung;
-use crate::dataset::generate::{Done, GenerateError, Request, generate};
+use crate::dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
 use crate::dataset::verify::{Cure, Finding};
 use crate::files::diagnostic::user_error;
+use crate::files::store::{Address, open};
 use crate::job::label::key;
 use crate::job::plan::Plan;
 
@@ -22,6 +24,7 @@ use crate::job::plan::Plan;
 Example:
   gelsim generate configs/quickstart.toml --samples 50 --out /tmp/quick
   gelsim generate job.toml --partition 0/8 --threads 4 --log-format json
+  gelsim generate job.toml --out s3://bucket/presses
   gelsim generate job.toml --set 'indentation.depth_mm=[0.3, 0.9]' --set 'sensor.preset=\"digit\"'")]
 pub struct Generate {
     /// The job
@@ -34,6 +37,9 @@ pub struct Generate {
     /// Replace a dataset that is in the folder
     #[arg(long)]
     overwrite: bool,
+    /// Folder for shards on their way to a store [default: that for temporary files]
+    #[arg(long, value_name = "DIR")]
+    staging: Option<PathBuf>,
     /// Print nothing but errors
     #[arg(long)]
     quiet: bool,
@@ -54,7 +60,19 @@ impl Generate {
         self.overrides.note(&plan.notes, log)?;
         let shards = self.extent.shards(plan.layout.shard_count())?;
         let root = self.extent.root(&plan);
+        let store = address(&root)?;
         let recorded = if self.overwrite { None } else { recorded_rung(&root) };
+        if store.is_some() && plan.open_choice().is_some() {
+            let message = "a dataset in a store cannot leave its fidelity to be chosen";
+            return Err(user_error(message, "name a level with --fidelity (gelsim tradeoff shows them)").into());
+        }
+        if store.is_none() && self.staging.is_some() {
+            return Err(user_error(
+                "--staging is for datasets in stores",
+                "leave it out: shards are made in their folder",
+            )
+            .into());
+        }
         if shards.is_some() && recorded.is_none() && plan.open_choice().is_some() {
             let message = "parts of a dataset cannot each choose their own fidelity";
             let help = "name a level with --fidelity (gelsim tradeoff shows them), or begin the dataset without \
@@ -63,8 +81,14 @@ impl Generate {
         }
         let plan = settled(plan, recorded, log)?;
         let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
-
-        let (result, signal) = long_run(log, |watch| generate(&plan, &request, watch))?;
+        let in_store = |address: &Address, watch: &Watch| {
+            let store = open(address, &watch.stop).map_err(|error| GenerateError::Io(root.clone(), error))?;
+            generate_in(&*store, &plan, &Request { root: staging(self.staging.clone()), ..request.clone() }, watch)
+        };
+        let (result, signal) = long_run(log, |watch| match &store {
+            None => generate(&plan, &request, watch),
+            Some(address) => in_store(address, watch),
+        })?;
         match result {
             Ok(done) => {
                 let root = root.display().to_string();

@@ -34,6 +34,7 @@ mod render;
 mod report;
 mod reproduce;
 mod schema;
+mod store;
 mod tradeoff;
 mod verify;
 
@@ -204,7 +205,7 @@ impl JobOverrides {
 /// Which part of a dataset is made, where, and by how many threads.
 #[derive(Clone, Debug, Args)]
 struct Extent {
-    /// Folder of the dataset [default: out/NAME]
+    /// Folder of the dataset, or its address in a store (s3://, gs://, az://, file://) [default: out/NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Threads [default: all cores]

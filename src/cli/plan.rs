@@ -7,6 +7,7 @@ use std::time::Instant;
 use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 
+use super::store::address;
 use super::{Extent, Failure, JobOverrides, Log, print, settled};
 use crate::core::effects::Effect;
 use crate::dataset::folder::recorded_rung;
@@ -41,6 +42,7 @@ impl Plan {
         let load_s = start.elapsed().as_secs_f64();
         self.overrides.note(&plan.notes, Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
+        let store = address(&root)?;
         let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
         let count = plan.layout.shard_count();
         let shards = self.extent.shards(count)?.unwrap_or(0..count);
@@ -52,7 +54,7 @@ impl Plan {
         text += &plan.pressed_sides().map_or_else(String::new, |sides| format!("{sides}\n\n"));
         text += &effects(&forecast);
         text += &stages(&forecast);
-        text += &totals(&forecast, load_s, &root, free_bytes(&root));
+        text += &totals(&forecast, load_s, &root, if store.is_some() { None } else { free_bytes(&root) });
         print(&text)
     }
 }

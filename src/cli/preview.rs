@@ -6,6 +6,7 @@ use clap::Args;
 use image::RgbImage;
 use rayon::prelude::*;
 
+use super::store::folder_only;
 use super::{Failure, JobOverrides, Log, say, settled};
 use crate::core::effects::Effect;
 use crate::dataset::recorded::Recorded;
@@ -55,6 +56,7 @@ pub struct Preview {
 
 impl Preview {
     pub(super) fn run(self) -> Result<(), Failure> {
+        folder_only(&self.source, "preview")?;
         let panel = |default: u32| self.panel.unwrap_or(default).max(1);
         if self.effects {
             return write(&self.out, &effects::sheet(&self.comparisons()?, panel(effects::PANEL)));

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
+use super::store::folder_only;
 use super::{Failure, Log, MOST_THREADS, no_threads, say};
 use crate::core::fidelity::Fidelity;
 use crate::core::gelpad;
@@ -154,7 +155,7 @@ impl Render {
         }
         match self.out.clone() {
             // One of the two is always there.
-            Some(out) => self.files(&out, camera, problems),
+            Some(out) => folder_only(&out, "render").and_then(|()| self.files(&out, camera, problems)),
             None => self.stream(camera, &problems),
         }
     }

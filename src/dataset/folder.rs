@@ -24,8 +24,8 @@ const SEAL: &str = "# SHA-256 of this file with 64 zeros in this place: ";
 
 /// Makes `root` ready for `plan`: a new folder, an empty one, or one that the same job began. Nothing in it may be a
 /// link that leads out of it. A job that differs from the recorded one only in having more samples takes the folder
-/// over: then the number of samples before.
-pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>, Refused> {
+/// over: then the number of samples before. Paths in its job.toml are relative to `seen_from`, which need not be there.
+pub fn prepare(root: &Path, seen_from: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>, Refused> {
     let io = |path: &Path| {
         let path = path.to_owned();
         move |error| Refused::Io(path, error)
@@ -76,7 +76,7 @@ pub fn prepare(root: &Path, plan: &Plan, overwrite: bool) -> Result<Option<u64>,
             Step::OldFileRemoved.reached(&path);
         }
         let job_path = root.join("job.toml");
-        let text = match resolved_job(root, plan).map_err(io(&job_path))? {
+        let text = match resolved_job(seen_from, plan).map_err(io(&job_path))? {
             Ok(text) => text,
             Err(path) => {
                 let message = format!("{} is not UTF-8, so that no job can hold it", path.display());
@@ -210,10 +210,10 @@ fn version(job: &str) -> Option<&str> {
     Some(job.lines().next()?.strip_prefix(RESOLVED)?.trim().trim_end_matches('.'))
 }
 
-/// The text of `job.toml`: every default written out, paths relative to `root`, which must exist. The inner error is a
-/// path that no text can hold.
+/// The text of `job.toml`: every default written out, paths relative to `root`. The inner error is a path that no text can
+/// hold.
 fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>> {
-    let root = root.canonicalize()?;
+    let root = canonical(root)?;
     let mut job = plan.job().clone();
     for path in job.paths_mut() {
         match relative(path, &root)?.into_os_string().into_string() {
@@ -224,6 +224,17 @@ fn resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>>
     let text = job.to_toml()?;
     let text = format!("{RESOLVED} {}.\n{SEAL}{BLANK}\n\n{text}", env!("CARGO_PKG_VERSION"));
     Ok(Ok(sealed(&text, SEAL)))
+}
+
+/// The path without links, as far as it is there.
+fn canonical(path: &Path) -> io::Result<PathBuf> {
+    let path = std::path::absolute(path)?;
+    match (path.canonicalize(), path.parent(), path.file_name()) {
+        (Err(error), Some(folder), Some(name)) if error.kind() == io::ErrorKind::NotFound => {
+            Ok(canonical(folder)?.join(name))
+        }
+        (found, ..) => found,
+    }
 }
 
 fn relative(path: &str, root: &Path) -> io::Result<PathBuf> {

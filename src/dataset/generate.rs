@@ -24,6 +24,7 @@ use crate::dataset::finalize::{Finalized, finalize};
 use crate::dataset::folder::{prepare, recorded_samples, still_ours};
 use crate::dataset::lock::Lock;
 use crate::dataset::manifest::Manifest;
+use crate::dataset::mirror::Mirror;
 use crate::dataset::paths::Paths;
 use crate::dataset::recorded::Recorded;
 use crate::dataset::refused::Refused;
@@ -31,7 +32,9 @@ use crate::dataset::shard::Writer;
 use crate::dataset::stats::{LightRange, Stats};
 use crate::dataset::verify::{CheckLevel, Cure, Finding};
 use crate::dataset::versioned::Versioned;
-use crate::files::diagnostic::Report;
+use crate::files::diagnostic::{Report, user_error};
+use crate::files::store::{Cause, Store, said as store_said};
+use crate::job::config::output::Container;
 use crate::job::layout::Shard;
 use crate::job::plan::Plan;
 use crate::job::sample::Unfit;
@@ -40,8 +43,9 @@ use crate::job::sample::Unfit;
 const BLOCK: usize = 16;
 
 /// What to generate and where.
+#[derive(Clone)]
 pub struct Request {
-    /// Folder of the dataset.
+    /// Folder of the dataset; for one in a store, a folder for shards on their way there.
     pub root: PathBuf,
     /// Shards to write, numbers in plan order; all of them if absent.
     pub shards: Option<Range<u64>>,
@@ -139,24 +143,60 @@ type Draw = dyn Fn(&Plan, u64, Keep<'_>) -> Result<Made, Unmade> + Sync;
 
 /// Generates the dataset, or the shards of it that were asked for.
 pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
-    run(plan, request, watch, &make)
+    run(plan, request, None, watch, &make)
 }
 
-fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Done, GenerateError> {
+/// The same in an object store. Paths in its job.toml are those of a dataset in the plan's default folder.
+pub fn generate_in(store: &dyn Store, plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
+    if plan.output().container == Container::Folder {
+        let message = "a shard that is a folder cannot be put into a store whole: it is a file for each image";
+        let help = "leave output.container = \"folder\" out, or generate to a folder and copy that";
+        return Err(GenerateError::Usage(user_error(message, help)));
+    }
+    let mirror = Mirror::begin(store, &request.root)?;
+    let here = Request { root: mirror.root().to_owned(), ..request.clone() };
+    run(plan, &here, Some(&mirror), watch, &make).map_err(|error| match error {
+        GenerateError::Io(_, error) if store_said(&error).is_some_and(|said| said.cause == Cause::Stopped) => {
+            GenerateError::Interrupted
+        }
+        GenerateError::Usage(report) => mirror.in_its_words(Refused::Usage(report)).into(),
+        GenerateError::Io(path, error) => mirror.in_its_words(Refused::Io(path, error)).into(),
+        other => other,
+    })
+}
+
+fn run(
+    plan: &Plan,
+    request: &Request,
+    mirror: Option<&Mirror<'_>>,
+    watch: &Watch,
+    draw: &Draw,
+) -> Result<Done, GenerateError> {
     let start = Instant::now();
     let root = &request.root;
-    let grown_from = prepare(root, plan, request.overwrite)?;
+    let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
+    let grown_from = match mirror {
+        None => prepare(root, root, plan, request.overwrite)?,
+        Some(mirror) => {
+            let stats = |number| format!("stats/{}.json", plan.layout.shard(number).name());
+            let stats: HashSet<String> = wanted.clone().map(stats).collect();
+            mirror.fetch(|name| request.overwrite || stats.contains(name))?;
+            let grown_from = prepare(root, &plan.default_output(), plan, request.overwrite)?;
+            mirror.push_beginning(plan)?;
+            grown_from
+        }
+    };
     known::<Manifest>(&root.join("dataset.json"))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| GenerateError::Io(root.clone(), io::Error::other(error)))?;
 
     let mut done = Done { grown_from, ..Done::default() };
     let mut missing = Vec::new();
-    let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
+    let level = if mirror.is_some() { CheckLevel::Sizes } else { CheckLevel::Checksums };
     let there = |number| {
         let shard = plan.layout.shard(number);
         let stop = watch.stop.load(Ordering::Relaxed);
-        if stop { Err(GenerateError::Interrupted) } else { Ok((shard, there(plan, root, &shard)?)) }
+        if stop { Err(GenerateError::Interrupted) } else { Ok((shard, there(plan, root, &shard, level)?)) }
     };
     let found: Vec<(Shard, ShardState)> =
         pool.install(|| wanted.clone().into_par_iter().map(there).collect::<Result<_, _>>())?;
@@ -182,7 +222,7 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
             if failed.load(Ordering::Relaxed) {
                 break;
             }
-            let result = write_shard(plan, root, shard, watch, &failed, draw);
+            let result = write_shard(plan, root, mirror, shard, watch, &failed, draw);
             failed.fetch_or(!matches!(result, Ok(_) | Err(GenerateError::Held(_))), Ordering::Relaxed);
             watch.written.fetch_add(u64::from(result.is_ok()), Ordering::Relaxed);
             written.push(result);
@@ -214,8 +254,14 @@ fn run(plan: &Plan, request: &Request, watch: &Watch, draw: &Draw) -> Result<Don
         return Err(stopped);
     }
     // Also after a shard was held: who finishes last describes the dataset, whoever that is.
+    if let Some(mirror) = mirror {
+        mirror.refresh(&plan.layout)?;
+    }
     let finalized = finalize(&Recorded::new(root, plan.job().clone()), CheckLevel::Sizes)?;
     done.complete = matches!(finalized, Finalized::Whole { .. });
+    if let Some(mirror) = mirror.filter(|_| done.complete) {
+        mirror.push_descriptions()?;
+    }
     let findings = match finalized {
         Finalized::Whole { .. } => Vec::new(),
         Finalized::Wanting(findings) => findings,
@@ -254,13 +300,14 @@ enum ShardState {
     Whole(Box<Stats>),
 }
 
-/// Looks for a shard of this job, and reads it.
-fn there(plan: &Plan, root: &Path, shard: &Shard) -> Result<ShardState, GenerateError> {
+/// Looks for a shard of this job, and reads it unless `level` is its size.
+fn there(plan: &Plan, root: &Path, shard: &Shard, level: CheckLevel) -> Result<ShardState, GenerateError> {
     let paths = Paths::new(root, shard, plan.output().container);
     // The last shard of a split was shorter before the dataset grew.
     let is_ours = |stats: &Stats| stats.is_of(shard, paths.container, &plan.fingerprint);
     let Some(stats) = known::<Stats>(&paths.stats)?.filter(is_ours) else { return Ok(ShardState::Missing) };
-    let whole = stats.vouches_for(&paths).map_err(|error| GenerateError::Io(paths.data.clone(), error))?;
+    let whole = if level == CheckLevel::Sizes { stats.measures(&paths) } else { stats.vouches_for(&paths) };
+    let whole = whole.map_err(|error| GenerateError::Io(paths.data.clone(), error))?;
     Ok(if whole { ShardState::Whole(Box::new(stats)) } else { ShardState::Damaged })
 }
 
@@ -272,6 +319,7 @@ fn known<T: Versioned>(path: &Path) -> Result<Option<T>, GenerateError> {
 fn write_shard(
     plan: &Plan,
     root: &Path,
+    mirror: Option<&Mirror<'_>>,
     shard: &Shard,
     watch: &Watch,
     failed: &AtomicBool,
@@ -286,7 +334,10 @@ fn write_shard(
         let of_all = cleanup::lock(root);
         let _alone = Lock::wait(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
         let taken = Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
-        still_ours(root, plan)?;
+        match mirror {
+            None => still_ours(root, plan)?,
+            Some(mirror) => mirror.still_ours(plan)?,
+        }
         taken
     };
     let lock = match lock {
@@ -295,10 +346,13 @@ fn write_shard(
     };
     Step::ShardLocked.reached(&paths.data);
     // Another process may have finished it since we looked.
-    if let ShardState::Whole(stats) = there(plan, root, shard)? {
+    if mirror.is_none()
+        && let ShardState::Whole(stats) = there(plan, root, shard, CheckLevel::Checksums)?
+    {
         return Ok(*stats);
     }
-    let mut writer = Writer::create(paths, lock, shard, &plan.fingerprint).map_err(io)?;
+    let older = paths.stats.exists();
+    let mut writer = Writer::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
     let indices: Vec<u64> = plan.layout.indices(*shard).collect();
     // Sequences are large; no more of them wait than there are threads to make them.
     let block = if plan.job().sequence.is_some() { rayon::current_num_threads().min(BLOCK) } else { BLOCK };
@@ -322,6 +376,9 @@ fn write_shard(
         }
     }
     let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
+    if let Some(mirror) = mirror {
+        mirror.push_shard(&paths, &stats, older)?;
+    }
     Step::ShardDone.reached(&partial);
     Ok(stats)
 }
@@ -371,12 +428,13 @@ mod tests {
                 27 => panic!("injected"),
                 _ => make(plan, index, keep),
             };
-            match run(&plan, &request, &Watch::default(), &broken) {
+            match run(&plan, &request, None, &Watch::default(), &broken) {
                 Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),
                 other => panic!("{other:?}"),
             }
             // On one thread the shards before it are finished; on several they may be under way, and then are dropped.
-            let finished = |number| matches!(there(&plan, &root, &plan.layout.shard(number)), Ok(ShardState::Whole(_)));
+            let there = |number| there(&plan, &root, &plan.layout.shard(number), CheckLevel::Checksums);
+            let finished = |number| matches!(there(number), Ok(ShardState::Whole(_)));
             assert!(threads > 1 || finished(0) && finished(1));
             assert!(!root.join("data/train-000002.tar").exists());
             let partials = std::fs::read_dir(root.join("data")).expect("a folder").filter_map(Result::ok);

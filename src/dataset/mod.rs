@@ -21,6 +21,7 @@ pub mod imagefolder;
 pub mod labels;
 pub mod lock;
 pub mod manifest;
+pub mod mirror;
 pub mod paths;
 pub mod recorded;
 pub mod refused;

@@ -7,6 +7,7 @@ use super::archive::{Files, Head};
 use super::paths::Paths;
 use crate::files::diagnostic::user_error;
 use crate::files::diagnostic::{Diagnostics, Report};
+use crate::files::store::Address;
 use crate::job::config::object::Object;
 use crate::job::config::output::Container;
 use crate::job::config::{self, Job, Overrides};
@@ -50,6 +51,13 @@ fn missing(job: &Job) -> Option<String> {
 impl Recorded {
     /// Opens the dataset at `root`.
     pub fn open(root: &Path) -> Result<Self, Report> {
+        if Address::is_one(root) {
+            let message = format!("{} is in an object store, and is read from a folder", root.display());
+            return Err(user_error(
+                message,
+                "copy it, for example with `aws s3 sync` (docs/stores.md), and name the copy",
+            ));
+        }
         let path = root.join("job.toml");
         if !path.exists() {
             let message = format!("{} is no dataset: there is no job.toml in it", root.display());

@@ -237,7 +237,7 @@ impl Stats {
     }
 
     /// True if the shard is there and as large as the one that was written.
-    fn measures(&self, paths: &Paths) -> io::Result<bool> {
+    pub fn measures(&self, paths: &Paths) -> io::Result<bool> {
         match paths.container.measure(&paths.data) {
             Ok(bytes) => Ok(bytes == self.bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),

@@ -115,6 +115,18 @@ impl Report {
         self
     }
 
+    /// The same with `to` in place of `from` in all that is said.
+    pub fn saying(mut self, from: &str, to: &str) -> Self {
+        for problem in &mut self.problems {
+            problem.message = problem.message.replace(from, to);
+            problem.help = problem.help.take().map(|help| help.replace(from, to));
+        }
+        for source in &mut self.sources {
+            source.name = source.name.replace(from, to);
+        }
+        self
+    }
+
     /// True without a mistake.
     pub fn is_empty(&self) -> bool {
         self.problems.is_empty()

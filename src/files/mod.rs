@@ -32,6 +32,8 @@ pub mod rows;
 #[cfg(feature = "datasets")]
 pub mod source;
 #[cfg(feature = "datasets")]
+pub mod store;
+#[cfg(feature = "datasets")]
 pub mod unpack;
 #[cfg(feature = "datasets")]
 pub mod write;

@@ -18,3 +18,4 @@ mod links;
 mod names;
 mod outputs;
 mod rig;
+mod stores;

@@ -105,6 +105,11 @@ ELSEWHERE = {
         "docs/transfer.md",
     ),
     "python tests/transfer/run.py GELSIM --self-test": ("NumPy", ".ci/run"),
+    "cargo install --path . --features stores": ("minutes; there it is built", ".ci/run"),
+    "gelsim generate job.toml --out s3://bucket/presses": ("an S3 server", "tests/pipeline/stores.py"),
+    "gelsim generate job.toml --out s3://bucket/presses --partition 0/2": ("an S3 server", "tests/pipeline/stores.py"),
+    "gelsim generate job.toml --out s3://bucket/presses --partition 1/2": ("an S3 server", "tests/pipeline/stores.py"),
+    "gelsim finalize s3://bucket/presses": ("an S3 server", "tests/pipeline/stores.py"),
     "seq 0 63 | parallel": ("two machines; there with a false ssh", "tests/pipeline/recipes.py"),
 }
 
