@@ -188,15 +188,18 @@ impl Chart {
         self.rest(at).point_mm
     }
 
+    /// The gel at a point of the chart, and the area on it of a mm^2 of the chart.
+    pub fn rest_and_area(&self, at: [f64; 2]) -> (Rest, f64) {
+        if !self.walled {
+            return (self.rest(at), self.area(at));
+        }
+        let walk = self.walk(at);
+        (walk.rest(at, self.radius_mm), walk.area(at))
+    }
+
     /// The gel at a point of the chart, and what slopes of 1 along x and along y of the chart are there: slopes on the gel.
     pub fn rest_with_gradients(&self, at: [f64; 2]) -> (Rest, [DVec3; 2]) {
-        let (rest, area) = match self.walled {
-            false => (self.rest(at), self.area(at)),
-            true => {
-                let walk = self.walk(at);
-                (walk.rest(at, self.radius_mm), walk.area(at))
-            }
-        };
+        let (rest, area) = self.rest_and_area(at);
         let [x, y] = rest.tangents;
         let outwards = DVec2::from_array(at).normalize_or(DVec2::X);
         // Across its geodesics the chart is wider than the gel, or narrower.

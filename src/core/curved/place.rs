@@ -1,0 +1,114 @@
+//! Where an object comes closest to a gel that is not flat, and the chart around that place.
+
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
+
+use super::Curved;
+use crate::core::base::chart::Chart;
+use crate::core::base::gel::{GelShape, Site};
+use crate::core::base::surface::unrolled::Unrolled;
+use crate::core::depth::lines::DEEP;
+use crate::core::depth::touch;
+use crate::core::gelpad::elastic::shear::Motion;
+use crate::core::mesh::clusters::Clusters;
+use crate::core::mesh::nearest::nearest_point;
+use crate::core::pose::Pose;
+
+/// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
+const NEAR: f64 = 0.2;
+
+impl Curved {
+    /// Where the object comes closest to the gel's axis: the point of the gel that is on the way, and how far the object reaches
+    /// below it, mm. On a mesh where it reaches deepest.
+    pub(super) fn deepest(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Site, f64) {
+        if let GelShape::Mesh(surface) = &self.shape {
+            let (point_mm, normal, reaches_mm) = touch::deepest(surface, object, pose, DEEP * thickness_mm);
+            return (Site { normal, below_mm: 0.0, point_mm }, reaches_mm);
+        }
+        let (centre, wall_mm) = (self.shape.centre_mm(), self.shape.wall_mm().unwrap_or(0.0));
+        let nearest = |below_mm: f64| {
+            let from = centre - DVec3::new(0.0, 0.0, below_mm);
+            let in_object = pose.rotation.transpose() * (from - pose.translation_mm);
+            pose.rotation * nearest_point(object, in_object) + pose.translation_mm - from
+        };
+        // From the best of several places, as an object may come close to the axis in more than one; then by turns the closest
+        // point of the object, and the point of the axis closest to that.
+        let starts = libm::ceil(2.0 * wall_mm / self.shape.radius_mm()).min(32.0) as usize;
+        let mut best = (0.0, nearest(0.0));
+        for start in 1..=starts {
+            let below_mm = wall_mm * start as f64 / starts as f64;
+            let at = nearest(below_mm);
+            if at.length_squared() < best.1.length_squared() {
+                best = (below_mm, at);
+            }
+        }
+        for _ in 0..20 {
+            let next_mm = (best.0 - best.1.z).clamp(0.0, wall_mm);
+            if (next_mm - best.0).abs() < 1e-6 * self.shape.radius_mm() {
+                break;
+            }
+            best = (next_mm, nearest(next_mm));
+        }
+        let (below_mm, at) = best;
+        // Below a dome's middle there is no gel; at the middle itself no direction.
+        let normal = match (below_mm > 0.0, at.z > 0.0) {
+            (true, _) => DVec3::new(at.x, at.y, 0.0).normalize_or(DVec3::X),
+            (false, true) => at,
+            (false, false) if wall_mm > 0.0 => DVec3::new(at.x, at.y, 0.0).normalize_or(DVec3::Z),
+            (false, false) => DVec3::Z,
+        };
+        (self.shape.site(normal, below_mm), self.shape.radius_mm() - at.length())
+    }
+
+    /// With the gel's tip in its middle as long as a contact around this point of a dome is near it; from there on it follows
+    /// the contact: charts are wider than the gel far from their middle. On a capsule the one of the closest latitude. On a mesh that
+    /// of the tip as long as the gel leans as little as there, else one around the point.
+    pub(super) fn chart(&self, site: Site) -> Chart {
+        if let GelShape::Mesh(surface) = &self.shape {
+            let tip = Chart::at_tip(&self.shape);
+            let [x, y] = tip.at(site);
+            let within =
+                |mm: f64, k: usize| mm.abs() <= 0.5 * self.view.resolution_px[k] as f64 * self.view.mm_per_px[k];
+            let near = site.normal.angle_between(surface.tip_normal()) < NEAR && within(x, 0) && within(y, 1);
+            return match near {
+                true => tip,
+                false => Chart::unrolled(Arc::new(Unrolled::around(surface, site.point_mm, self.reach_mm))),
+            };
+        }
+        if self.shape.wall_mm().is_some() {
+            return Chart::around(&self.shape, site);
+        }
+        let tip = Chart::at_tip(&self.shape);
+        let at = DVec2::from(tip.at(site));
+        let follows_mm = at.length() - NEAR * tip.radius_mm();
+        match follows_mm > 0.0 {
+            true => {
+                let normal = tip.rest((at.normalize() * follows_mm).to_array()).normal;
+                Chart::around(&self.shape, self.shape.site(normal, 0.0))
+            }
+            false => tip,
+        }
+    }
+
+    /// A motion in the sensor's x and y as it is on a chart.
+    pub(super) fn on_chart(&self, motion: Motion, chart: &Chart) -> Motion {
+        let [x, y] = motion.shift_mm;
+        let shift_mm = chart.rest([0.0; 2]).tangents.map(|tangent| tangent.dot(DVec3::new(x, y, 0.0)));
+        if let GelShape::Mesh(surface) = &self.shape {
+            let [x, y] = motion.about_mm;
+            let below = DVec3::new(x, y, surface.bounds_mm()[0].z - 1.0);
+            let about_mm = surface.left_by(below, DVec3::Z).map_or([0.0; 2], |(point_mm, normal)| {
+                let at = chart.at(Site { normal, below_mm: 0.0, point_mm });
+                if at[0].is_nan() { [0.0; 2] } else { at }
+            });
+            return Motion { shift_mm, about_mm, ..motion };
+        }
+        // The point of the gel that is seen there from above; the rim for one beside the gel.
+        let radius_mm = self.shape.radius_mm();
+        let across = DVec2::from(motion.about_mm).clamp_length_max(radius_mm);
+        let up = libm::sqrt((radius_mm * radius_mm - across.length_squared()).max(0.0));
+        let about_mm = chart.at(self.shape.site(across.extend(up), 0.0));
+        Motion { shift_mm, about_mm, ..motion }
+    }
+}

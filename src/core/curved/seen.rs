@@ -1,0 +1,202 @@
+//! What the camera inside a gel that is not flat sees: its pins, or the light on its skin.
+
+use glam::DVec3;
+
+use super::Curved;
+use crate::core::base::chart::Chart;
+use crate::core::base::gel::{GelShape, Site};
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::light::Light;
+use crate::core::base::rng;
+use crate::core::base::view::View;
+use crate::core::camera::gel_map::{GelMap, Slopes};
+use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
+use crate::core::camera::projection::Projection;
+use crate::core::effects::{Effect, EffectLog, Requirement};
+use crate::core::gelpad::Contact;
+use crate::core::gelpad::sliding::Wrench;
+use crate::core::optics::Illumination;
+use crate::core::optics::background::{BackgroundImage, RenderedBackground};
+use crate::core::optics::phong::Phong;
+use crate::core::optics::skin::{self, AlongGel, PressedSkin, Skin, SkinPoint};
+
+/// What the camera sees.
+pub(super) enum Seen {
+    Pins(PinPicture),
+    Skin(Box<Skin>, BackgroundImage),
+}
+
+pub(super) struct PinPicture {
+    pins: Pins,
+    resting: Vec<Tip>,
+    /// What the mount's ring covers of the image.
+    ring: Grid<f32>,
+    dark: [f64; 3],
+}
+
+/// What lights a gel that is seen by its skin.
+pub struct SkinLight<'a> {
+    /// How the skin reflects.
+    pub phong: Phong,
+    /// The LEDs.
+    pub light: Illumination<'a>,
+    /// The picture of the untouched skin.
+    pub background: SkinPicture<'a>,
+    /// The image with pixels as large as they are at the gel's tip.
+    pub in_image: View,
+}
+
+/// See [`SkinLight::background`].
+pub enum SkinPicture<'a> {
+    /// Rendered, with the noise of its grain.
+    Rendered(&'a RenderedBackground, &'a Grid<f32>),
+    /// Taken by the camera itself.
+    Photograph(&'a BackgroundImage),
+}
+
+impl Seen {
+    /// Pins over a picture of this colour.
+    pub fn pins(pins: Pins, shape: &GelShape, camera: &Projection, view: &View, dark: [f64; 3]) -> Self {
+        let resting = pins.at_rest(shape, camera);
+        let ring = pins.ring(camera, view.resolution_px);
+        Self::Pins(PinPicture { pins, resting, ring, dark })
+    }
+
+    /// The light on the skin, of which the image's pixels show these points.
+    pub fn skin(
+        look: &SkinLight<'_>,
+        shape: &GelShape,
+        camera: &Projection,
+        view: &View,
+        sites: &[Option<Site>],
+    ) -> Self {
+        let point =
+            |site: &Option<Site>| site.map(|site| SkinPoint { site, to_camera: camera.towards_camera(site.point_mm) });
+        let points: Vec<_> = sites.iter().map(point).collect();
+        let along_gel = AlongGel::new(look.light.leds, shape);
+        let picture = match look.background {
+            SkinPicture::Rendered(look_of, noise) => {
+                skin::rendered(look_of, noise, look.light.leds, &along_gel, &points, &look.in_image)
+            }
+            SkinPicture::Photograph(photograph) => photograph.clone(),
+        };
+        let skin = Skin::new(look.phong, &look.light, &along_gel, &points, view.resolution_px[0]);
+        Self::Skin(Box::new(skin), picture)
+    }
+}
+
+impl Curved {
+    /// The light of the untouched gel.
+    pub fn untouched(&self) -> Light {
+        match &self.seen {
+            Seen::Pins(PinPicture { pins, resting, ring, dark }) => pins.light(resting, &[], &self.camera, *dark, ring),
+            Seen::Skin(skin, picture) => {
+                let inwards = |site: &Option<Site>| site.map_or(DVec3::NEG_Z, |site| -site.normal).as_vec3().to_array();
+                let normals: Vec<[f32; 3]> = self.sites.iter().map(inwards).collect();
+                skin.untouched(picture, &normals)
+            }
+        }
+    }
+
+    /// What the camera sees of a pressed gel: its light, and where the pins are, if it has any.
+    pub(super) fn looked_at(
+        &self,
+        (contact, chart, map): (&Contact, &Chart, &GelMap),
+        wrench: Option<&Wrench>,
+        unit_key: u64,
+        effects: &mut EffectLog,
+    ) -> (Option<PinPositions>, Light) {
+        let picture = match &self.seen {
+            Seen::Skin(skin, picture) => return (None, shaded(skin, picture, map, contact, &self.view, effects)),
+            Seen::Pins(picture) => picture,
+        };
+        for effect in [Effect::Shading, Effect::Darkening] {
+            effects.enable(effect, Requirement::Absent("the camera sees pins, not the skin's relief"));
+        }
+        effects.timed(Effect::Markers, || {
+            let pins = self.moved(picture, contact, chart, wrench);
+            let mut random = rng::stream(unit_key, "pins", 0);
+            let (tips, sizes) = picture.pins.jittered(&pins.moved, &self.camera, &mut random);
+            let light = picture.pins.light(&tips, &sizes, &self.camera, picture.dark, &picture.ring);
+            (Some(pins), light)
+        })
+    }
+
+    /// Where the pins are.
+    fn moved(&self, seen: &PinPicture, contact: &Contact, chart: &Chart, wrench: Option<&Wrench>) -> PinPositions {
+        let PinPicture { pins, resting, .. } = seen;
+        let direction = match (pins.along, wrench) {
+            (Along::Press, Some(wrench)) => DVec3::from_array(wrench.force_n).try_normalize().map(|into| -into),
+            _ => None,
+        };
+        let moved = match contact.region.is_empty() {
+            true => resting.clone(),
+            false => {
+                let motion = SkinMotion::new(contact, chart, &self.view, direction, pins);
+                pins.moved(&self.shape, &motion, &self.camera)
+            }
+        };
+        PinPositions { rest: resting.clone(), moved }
+    }
+
+    /// Share of the contact that the image shows, 0 without contact. A dome's chart ends where the image does.
+    pub(super) fn share_in_view(&self, contact: &Contact, chart: &Chart) -> f64 {
+        let [width, height] = self.view.resolution_px;
+        let mask = &contact.mask;
+        let touched = (0..height).flat_map(|y| (0..width).map(move |x| [x, y])).filter(|[x, y]| mask.at(*x, *y) > 0);
+        let (mut all, mut seen) = (0_u32, 0_u32);
+        // A share needs no more than some of the nodes.
+        for [x, y] in touched.step_by(1 + contact.region.area() / 2000) {
+            all += 1;
+            seen += u32::from(
+                matches!(self.shape, GelShape::Dome(_)) || {
+                    let point = chart.point_mm(self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]));
+                    let shown = |[x, y]: [f64; 2]| x >= 0.0 && y >= 0.0 && x <= width as f64 && y <= height as f64;
+                    self.camera.point_px(point).is_some_and(shown)
+                },
+            );
+        }
+        if all > 0 { f64::from(seen) / f64::from(all) } else { 0.0 }
+    }
+}
+
+/// The light on a pressed skin, where it differs from that of the untouched one.
+fn shaded(
+    skin: &Skin,
+    picture: &BackgroundImage,
+    map: &GelMap,
+    contact: &Contact,
+    view: &View,
+    effects: &mut EffectLog,
+) -> Light {
+    let [width, height] = map.size_px();
+    let seen = map.around(contact.region);
+    let changed = if effects.everywhere() { Rect::whole(width, height) } else { seen };
+    let need = |why| match (contact.region.is_empty(), seen.is_empty()) {
+        (true, _) => Requirement::Unneeded("the skin is untouched"),
+        (false, true) => Requirement::Unneeded("the camera does not see what is pressed"),
+        (false, false) => Requirement::Needed(why),
+    };
+    let shades = effects.enable(Effect::Shading, need("the skin is pressed in"));
+    let darkens = match skin.darkens() {
+        true => need("the skin is pressed in"),
+        false => Requirement::Absent("the optics model has no darkening"),
+    };
+    let darkens = effects.enable(Effect::Darkening, darkens);
+    if !shades {
+        return Light::default();
+    }
+    effects.timed(Effect::Shading, || {
+        let slopes = Slopes::new(&contact.surface, view);
+        let mut normals = Vec::with_capacity(changed.area());
+        let mut displaced_mm = Vec::with_capacity(changed.area());
+        for y in changed.y0..changed.y1 {
+            for x in changed.x0..changed.x1 {
+                let (normal, down_mm) = map.pressed(&slopes, y * width + x).unwrap_or((DVec3::NEG_Z, 0.0));
+                normals.push(normal.as_vec3().to_array());
+                displaced_mm.push(down_mm);
+            }
+        }
+        skin.shade(&PressedSkin { region: changed, normals: &normals, displaced_mm: &displaced_mm }, picture, darkens)
+    })
+}
