@@ -19,6 +19,7 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
 
     Images and layers get the samples as first axis and keep their types. `pose` is float32 (N, 7), `wrench` float32 (N, 6)
     (`gelsim.vectors`; NaN is what a label does not know). `label`, `key`, `markers` and `pins` are lists.
+    Of grips, `left` and `right` are such batches, of each finger by itself.
     Sequences are padded with zeros to the longest: arrays are (N, T, ...), bool `mask` (N, T) is true for a frame that is
     there. Layers of different sizes stay lists.
     """
@@ -33,7 +34,9 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     each: list[dict[str, Any]] = [dict(sample) for sample in samples]
     rows = [vectors.parts(sample["label"]) for sample in each]
     batch: dict[str, Any]
-    if "frames" in names:
+    if "left" in names:
+        batch = {finger: of_finger(each, finger) for finger in vectors.FINGERS}
+    elif "frames" in names:
         batch = sequences([sample["frames"] for sample in each], tensor)
         batch["pose"] = tensor(padded([numpy.array([vectors.pose(part) for part in row], "float32") for row in rows]))
         batch["wrench"] = tensor(padded([numpy.array([vectors.wrench(part) for part in row], "float32") for row in rows]))
@@ -45,6 +48,13 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     for name in ("label", "key"):
         if name in names:
             batch[name] = [sample[name] for sample in each]
+    return batch
+
+
+def of_finger(grips: list[dict[str, Any]], finger: str) -> dict[str, Any]:
+    """The batch of one finger, as of presses."""
+    batch = collate([{**grip[finger], "label": grip["label"][finger]} for grip in grips])
+    del batch["label"]
     return batch
 
 

@@ -114,17 +114,24 @@ class Raw:
         its: dict[str, Any]
         if "sequence" in self.label:
             its = {"frames": [self.frame(number) for number in range(len(self))]}
+        elif "gripper" in self.label:
+            its = {finger: self.finger(finger) for finger in vectors.FINGERS}
         else:
             its = self.frame(0)
         return cast("Sample", {**its, "label": self.label, "key": self.files.key})
 
     def __len__(self) -> int:
-        """Its frames; 1 of a press."""
+        """Its frames; 1 of a press or a grip."""
         return int(self.label["sequence"]["frames"]) if "sequence" in self.label else 1
 
     def frame(self, number: int) -> dict[str, Any]:
         """The arrays of one frame, by layer; of a press `number` is 0."""
         return {suffix.split(".", 1)[0]: self.layer(suffix, number) for suffix in ["tactile.png", *self.suffixes]}
+
+    def finger(self, finger: str) -> dict[str, Any]:
+        """The arrays of one finger of a grip, by layer."""
+        names = [(suffix.split(".", 1)[0], f"{finger}.{suffix}") for suffix in ["tactile.png", *self.suffixes]]
+        return {name: self.decoded(name, suffix, suffix, self.label[finger]) for name, suffix in names}
 
     def data(self, suffix: str, number: int) -> bytes:
         """A file of a frame as it is; `suffix` without the frame's number."""
@@ -132,15 +139,20 @@ class Raw:
 
     def layer(self, suffix: str, number: int) -> Any:
         """A file of a frame as array."""
+        where = f"f{number:04}.{suffix}" if "sequence" in self.label else suffix
+        return self.decoded(suffix.split(".", 1)[0], suffix, where, self.label)
+
+    def decoded(self, name: str, suffix: str, file: str, label: dict[str, Any]) -> Any:
+        """Layer `name` from the file with the name's end `file`, whose sensor and steps `label` has."""
         from gelsim.decode import decode
 
-        data = self.data(suffix, number)
+        data = self.files.read(file)
         try:
-            return decode(suffix.split(".", 1)[0], suffix, data, self.label)
+            return decode(name, suffix, data, label)
         except ImportError:
             raise
         except Exception as error:  # decoders raise what they please for damaged files
-            where = f"frame {number} of " if "sequence" in self.label else ""
+            where = f"frame {int(file[1:5])} of " if "sequence" in self.label else ""
             raise damaged(self.shard, f"{where}{self.files.key}: {suffix}: {error}") from None
 
 
@@ -179,10 +191,12 @@ def sound(label: dict[str, Any]) -> None:
     if "sequence" in label and not 0 < int(label["sequence"]["frames"]) == len(label["frames"]):
         raise ValueError("it has not as many frames as it says")
     float(label["sequence"]["frame_rate_hz"] if "sequence" in label else 1)
-    for number in [label["index"], label["object"]["class_index"], *map(label["sensor"].get, ["height_px", "width_px"])]:
+    sensors = [part["sensor"] for part in (vectors.parts(label) if "gripper" in label else [label])]
+    sizes = [sensor.get(key) for sensor in sensors for key in ["height_px", "width_px"]]
+    for number in [label["index"], label["object"]["class_index"], *sizes]:
         if not isinstance(number, int):
             raise TypeError(f"{number!r} is no whole number")
-    for text in [label["split"], label["object"]["class"], label["object"]["id"], label["sensor"]["name"]]:
+    for text in [label["split"], label["object"]["class"], label["object"]["id"], *(sensor["name"] for sensor in sensors)]:
         if not isinstance(text, str):
             raise TypeError(f"{text!r} is no text")
 

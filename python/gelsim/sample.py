@@ -58,6 +58,10 @@ class Sample(TypedDict, total=False):
     """(H, W, 3): the point of the pad's surface that each pixel shows, mm in the sensor's frame."""
     frames: list[Sample]
     """Of a sequence: its frames, each with `tactile` and the layers; the sequence itself has `frames` and `label` only."""
+    left: Sample
+    """Of a grip: what the left finger feels, `tactile` and the layers; the grip itself has `left`, `right` and `label` only."""
+    right: Sample
+    """Of a grip: what the right finger feels."""
     label: dict[str, Any]
     """The label's JSON; `gelsim schema label` prints its schema."""
     key: str

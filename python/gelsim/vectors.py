@@ -13,8 +13,14 @@ WRENCH = ["fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm"]
 NAN = float("nan")
 
 
+FINGERS = ["left", "right"]
+"""Of a gripper: names of what a label says of each, and of its samples' parts."""
+
+
 def parts(label: dict[str, Any]) -> list[dict[str, Any]]:
-    """What a label says of each frame; of a press the label itself."""
+    """What a label says of each frame, of a grip of each finger; of a press the label itself."""
+    if "gripper" in label:
+        return [label[finger] for finger in FINGERS]
     return list(label["frames"]) if "sequence" in label else [label]
 
 

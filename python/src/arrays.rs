@@ -53,7 +53,7 @@ impl Arrays {
         }
     }
 
-    /// A frame of a sequence: its label is the sequence's.
+    /// A frame of a sequence or a finger of a grip: its label is the whole's.
     pub fn of_frame(plan: &Plan, sample: Sample) -> Self {
         Self { labels: Vec::new(), ..Self::new(plan, sample) }
     }

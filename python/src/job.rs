@@ -7,6 +7,7 @@ use std::sync::Arc;
 use gelsim::dataset::encode::json;
 use gelsim::files::diagnostic::Report;
 use gelsim::job::config::Overrides;
+use gelsim::job::gripper::{self, FINGERS};
 use gelsim::job::label::key;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
@@ -40,10 +41,13 @@ enum Rendered {
     Press(Arrays),
     /// Its frames, and its label.
     Sequence(Vec<Arrays>, Vec<u8>),
+    /// Its left and its right finger, and its label.
+    Grip(Box<[Arrays; 2]>, Vec<u8>),
 }
 
 impl Rendered {
-    /// A press as [`Arrays::into_dict`] has it; of a sequence `frames`, each such a dictionary, and the `label` of all.
+    /// A press as [`Arrays::into_dict`] has it; of a sequence `frames`, each such a dictionary, of a grip `left` and `right`, and
+    /// the `label` of all.
     fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         match self {
             Self::Press(arrays) => arrays.into_dict(py),
@@ -54,6 +58,14 @@ impl Rendered {
                 }
                 let dict = PyDict::new(py);
                 dict.set_item("frames", list)?;
+                dict.set_item("label", parsed(py, &label)?)?;
+                Ok(dict)
+            }
+            Self::Grip(fingers, label) => {
+                let dict = PyDict::new(py);
+                for (name, arrays) in FINGERS.into_iter().zip(*fingers) {
+                    dict.set_item(name, arrays.into_dict(py)?)?;
+                }
                 dict.set_item("label", parsed(py, &label)?)?;
                 Ok(dict)
             }
@@ -106,6 +118,10 @@ impl Job {
         let plan = &*self.plan;
         // Nothing outside is changed by what panics.
         let rendered = catch_unwind(AssertUnwindSafe(|| match plan.job().sequence {
+            None if plan.job().gripper.is_some() => gripper::accept(plan, index).map(|gripper::Accepted { grip, .. }| {
+                let arrays = grip.fingers.map(|sample| Arrays::of_frame(plan, sample));
+                Rendered::Grip(Box::new(arrays), json(&grip.label))
+            }),
             None => accept(plan, index).map(|Accepted { sample, .. }| Rendered::Press(Arrays::new(plan, sample))),
             Some(_) => {
                 let mut frames = Vec::new();

@@ -14,7 +14,7 @@ use crate::files::diagnostic::user_error;
 use crate::files::write::write_output;
 use crate::job::plan::Plan;
 use crate::lab::preview::effects::{self, EffectComparison, compare};
-use crate::lab::preview::{Tile, animation, sequence_files, sheet};
+use crate::lab::preview::{Tile, animation, sample_files, sheet};
 
 /// Draw a contact sheet: tactile image, depth and (where there is one) contact, with class and depth under each. Or show
 /// what each effect changes in a job's samples.
@@ -83,11 +83,11 @@ impl Preview {
             false => {
                 let plan = self.plan()?;
                 if plan.job().sequence.is_none() {
-                    let message = "--apng shows a sequence, and this job's samples are presses";
+                    let message = "--apng shows a sequence, and this job's samples are none";
                     return Err(user_error(message, "leave --apng out, or add a [sequence] table").into());
                 }
                 let [index] = self.indices(plan.layout.samples(), false)?[..] else { return Ok(()) };
-                sequence_files(&plan, index)
+                sample_files(&plan, index)
             }
         };
         let bytes = animation(&files).map_err(Failure::running)?;

@@ -69,6 +69,7 @@ impl Tradeoff {
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
+        plan.of_one_sensor("tradeoff")?;
         Log::text(self.quiet).notes(&plan.notes);
         if self.finite_elements {
             plan.of_presses("--finite-elements")?;

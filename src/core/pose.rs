@@ -220,6 +220,14 @@ impl Pose {
         Self { rotation: rotation * self.rotation, translation_mm, ..self }
     }
 
+    /// The same as a pad sees it that faces this one: in a frame turned half about y, with this one's origin. Its angles
+    /// are to the object turned so: R = tilt * yaw * (half a turn * face).
+    pub fn faced(self) -> Self {
+        let Angles { yaw_deg, tilt_deg, tilt_azimuth_deg } = self.angles;
+        let angles = Angles { yaw_deg: 0.0 - yaw_deg, tilt_deg, tilt_azimuth_deg: 180.0 - tilt_azimuth_deg };
+        Self { angles, ..self.within(half_turn(), DVec3::ZERO) }
+    }
+
     /// The rotation as a unit quaternion x, y, z, w with w >= 0.
     pub fn quaternion_xyzw(&self) -> [f64; 4] {
         let q = DQuat::from_mat3(&self.rotation).normalize();
@@ -236,6 +244,11 @@ impl Pose {
             translation_mm: self.translation_mm.to_array(),
         }
     }
+}
+
+/// Half a turn about y, exactly.
+fn half_turn() -> DMat3 {
+    DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0))
 }
 
 /// The object's axes to the sensor's.
@@ -323,6 +336,21 @@ mod tests {
 
         let pose = Pose::new(Side::MinusZ, LEVEL, [3.0, 4.0], Anchor::Origin, -0.5, &brick());
         assert_eq!(pose.translation_mm, DVec3::new(3.0, 4.0, -0.5));
+    }
+
+    #[test]
+    fn a_pad_that_faces_another_sees_the_other_side_with_y_kept_and_the_angles_that_make_it() {
+        let angles = Angles { yaw_deg: 33.0, tilt_deg: 12.0, tilt_azimuth_deg: 57.0 };
+        let pose = Pose::new(Side::PlusX, angles, [1.0, -2.0], Anchor::Bounds, -0.8, &brick());
+        let faced = pose.faced();
+        let q = DVec3::new(0.3, 1.7, -4.0);
+        let (here, there) =
+            (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
+        assert_eq!(there, DVec3::new(-here.x, here.y, -here.z));
+        let made = Pose { rotation: rotation(Side::MinusZ, faced.angles), ..Pose::IDENTITY };
+        let by_angles = made.rotation * half_turn() * Side::PlusX.rotation();
+        assert!(by_angles.abs_diff_eq(faced.rotation, 1e-14), "{by_angles} {}", faced.rotation);
+        assert_eq!(faced.faced().rotation, pose.rotation);
     }
 
     #[test]

@@ -16,9 +16,10 @@ use crate::core::curved::{Curved, CurvedPress, PressedGel, SkinLight, SkinPictur
 use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::texture::{Laid, Texture};
-use crate::core::depth::{self, rest};
+use crate::core::depth::{self, Depth, Window, rest};
 use crate::core::effects::{Effect, EffectLog, EffectPolicy, Requirement};
 use crate::core::fidelity::{Fidelity, Models};
+use crate::core::gelpad::elastic::friction::Drag;
 use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::curvature_error_mm;
 use crate::core::gelpad::elastic::shear::Friction;
@@ -87,6 +88,14 @@ pub struct Press {
     pub unit_key: u64,
     /// The plane that the indenter is posed over: the flat pad, or one that touches a gel that is not flat.
     pub plane: PadPlane,
+}
+
+/// An object captured and the pad under it, before the light.
+struct Touched {
+    depth: Depth,
+    contact: Contact,
+    /// What of the object was captured.
+    window: Window,
 }
 
 impl Simulator {
@@ -407,6 +416,23 @@ impl Simulator {
         }
     }
 
+    /// Normal force of the whole object on the pad, in view and beyond, N: to the bit what [`Simulator::press_with`] has as
+    /// `contact.whole.total_force_n`, on a flat pad without its light and image. `None` where that is not known.
+    ///
+    /// # Panics
+    ///
+    /// As [`Simulator::press_with`] does.
+    pub fn total_force_n(&self, press: &Press) -> Option<f64> {
+        if self.curved.is_some() {
+            return self.press_with(press).contact.whole.total_force_n;
+        }
+        let own_pad = self.pad.under(&press.material);
+        let (mut clock, mut seconds) = (Clock::start(), Seconds::default());
+        let mut effects = EffectLog::new(self.policy);
+        let pad = own_pad.as_ref().unwrap_or(&self.pad);
+        self.touched(press, pad, None, &mut clock, &mut seconds, &mut effects).contact.whole.total_force_n
+    }
+
     /// What moves over a gel that is not flat.
     fn moving<'a>(&'a self, press: &'a Press) -> MovingObject<'a> {
         MovingObject {
@@ -483,32 +509,28 @@ impl Simulator {
         }
     }
 
-    fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
-        if let Some(curved) = &self.curved {
-            return self.pressed_into(curved, press, sliding);
-        }
-        let Press { indenter, texture, material, markers, camera, .. } = press;
+    /// The object captured, and the pad under it: the stages before the light. `drag` is what tractions of a sequence displace.
+    fn touched(
+        &self,
+        press: &Press,
+        pad: &Pad,
+        drag: Option<Option<&Drag>>,
+        clock: &mut Clock,
+        seconds: &mut Seconds,
+        effects: &mut EffectLog,
+    ) -> Touched {
+        let Press { indenter, texture, .. } = press;
         if let Shape::HeightMap(map) = &indenter.shape {
             let size = [map.above_mm.width, map.above_mm.height];
             assert_eq!(size, self.view.resolution_px, "a height map has the size of the sensor's image");
         }
-        let mut clock = Clock::start();
-        let mut seconds = Seconds::default();
-        let mut effects = EffectLog::new(self.policy);
-        let camera = camera.under(self.policy);
-
-        let unseen_mm = if let Pad::Elastic(pad) = &*self.pad { pad.unseen_mm() } else { 0.0 };
-        let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
         let thickness_mm = self.sensor.gelpad.thickness_mm;
-        // A sequence has a friction of its own, and takes objects for rigid.
-        let own_pad = self.pad.under(material).filter(|_| sliding.is_none());
-        let pad = own_pad.as_ref().unwrap_or(&self.pad);
         let mut window = pad.window(indenter.depth_mm);
         let mut beyond = None;
-        let (depth, mut contact) = loop {
+        loop {
             // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
             let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_deref());
-            let depth = depth::overlap(indenter, texture, drop_mm, thickness_mm, &self.view, window, &mut effects);
+            let depth = depth::overlap(indenter, texture, drop_mm, thickness_mm, &self.view, window, effects);
             seconds.depth += clock.lap();
 
             // What touches the pad beyond that, if anything does.
@@ -520,10 +542,10 @@ impl Simulator {
                     .map(|around| effects.timed(Effect::Deformation, || pad.beyond(&around)))
             });
             // The shape that an object takes which is not rigid.
-            let (depth, shaped) = gelpad::shaped(pad, depth, beyond.as_ref(), window, &mut effects);
+            let (depth, shaped) = gelpad::shaped(pad, depth, beyond.as_ref(), window, effects);
             // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
-            let (markers, drag) = (self.in_plane.is_some(), drag.as_ref().map(Option::as_ref));
-            let mut contact = gelpad::deform(pad, &depth, beyond.as_ref(), drag, markers, &mut effects);
+            let markers = self.in_plane.is_some();
+            let mut contact = gelpad::deform(pad, &depth, beyond.as_ref(), drag, markers, effects);
             contact.numerics.converged &= shaped;
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
             let (shape, beyond) = (&indenter.shape, beyond.as_ref());
@@ -531,9 +553,29 @@ impl Simulator {
             seconds.gelpad += clock.lap();
             match pad.higher(window, &contact) {
                 Some(higher) => window = higher,
-                None => break (depth, contact),
+                None => return Touched { depth, contact, window },
             }
-        };
+        }
+    }
+
+    fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
+        if let Some(curved) = &self.curved {
+            return self.pressed_into(curved, press, sliding);
+        }
+        let Press { indenter, texture, material, markers, camera, .. } = press;
+        let mut clock = Clock::start();
+        let mut seconds = Seconds::default();
+        let mut effects = EffectLog::new(self.policy);
+        let camera = camera.under(self.policy);
+
+        let unseen_mm = if let Pad::Elastic(pad) = &*self.pad { pad.unseen_mm() } else { 0.0 };
+        let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
+        // A sequence has a friction of its own, and takes objects for rigid.
+        let own_pad = self.pad.under(material).filter(|_| sliding.is_none());
+        let pad = own_pad.as_ref().unwrap_or(&self.pad);
+        let drag = drag.as_ref().map(Option::as_ref);
+        let Touched { depth, mut contact, window } =
+            self.touched(press, pad, drag, &mut clock, &mut seconds, &mut effects);
         if let (Some(drop_mm), Some(error_um)) = (self.drop_mm.as_deref(), contact.numerics.model_error_um.as_mut()) {
             let depth_mm = f64::from(depth.deepest_mm);
             *error_um += 1e3 * curvature_error_mm(depth_mm, &contact.mask, drop_mm, self.view.mm_per_px);

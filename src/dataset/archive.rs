@@ -158,6 +158,15 @@ impl Files {
     pub fn member(&self, suffix: &str) -> Option<&[u8]> {
         self.members.iter().find(|(name, _)| name == suffix).map(|(_, bytes)| bytes.as_slice())
     }
+
+    /// The files of one finger of a grip, as those of a press: `key` has the finger's name behind it.
+    pub fn of_finger(&self, finger: &str) -> Self {
+        let own = |(suffix, bytes): &(String, Vec<u8>)| {
+            let (name, suffix) = suffix.split_once('.')?;
+            (name == finger).then(|| (suffix.to_owned(), bytes.clone()))
+        };
+        Self { key: format!("{}.{finger}", self.key), members: self.members.iter().filter_map(own).collect() }
+    }
 }
 
 /// What a tar says of one file before it is read.

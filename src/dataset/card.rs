@@ -10,6 +10,8 @@ use crate::files::sensor::shape::SensorShape;
 use crate::files::spelling::is_hidden;
 use crate::job::config::Job;
 use crate::job::config::output::Container;
+use crate::job::gripper::FINGERS;
+use crate::job::gripper::label::GripLabel;
 use crate::job::label::Label;
 use crate::job::layers::{Coding, OutputLayer};
 use crate::job::layout::Split;
@@ -70,9 +72,27 @@ fn columns_of_tars(text: &mut String, job: &Job) {
     let mut column = |name: &str, kind: &str| _ = writeln!(text, "  - name: {name}\n    {kind}");
     column("__key__", "dtype: string");
     column("__url__", "dtype: string");
-    column("tactile.png", "dtype: image");
+    match &job.gripper {
+        None => columns_of_sensor(&mut column, "", job, job.sensor.resolution_px),
+        Some(gripper) => {
+            let right = gripper.right.as_deref().unwrap_or(&job.sensor);
+            for (finger, sensor) in FINGERS.into_iter().zip([&job.sensor, right]) {
+                columns_of_sensor(&mut column, &format!("{finger}."), job, sensor.resolution_px);
+            }
+        }
+    }
+    text.push_str("  - name: json\n    struct:\n");
+    let schema = match &job.gripper {
+        None => schemars::schema_for!(Label).to_value(),
+        Some(_) => schemars::schema_for!(GripLabel).to_value(),
+    };
+    features(text, &schema, &schema, 4);
+}
+
+/// Those of one sensor's files, whose names begin with `part`.
+fn columns_of_sensor(column: &mut impl FnMut(&str, &str), part: &str, job: &Job, [width, height]: [u32; 2]) {
+    column(&format!("{part}tactile.png"), "dtype: image");
     let format = job.output.depth_format;
-    let [width, height] = job.sensor.resolution_px;
     for layer in job.output.layers_in_order() {
         let kind = match layer.coding(format) {
             Coding::Png => "dtype: image".to_owned(),
@@ -89,11 +109,8 @@ fn columns_of_tars(text: &mut String, job: &Job) {
                 format!("struct:{}{}", list("rest_px"), list("moved_px"))
             }
         };
-        column(&layer.suffix(format), &kind);
+        column(&format!("{part}{}", layer.suffix(format)), &kind);
     }
-    text.push_str("  - name: json\n    struct:\n");
-    let schema = schemars::schema_for!(Label).to_value();
-    features(text, &schema, &schema, 4);
 }
 
 /// The columns of metadata.jsonl, as [`super::imagefolder::rows`] writes them.
@@ -160,8 +177,12 @@ fn dtype(schema: &Value) -> &'static str {
 fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     let sensor = &recorded.job.sensor;
     let sequences = recorded.job.sequence.is_some();
-    let (what, one, frame) =
-        if sequences { ("sequences of presses", "KEY.f0000", " of the first frame") } else { ("presses", "KEY", "") };
+    let grips = recorded.job.gripper.is_some();
+    let (what, one, frame) = match (sequences, grips) {
+        (true, _) => ("sequences of presses", "KEY.f0000", " of the first frame"),
+        (false, true) => ("grips of one object by two fingers", "KEY.left", " of the left finger"),
+        (false, false) => ("presses", "KEY", ""),
+    };
     let [width, height] = sensor.resolution_px;
     // Whoever finalizes a dataset need not have the mesh that decides it; the labels say it.
     let pitch = match sensor.shape {
@@ -197,9 +218,14 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     for layer in recorded.job.output.layers_in_order() {
         let _ = writeln!(text, "| `{one}.{}` | {} |", layer.suffix(format), meaning(layer, layer.coding(format)));
     }
-    text.push_str(match sequences {
-        false => "| `KEY.json` | the label: object, pose, indentation, contact, sensor, numerics |\n",
-        true => {
+    text.push_str(match (sequences, grips) {
+        (false, false) => "| `KEY.json` | the label: object, pose, indentation, contact, sensor, numerics |\n",
+        (false, true) => {
+            "| `KEY.right.tactile.png` and so on | the right finger, with its layers |\n\
+             | `KEY.json` | the label: object, gripper (width, force, pose of the object in its frame), and for `left` and `right` \
+             pose, contact, sensor, numerics |\n"
+        }
+        (true, _) => {
             "| `KEY.f0001.tactile.png` and so on | the other frames, each with its layers |\n\
              | `KEY.json` | the label: object, sensor, friction and phases; a list of the frames with time, pose, wrench, slip, \
              contact, markers |\n"
@@ -217,12 +243,29 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
              folder on, and the label's keys. Folders are read in no fixed order.\n",
         );
     }
+    if grips {
+        let right = recorded.job.gripper.iter().find_map(|gripper| gripper.right.as_deref()).unwrap_or(sensor);
+        let [width, height] = right.resolution_px;
+        let _ = writeln!(
+            text,
+            "\nThe sensor above is the left finger's; the right one is a `{}` ({width} x {height} px, gelpad {} mm). The gripper's frame \
+             has its origin in the middle between the undeformed pads, z from the left pad to the right one, x and y as the left \
+             image has them; the right finger's frame is turned half about y, so that y is down in both images.",
+            one_line(&right.name).replace('`', "'"),
+            right.gelpad_thickness_mm,
+        );
+    }
     text.push_str(
         "\nThe frame is the camera's: x to the right, y down, z out of the pad towards the object, origin in the middle \
          of the image on the undeformed pad; lengths are millimetres.\n\n## Loading\n\nFrom this folder:\n\n",
     );
     let split = used_splits(manifest).next().map_or("train", |(split, _)| split);
-    for snippet in loading::snippets(&recorded.job.output, split, sequences) {
+    let kind = match (sequences, grips) {
+        (true, _) => loading::Kind::Sequences,
+        (false, true) => loading::Kind::Grips,
+        (false, false) => loading::Kind::Presses,
+    };
+    for snippet in loading::snippets(&recorded.job.output, split, kind) {
         let _ = writeln!(text, "```python\n{snippet}```\n");
     }
 }

@@ -13,6 +13,7 @@ use crate::dataset::content::{Content, content};
 use crate::dataset::spool::Spool;
 use crate::files::exr::Exr;
 use crate::files::{exr, npy, png};
+use crate::job::gripper::{self, FINGERS};
 use crate::job::label::{Label, key};
 use crate::job::layers::{Coding, Form, OutputLayer};
 use crate::job::plan::Plan;
@@ -74,9 +75,10 @@ impl fmt::Display for Unmade {
     }
 }
 
-/// Makes sample `index` as a dataset has it: a press, or a sequence.
+/// Makes sample `index` as a dataset has it: a press, a grip, or a sequence.
 pub fn make(plan: &Plan, index: u64, keep: Keep<'_>) -> Result<Made, Unmade> {
     match plan.job().sequence {
+        None if plan.job().gripper.is_some() => Ok(grip(plan, gripper::accept(plan, index)?)),
         None => Ok(press(plan, accept(plan, index)?)),
         Some(_) => sequence(plan, index, keep, |each| sequence::accept(plan, index, each)),
     }
@@ -85,6 +87,9 @@ pub fn make(plan: &Plan, index: u64, keep: Keep<'_>) -> Result<Made, Unmade> {
 /// The same in memory, of its first draw if no draw of it may go into a dataset.
 pub fn make_shown(plan: &Plan, index: u64) -> Made {
     make(plan, index, Keep::InMemory).unwrap_or_else(|_| match plan.job().sequence {
+        None if plan.job().gripper.is_some() => {
+            grip(plan, gripper::Accepted { grip: gripper::render(plan, index, 0), rejected: Vec::new() })
+        }
         None => press(plan, Accepted { sample: render(plan, index), rejected: Vec::new() }),
         Some(_) => {
             let first = |each: &mut Each<'_>| {
@@ -101,6 +106,20 @@ pub fn press(plan: &Plan, Accepted { sample, rejected }: Accepted) -> Made {
     let members = members(plan, &sample);
     let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
     Made { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds }
+}
+
+/// Encodes a grip: the files of its left finger, then those of its right one, and one label.
+pub fn grip(plan: &Plan, gripper::Accepted { grip, rejected }: gripper::Accepted) -> Made {
+    let mut clock = Clock::start();
+    let mut members = Vec::new();
+    for (name, sample) in FINGERS.into_iter().zip(&grip.fingers) {
+        let of_finger = |member: Member| Member { suffix: format!("{name}.{}", member.suffix), ..member };
+        members.extend(layers(plan, sample).into_iter().map(of_finger));
+    }
+    members.push(Member::new("json", json(&grip.label)));
+    let gripper::Grip { summary, mut seconds, effects, .. } = grip;
+    seconds.encode += clock.lap();
+    Made { label: summary, rejected, members, seconds, effects }
 }
 
 /// Who is shown a sequence.

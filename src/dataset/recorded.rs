@@ -89,6 +89,12 @@ impl Recorded {
         self.job.dataset.name.as_deref().expect(RESOLVED)
     }
 
+    /// Width and height of the images, px; of a gripper's right finger, if it is that.
+    pub fn resolution_px(&self, right: bool) -> [u32; 2] {
+        let finger = self.job.gripper.as_ref().and_then(|gripper| gripper.right.as_deref()).filter(|_| right);
+        finger.unwrap_or(&self.job.sensor).resolution_px
+    }
+
     /// True if it has an index of its tars.
     pub fn has_index(&self) -> bool {
         self.job.output.container == Container::Tar

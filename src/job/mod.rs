@@ -1,6 +1,8 @@
 //! A job: as written, resolved, drawn at random, rendered and described.
 
 pub mod config;
+pub mod force;
+pub mod gripper;
 pub mod health;
 pub mod label;
 pub mod layers;

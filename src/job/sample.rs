@@ -46,10 +46,17 @@ pub fn press(plan: &Plan, scene: &Scene) -> Sample {
     // The plan's, or another one where samples differ in their sensors.
     let simulator = scene.simulator(plan);
     let of_sensor = clock.lap();
+    let mut sample = press_with(plan, scene, simulator);
+    sample.seconds.scene += of_sensor;
+    sample
+}
+
+/// The same with the simulator of the press's sensor.
+pub fn press_with(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>) -> Sample {
     let impression = simulator.press_with(&scene.press(plan));
     let mut clock = Clock::start();
     let label = Label::describe(plan, scene, &simulator, &impression);
-    let seconds = Seconds { scene: of_sensor, label: clock.lap(), ..impression.seconds };
+    let seconds = Seconds { label: clock.lap(), ..impression.seconds };
     Sample { simulator, impression, label, seconds }
 }
 

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use crate::core::base::rng;
+use crate::core::base::rng::{self, Stream};
 use crate::core::camera::CameraParams;
 use crate::core::camera::markers::MarkerPattern;
 use crate::core::depth::height_map::HeightMap;
@@ -117,6 +117,27 @@ pub struct Scene {
     pub over_plane: Pose,
 }
 
+/// What is drawn of a sensor, whatever is pressed into it.
+struct Finger {
+    markers: Option<MarkerPattern>,
+    camera: CameraParams,
+    sensor: Option<Box<DrawnSensor>>,
+    unit_key: u64,
+}
+
+impl Finger {
+    fn draw(plan: &Plan, stream: impl Fn(&str) -> Stream) -> Self {
+        let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
+        let (job, noise_key) = (&plan.job, stream("noise").bits());
+        Self {
+            markers: job.markers.as_ref().and_then(|markers| markers.sample(draw)),
+            camera: job.camera.sample(noise_key, draw),
+            sensor: plan.sensors.sample(job, &stream),
+            unit_key: stream("pins").bits(),
+        }
+    }
+}
+
 impl Scene {
     /// Draws sample `index` for the first time, or after `attempt` draws of it were rejected. Depends on these two and on
     /// the plan's seed and distributions only.
@@ -141,7 +162,7 @@ impl Scene {
         let position_mm = [draw("x", &pose.x_mm), draw("y", &pose.y_mm)];
 
         let indentation = &plan.job.indentation;
-        let touches = stream("contact").unit() >= indentation.no_contact;
+        let touches = Self::touches(plan, index, attempt);
         let depth_mm = indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
         let scale = draw("object scale", &plan.job.object[object].scale);
@@ -188,6 +209,42 @@ impl Scene {
         scene
     }
 
+    /// Whether the object of a draw touches the pad, or stays just above it.
+    pub fn touches(plan: &Plan, index: u64, attempt: u32) -> bool {
+        let mut stream = rng::stream(plan.seed(), "contact", rng::redrawn(index, attempt));
+        stream.unit() >= plan.job.indentation.no_contact
+    }
+
+    /// The same object as a gripper's right finger sees it, which faces this one, with what that finger's own plan draws of
+    /// it. How deep it is pressed is left open.
+    pub fn faced(&self, right: &Plan) -> Self {
+        // Streams of its own: two fingers are two sensors.
+        let seed = rng::stream(right.seed(), "right finger", 0).bits();
+        let redrawn = rng::redrawn(self.index, self.attempt);
+        let finger = Finger::draw(right, |name| rng::stream(seed, name, redrawn));
+        let Motion { shift_mm: [x, y], twist_rad, about_mm } = self.motion;
+        let mirrored = |[x, y]: [f64; 2]| [0.0 - x, y];
+        let pose = self.pose.faced();
+        Self {
+            pose,
+            over_plane: pose,
+            motion: Motion { shift_mm: mirrored([x, y]), twist_rad: 0.0 - twist_rad, about_mm: mirrored(about_mm) },
+            markers: finger.markers,
+            camera: finger.camera,
+            sensor: finger.sensor,
+            unit_key: finger.unit_key,
+            ..self.clone()
+        }
+    }
+
+    /// The same with the object's lowest point so deep below the undeformed pad, mm; negative over it. Nothing changes where
+    /// the object is no mesh.
+    pub fn at_depth(&self, depth_mm: f64) -> Self {
+        let Some(clusters) = &self.clusters else { return self.clone() };
+        let pose = self.pose.lowered(-depth_mm, clusters);
+        Self { pose, over_plane: pose, indentation_depth_mm: depth_mm.max(0.0), ..self.clone() }
+    }
+
     /// A press that is known; all else is drawn as for sample `index` after `attempt` rejected draws. Shear turns about
     /// the pose's origin.
     pub fn given(plan: &Plan, index: u64, attempt: u32, press: KnownPress) -> Self {
@@ -231,7 +288,7 @@ impl Scene {
             twist_rad: draw("twist", &shear.twist_deg).to_radians(),
             about_mm: [pose.translation_mm.x, pose.translation_mm.y],
         };
-        let noise_key = stream("noise").bits();
+        let Finger { markers, camera, sensor, unit_key } = Finger::draw(plan, &stream);
         let clusters = number.map(|number| Arc::clone(&plan.sampling.objects[number].clusters));
         Self {
             index,
@@ -244,11 +301,11 @@ impl Scene {
             texture,
             material,
             motion,
-            markers: job.markers.as_ref().and_then(|markers| markers.sample(draw)),
-            camera: job.camera.sample(noise_key, draw),
-            sensor: plan.sensors.sample(job, stream),
+            markers,
+            camera,
+            sensor,
             beside_axis: false,
-            unit_key: stream("pins").bits(),
+            unit_key,
             scale: 1.0,
             clusters,
             plane: PadPlane::default(),

@@ -1,6 +1,7 @@
-//! Contact sheets: tactile image, depth and contact of some samples, with class and depth written under each.
+//! Contact sheets: tactile image, depth and contact of some samples, of a grip those of both fingers, with class and depth
+//! written under each.
 
-use embedded_graphics::mono_font::ascii;
+use embedded_graphics::mono_font::ascii as fonts;
 use embedded_graphics::text::Baseline;
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
@@ -12,9 +13,11 @@ use crate::dataset::decode;
 use crate::dataset::encode::{frame, make_shown};
 use crate::dataset::labels::SampleLabel;
 use crate::files::png;
+use crate::job::gripper::label::GripLabel;
 use crate::job::label::{Label, key};
 use crate::job::plan::Plan;
 use crate::job::sample::{Sample, shown};
+use crate::job::steps::Steps;
 use crate::lab::page::ink::dots;
 
 pub mod effects;
@@ -32,8 +35,8 @@ const FRAMES: usize = 6;
 impl Tile {
     /// Renders sample `index` of a plan.
     pub fn rendered(plan: &Plan, index: u64) -> Self {
-        if plan.job().sequence.is_some() {
-            return Self::read(&sequence_files(plan, index)).expect("files that were made just now");
+        if plan.job().sequence.is_some() || plan.job().gripper.is_some() {
+            return Self::read(&sample_files(plan, index)).expect("files that were made just now");
         }
         let Sample { impression, label, .. } = shown(plan, index);
         let Image { width, height, .. } = impression.image;
@@ -58,16 +61,30 @@ impl Tile {
             let panels = (0..shown).map(|k| tactile(files, k * (count - 1) / (shown - 1).max(1)));
             return Ok(Self { panels: panels.collect::<Result<_, _>>()?, caption: caption(label.summary()) });
         }
+        if let Some(grip) = label.grip() {
+            let mut both = Vec::new();
+            for (name, finger) in grip.fingers() {
+                both.extend(Self::read_panels(&files.of_finger(name), &finger.png16)?);
+            }
+            return Ok(Self { panels: both, caption: grip_caption(grip) });
+        }
         let label = label.summary();
-        let tactile = png::decode_rgb(needed("tactile.png")?).map_err(|reason| named("tactile.png", reason))?;
-        let depth = decode::depth_mm(files, &label.png16)?;
+        Ok(Self { panels: Self::read_panels(files, &label.png16)?, caption: caption(label) })
+    }
+
+    /// The panels of one press, from its files.
+    fn read_panels(files: &Files, steps: &Steps) -> Result<Vec<RgbImage>, String> {
+        let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
+        let tactile = files.member("tactile.png").ok_or_else(|| String::from("is not in the shard"));
+        let tactile = tactile.and_then(png::decode_rgb).map_err(|reason| named("tactile.png", reason))?;
+        let depth = decode::depth_mm(files, steps)?;
         let contact = files.member("contact.png").map(png::decode_rgb).transpose();
         let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
             width: grey.width() as usize,
             height: grey.height() as usize,
             data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
         });
-        Ok(Self { panels: panels(tactile, depth.as_ref(), contact.as_ref()), caption: caption(label) })
+        Ok(panels(tactile, depth.as_ref(), contact.as_ref()))
     }
 
     /// Class, depth and number.
@@ -101,8 +118,8 @@ fn panels(tactile: RgbImage, depth: Option<&Grid<f32>>, contact: Option<&Grid<u8
     panels
 }
 
-/// The files of a sequence of a plan, made anew.
-pub fn sequence_files(plan: &Plan, index: u64) -> Files {
+/// The files of a sample of a plan, made anew.
+pub fn sample_files(plan: &Plan, index: u64) -> Files {
     let made = make_shown(plan, index);
     let file = |Member { suffix, bytes }| (suffix, bytes.into_vec().expect("nothing of it is spooled"));
     Files { key: key(index), members: made.members.into_iter().map(file).collect() }
@@ -120,7 +137,7 @@ pub fn animation(files: &Files) -> Result<Vec<u8>, String> {
     let label = files.member("json").ok_or_else(|| format!("{}.json: is not in the shard", files.key))?;
     let label = SampleLabel::read(label).map_err(|error| format!("{}.json: {error}", files.key))?;
     let Some(sequence) = label.sequence() else {
-        return Err(format!("sample {} is a press: only a sequence moves", files.key));
+        return Err(format!("sample {} is no sequence: nothing else moves", files.key));
     };
     let first = tactile(files, 0)?;
     let mut bytes = Vec::new();
@@ -148,9 +165,25 @@ fn caption(label: &Label) -> String {
         true => format!("{:.2} mm", label.contact.max_depth_mm),
         false => String::from("no contact"),
     };
-    // The font has ASCII only.
-    let class: String = label.object.class.chars().map(|c| if c.is_ascii_graphic() { c } else { '?' }).collect();
-    format!("{class}  {depth}  #{}", label.index)
+    format!("{}  {depth}  #{}", ascii(&label.object.class), label.index)
+}
+
+/// Left finger, right finger, and how they hold the object.
+fn grip_caption(label: &GripLabel) -> String {
+    let deep = label.fingers().map(|(_, finger)| finger.contact.max_depth_mm);
+    let held = match label.fingers().iter().any(|(_, finger)| finger.contact.in_contact) {
+        true => {
+            let force = label.gripper.force_n.map_or(String::new(), |force| format!(" {force:.2} N"));
+            format!("left {:.2} mm, right {:.2} mm{force}", deep[0], deep[1])
+        }
+        false => String::from("no contact"),
+    };
+    format!("{}  {held}  #{}", ascii(&label.object.class), label.index)
+}
+
+/// A name in the letters that the font has.
+fn ascii(name: &str) -> String {
+    name.chars().map(|c| if c.is_ascii_graphic() { c } else { '?' }).collect()
 }
 
 fn grey<T: Copy + Default>(grid: &Grid<T>, value: impl Fn(T) -> u8) -> RgbImage {
@@ -221,7 +254,7 @@ impl Canvas {
     /// Writes what of a text fits into `room` px.
     fn write(&mut self, text: &str, [left, top]: [u32; 2], room: u32) {
         let text: String = text.chars().take((room / CHARACTER) as usize).collect();
-        for [x, y] in dots(&text, &ascii::FONT_7X13, Baseline::Top) {
+        for [x, y] in dots(&text, &fonts::FONT_7X13, Baseline::Top) {
             if let (Ok(x), Ok(y)) = ((left as i32 + x).try_into(), (top as i32 + y).try_into())
                 && let Some(pixel) = self.0.get_pixel_mut_checked(x, y)
             {

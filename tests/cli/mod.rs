@@ -18,6 +18,7 @@ mod formats;
 mod gel_mesh;
 mod gelsight;
 mod generate;
+mod gripper;
 mod grow;
 mod health;
 mod inspect;

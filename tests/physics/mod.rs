@@ -5,7 +5,7 @@
 //! against what they describe; `lamps` light of measured lamps against the published formula; `near_light` near LEDs against traced rays; `curved` gels that are not flat, `curved_elements` against finite elements, `gel_mesh` the same as meshes; `frames` depth frames against the objects that they show; `twin` whole samples against a
 //! plain f64 pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
-//! border and the pixels' size cost; `finite_elements` the error of linear theory; `ladder` every rung on the bundled objects; `mask` the contact of coarse grids as a label; `hard_cases` what must not break it.
+//! border and the pixels' size cost; `finite_elements` the error of linear theory; `ladder` every rung on the bundled objects; `mask` the contact of coarse grids as a label; `gripper` two fingers; `hard_cases` what must not break it.
 
 mod beyond;
 mod border;
@@ -24,6 +24,7 @@ mod gel_mesh;
 mod gelpad;
 mod greens;
 mod grids;
+mod gripper;
 mod hard_cases;
 mod history;
 mod inplane;

@@ -73,6 +73,9 @@ def run(options: argparse.Namespace) -> int:
     dataset = Dataset(options.dataset)
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples")
+    if "gripper" in dataset.raw(0).label:
+        load = "gelsim.load reads it, with `left` and `right` in each sample"
+        raise UsageError(f"{options.dataset} holds grips of two fingers, and {options.to} copies have one sensor: {load}")
     out = Path(options.out)
     progress = Progress(dataset, sys.stderr.isatty() and not options.quiet)
     whence = identity(dataset, options.to)

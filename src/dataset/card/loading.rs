@@ -3,14 +3,27 @@
 use crate::job::config::output::{Container, Output};
 use crate::job::layers::{Coding, OutputLayer};
 
+/// What the samples of a dataset are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Single presses.
+    Presses,
+    /// Sequences of frames.
+    Sequences,
+    /// One object between two fingers.
+    Grips,
+}
+
 /// The snippets for a dataset that has samples in `split`.
-pub fn snippets(output: &Output, split: &str, sequences: bool) -> Vec<String> {
+pub fn snippets(output: &Output, split: &str, kind: Kind) -> Vec<String> {
     let fill = |text: String| text.replace("SPLIT", split);
-    match output.container {
-        Container::Tar if sequences => vec![TAR_SEQUENCES.to_owned()],
-        Container::Folder if sequences => vec![FOLDER_SEQUENCES.to_owned()],
-        Container::Tar => vec![webdataset(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()],
-        Container::Folder => vec![rows(output), FOLDER_BATCHES.to_owned()],
+    match (output.container, kind) {
+        (Container::Tar, Kind::Sequences) => vec![TAR_SEQUENCES.to_owned()],
+        (Container::Folder, Kind::Sequences) => vec![FOLDER_SEQUENCES.to_owned()],
+        // A plan refuses grips in folders.
+        (_, Kind::Grips) => vec![TAR_GRIPS.to_owned(), TAR_GRIP_COLUMNS.to_owned()],
+        (Container::Tar, Kind::Presses) => vec![webdataset(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()],
+        (Container::Folder, Kind::Presses) => vec![rows(output), FOLDER_BATCHES.to_owned()],
     }
     .into_iter()
     .map(fill)
@@ -101,6 +114,30 @@ from datasets import load_dataset
 frames = load_dataset(os.getcwd(), split=\"SPLIT\")
 first = frames[0]
 print(first[\"key\"], first[\"frame\"][\"index\"], first[\"image\"].size, first[\"frame\"][\"wrench\"][\"force_n\"])
+";
+
+const TAR_GRIPS: &str = "\
+import glob
+
+import webdataset as wds
+
+shards = sorted(glob.glob(\"data/SPLIT-*.tar\"))
+grips = wds.WebDataset(shards, shardshuffle=False, empty_check=False).decode(\"rgb8\")
+for grip in grips:
+    label = grip[\"json\"]
+    print(grip[\"__key__\"], label[\"gripper\"][\"force_n\"], grip[\"left.tactile.png\"].shape, grip[\"right.tactile.png\"].shape)
+    break
+";
+
+const TAR_GRIP_COLUMNS: &str = "\
+import os
+
+from datasets import load_dataset
+
+grips = load_dataset(os.getcwd(), split=\"SPLIT\")
+for grip in grips.take(3):
+    left, right, label = grip[\"left.tactile.png\"], grip[\"right.tactile.png\"], grip[\"json\"]
+    print(grip[\"__key__\"], label[\"object\"][\"class\"], left.size, right.size, label[\"gripper\"][\"width_mm\"])
 ";
 
 const TAR_COLUMNS: &str = "\

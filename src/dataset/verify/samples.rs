@@ -10,14 +10,15 @@ use crate::core::base::clock::Seconds;
 use crate::core::effects::PerEffect;
 use crate::dataset::archive::{self, Files};
 use crate::dataset::encode::frame;
-use crate::dataset::labels::SampleLabel;
+use crate::dataset::labels::{self, SampleLabel};
 use crate::dataset::paths::Paths;
 use crate::dataset::recorded::Recorded;
 use crate::dataset::stats::Stats;
 use crate::dataset::{decode, imagefolder};
 use crate::files::{exr, npy, png};
 use crate::job::config::output::Container;
-use crate::job::label::{Label, key};
+use crate::job::gripper::FINGERS;
+use crate::job::label::{Label, SensorLabel, key};
 use crate::job::layers::{Coding, Form, OutputLayer, Scale};
 use crate::job::layout::{Shard, Split};
 use crate::job::steps;
@@ -112,6 +113,7 @@ fn check_sample(
     let read = files.member("json").map(|bytes| check_label(bytes, recorded, split, index));
     // Of a sequence the label says how many frames there are.
     let frames: Vec<String> = match (&recorded.job.sequence, &read) {
+        (None, _) if recorded.job.gripper.is_some() => FINGERS.map(|finger| format!("{finger}.")).to_vec(),
         (None, _) => vec![String::new()],
         (Some(_), Some(Ok(label))) => {
             let count = label.sequence().map_or(0, |sequence| sequence.common.sequence.frames);
@@ -126,16 +128,16 @@ fn check_sample(
     let expected: BTreeSet<String> = frames.iter().flat_map(of_frame).chain([String::from("json")]).collect();
     let there: BTreeSet<String> = files.members.iter().map(|(suffix, _)| suffix.clone()).collect();
     found.extend(expected.difference(&there).map(|suffix| format!("{key}.{suffix} is missing")));
-    // Without a label nobody knows what belongs there.
+    // Without the label of a sequence nobody knows what belongs there.
     if !frames.is_empty() {
         found.extend(there.difference(&expected).map(|suffix| format!("{key}.{suffix} does not belong there")));
     }
-    let size = recorded.job.sensor.resolution_px.map(|px| px as usize);
     for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix)) {
-        let of_frame = match recorded.job.sequence {
-            Some(_) => suffix.split_once('.').map_or(suffix.as_str(), |(_, rest)| rest),
-            None => suffix,
+        let (part, of_frame) = match recorded.job.sequence.is_some() || recorded.job.gripper.is_some() {
+            true => labels::split(suffix),
+            false => (None, suffix.as_str()),
         };
+        let size = recorded.resolution_px(part == Some(FINGERS[1])).map(|px| px as usize);
         let layer = suffixes.iter().find(|(of, _)| of == of_frame).map(|(_, layer)| *layer);
         let checked = match layer.map(|layer| (layer, layer.spec().form)) {
             None if suffix == "json" => match &read {
@@ -230,6 +232,11 @@ fn check_positions(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
+/// A label's sensor has an image of this size.
+fn sized(sensor: &SensorLabel, resolution_px: [u32; 2]) -> bool {
+    [sensor.width_px, sensor.height_px] == resolution_px
+}
+
 /// The label's keys and types are those of its schema, and it is about the sample.
 fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<SampleLabel, String> {
     let read = SampleLabel::read_strictly(bytes)?;
@@ -239,6 +246,13 @@ fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> R
         && label.split == split
         && label.seed == recorded.job.dataset.seed
         && read.sequence().is_some() == recorded.job.sequence.is_some()
-        && [label.sensor.width_px, label.sensor.height_px] == recorded.job.sensor.resolution_px;
+        && read.grip().is_some() == recorded.job.gripper.is_some()
+        && match read.grip() {
+            None => sized(&label.sensor, recorded.resolution_px(false)),
+            Some(grip) => {
+                sized(&grip.left.sensor, recorded.resolution_px(false))
+                    && sized(&grip.right.sensor, recorded.resolution_px(true))
+            }
+        };
     if same { Ok(read) } else { Err(String::from("is not about this sample")) }
 }

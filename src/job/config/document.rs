@@ -236,6 +236,13 @@ impl Document {
         }
     }
 
+    /// Takes the top-level key `name` away, if it is there.
+    pub fn remove(&mut self, name: &str) {
+        if let Value::Table(root) = &mut self.root.value {
+            root.retain(|entry| entry.key != name);
+        }
+    }
+
     /// Lays the keys of `below` under the table at the top-level key `name`: a key that the table has already wins,
     /// and tables in it are laid over each other in the same way.
     pub fn underlay(&mut self, name: &str, below: Node) {

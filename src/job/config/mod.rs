@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 pub mod dataset;
 pub mod document;
 pub mod fidelity;
+pub mod gripper;
 pub mod object;
 pub mod output;
 pub mod random;
@@ -65,6 +66,9 @@ pub struct Job {
     /// Makes each sample a sequence of frames; without it a sample is one press.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sequence: Option<sequence::Sequence>,
+    /// Makes each sample one object between two fingers; without it a sample is a press into one sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gripper: Option<gripper::Gripper>,
     /// Micro relief of the object.
     pub texture: texture::TextureDistribution,
     /// Dots printed on the pad; keys that are left out are the sensor's.
@@ -88,6 +92,9 @@ impl Job {
         let mut tree =
             serde_json::to_value(self).expect("a job has string keys, and a job leaves no single effect out");
         random::put_back(&self.random, &mut tree["sensor"]);
+        if let Some(gripper) = self.gripper.as_ref().filter(|gripper| gripper.right.is_some()) {
+            random::put_back(&gripper.right_random, &mut tree["gripper"]["right"]);
+        }
         if let Some(presets) = &self.presets {
             presets.put_back(&mut tree);
         }
@@ -101,7 +108,8 @@ impl Job {
 
     /// Everything in it as text; paths as they are.
     pub fn to_toml(&self) -> io::Result<String> {
-        if self.random.is_empty() && self.presets.is_none() {
+        let right_is_constant = self.gripper.as_ref().is_none_or(|gripper| gripper.right_random.is_empty());
+        if self.random.is_empty() && self.presets.is_none() && right_is_constant {
             return toml::to_string(self).map_err(io::Error::other);
         }
         let mut tree = self.to_json();
@@ -116,21 +124,34 @@ impl Job {
             object.path.iter_mut().chain(textures)
         });
         let textures = self.texture.paths_mut();
-        let shape = match &mut self.sensor.rest_shape {
-            Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
-            _ => None,
-        };
-        let gel = match &mut self.sensor.shape {
-            Some(sensor::shape::SensorShape::Mesh(mesh)) => Some(&mut mesh.path),
-            _ => None,
-        };
-        let pins = self.sensor.pins.as_mut().and_then(|pins| match &mut pins.layout {
-            sensor::pins::PinLayout::File(path) => Some(path),
-            _ => None,
+        let left = sensor_paths_mut(&mut self.sensor).chain(&mut self.random.backgrounds);
+        let right = self.gripper.iter_mut().flat_map(|gripper| {
+            gripper.right.iter_mut().flat_map(|right| sensor_paths_mut(right)).chain(&mut gripper.right_random.backgrounds)
         });
-        let sensor = self.sensor.background.iter_mut().chain(&mut self.sensor.calibration);
-        objects.chain(textures).chain(shape).chain(gel).chain(pins).chain(sensor).chain(&mut self.random.backgrounds)
+        objects.chain(textures).chain(left).chain(right)
     }
+
+    /// Its sensor with its markers and camera in it, as a sensor file has them.
+    pub fn whole_sensor(&self) -> Sensor {
+        Sensor { markers: self.markers.clone(), camera: Some(self.camera.clone()), ..self.sensor.clone() }
+    }
+}
+
+/// The paths of all files that a sensor names, but those of which each sample has one.
+fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String> {
+    let shape = match &mut sensor.rest_shape {
+        Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
+        _ => None,
+    };
+    let gel = match &mut sensor.shape {
+        Some(sensor::shape::SensorShape::Mesh(mesh)) => Some(&mut mesh.path),
+        _ => None,
+    };
+    let pins = sensor.pins.as_mut().and_then(|pins| match &mut pins.layout {
+        sensor::pins::PinLayout::File(path) => Some(path),
+        _ => None,
+    });
+    shape.into_iter().chain(gel).chain(pins).chain(&mut sensor.background).chain(&mut sensor.calibration)
 }
 
 /// What the command line changes in a job.
@@ -175,6 +196,8 @@ pub struct Written {
     pub sensor_known: bool,
     /// The job with the sensors of its other presets, where it names several.
     pub others: Vec<(Job, Document)>,
+    /// The job with the sensor of a gripper's right finger, where it names one.
+    pub right: Option<(Job, Document)>,
 }
 
 /// Reads the job file at `path` with `overrides` laid over it.
@@ -247,7 +270,7 @@ fn read_named(
 }
 
 fn written(laid: Laid<Job>, overrides: &Overrides) -> Written {
-    let Laid { value: mut job, document, broken, sensor_known, others, presets } = laid;
+    let Laid { value: mut job, document, broken, sensor_known, others, right, presets } = laid;
     if let Some(level) = overrides.fidelity.filter(|_| !broken) {
         job.fidelity = Some(level.into());
         job.gelpad = None;
@@ -255,12 +278,17 @@ fn written(laid: Laid<Job>, overrides: &Overrides) -> Written {
     }
     job.random = document.random.clone();
     job.presets = presets;
-    let other = |(other, document): (Job, Document)| {
+    let other = |job: &Job, (other, document): (Job, Document)| {
         let other = Job { random: document.random.clone(), ..other };
-        (random::with_sensor_of(&job, other), document)
+        (random::with_sensor_of(job, other), document)
     };
-    let others = others.into_iter().map(other).collect();
-    Written { job, document, broken, sensor_known, others }
+    let right = right.map(|right| other(&job, right));
+    if let (Some(gripper), Some((right, _))) = (&mut job.gripper, &right) {
+        gripper.right = Some(Box::new(right.whole_sensor()));
+        gripper.right_random = right.random.clone();
+    }
+    let others = others.into_iter().map(|preset| other(&job, preset)).collect();
+    Written { job, document, broken, sensor_known, others, right }
 }
 
 /// A file with a `[sensor]` table, read, and where its keys stand.
@@ -275,6 +303,8 @@ pub struct Laid<T> {
     pub sensor_known: bool,
     /// The same with other presets, where it names several.
     pub others: Vec<(T, Document)>,
+    /// The same with the sensor of a gripper's right finger, where there is one.
+    pub right: Option<(T, Document)>,
     /// Those presets.
     pub presets: Option<random::Presets>,
 }
@@ -296,6 +326,7 @@ pub fn lay<T: DeserializeOwned + Default>(
             broken: true,
             sensor_known: false,
             others: Vec::new(),
+            right: None,
             presets: None,
         };
     }
@@ -310,8 +341,16 @@ fn lay_over<T: DeserializeOwned + Default>(
     for (flag, assignment) in set {
         apply_override(&mut document, flag, assignment, problems);
     }
+    let right = of_right_finger(&mut document);
     let several = random::Presets::take(&mut document, problems).unwrap_or_default();
     let (value, sensor_known) = with_sensor(&mut document, problems);
+    let right = right.map(|mut right| {
+        // Places are in texts that both know.
+        right.sources.clone_from(&document.sources);
+        let (value, _) = with_sensor(&mut right, problems);
+        document.sources.clone_from(&right.sources);
+        (value, right)
+    });
     let mut others = Vec::new();
     let mut presets = None;
     if several.len() > 1 {
@@ -326,7 +365,21 @@ fn lay_over<T: DeserializeOwned + Default>(
             presets = Some(of_preset);
         }
     }
-    Laid { value, document, broken: false, sensor_known, others, presets }
+    Laid { value, document, broken: false, sensor_known, others, right, presets }
+}
+
+/// The document of the right finger, where a gripper has one of its own: the table `gripper.right` is its `[sensor]`, and what
+/// the job says beside its sensor of markers and camera is not of it. In the document itself stays an empty table.
+fn of_right_finger(document: &mut Document) -> Option<Document> {
+    let finger = document.get("gripper.right").filter(|node| matches!(node.value, Value::Table(_)))?.clone();
+    let mut right = document.clone();
+    ["gripper", "sensor", "markers", "camera"].into_iter().for_each(|name| right.remove(name));
+    let place = finger.place;
+    let path = |keys: &[&str]| keys.iter().map(|key| (*key).to_owned()).collect::<Vec<_>>();
+    right.set(&path(&["sensor"]), place, finger).expect("a document is a table");
+    let empty = Node { place, value: Value::Table(Vec::new()) };
+    document.set(&path(&["gripper", "right"]), place, empty).expect("it is there");
+    Some(right)
 }
 
 /// Reads a document over the sensor that it names. The second value is false if that cannot be read.

@@ -33,6 +33,7 @@ mod faces;
 mod files;
 pub mod frames;
 mod gel;
+mod gripper;
 mod materials;
 mod meshes;
 mod naming;
@@ -75,6 +76,8 @@ pub struct Plan {
     optics_named: bool,
     /// The same with the sensors of the job's other presets, where it names several.
     others: Vec<Self>,
+    /// The same with the sensor of a gripper's right finger, where that has one of its own.
+    right: Option<Box<Self>>,
 }
 
 /// What samples are drawn from: contents of the files that a job names.
@@ -129,7 +132,7 @@ impl Plan {
     }
 
     fn resolve_in(scope: Scope, written: Written, mut problems: Diagnostics) -> Result<Self, Report> {
-        let Written { mut job, document, broken, sensor_known, others } = written;
+        let Written { mut job, document, broken, sensor_known, others, right } = written;
         if broken {
             return Err(Report::new(&problems, &document.sources));
         }
@@ -148,6 +151,9 @@ impl Plan {
         ranges::pad_surface(&mut check, &job);
         if scope == Scope::Dataset {
             ranges::scene(&mut check, &job, sensor_known);
+            if let Some(gripper) = &job.gripper {
+                gripper::check(&mut check, &job, gripper, right.as_ref().map(|(right, _)| right), sensor_known);
+            }
         }
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
@@ -158,6 +164,12 @@ impl Plan {
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = complete_sensor(&mut check, &mut job);
         let others = others_sensors(scope, &job, others, check.problems);
+        let right = right.and_then(|right| gripper::right_finger(scope, &job, right, check.problems));
+        if let (Some(gripper), Some(right)) = (&mut job.gripper, &right) {
+            // With what its files hold.
+            gripper.right = Some(Box::new(right.job.whole_sensor()));
+            gripper.right_random = right.job.random.clone();
+        }
         let mut check = Check { document: &document, problems: &mut problems };
         let textures = files::textures(&mut check, "texture", &mut job.texture);
         let mut notes = Vec::new();
@@ -183,6 +195,7 @@ impl Plan {
         notes.extend(
             others
                 .iter()
+                .chain(&right)
                 .flat_map(|other| notes::of(&other.job))
                 .filter(|note| !notes.contains(note))
                 .collect::<Vec<_>>(),
@@ -200,8 +213,11 @@ impl Plan {
             sensor_file,
             optics_named,
             others: Vec::new(),
+            right: None,
             job,
         };
+        let right = right.map(|right| Box::new(right.plan(&plan)));
+        let plan = Self { right, ..plan };
         let others = others.into_iter().map(|other| other.plan(&plan)).collect();
         Ok(Self { others, ..plan })
     }
@@ -257,12 +273,13 @@ impl Plan {
         self.simulator.sensor().gelpad.thickness_mm
     }
 
-    /// Refuses a job of sequences where `what` looks at single presses.
+    /// Refuses a job of sequences or of a gripper where `what` looks at single presses.
     ///
     /// # Errors
     ///
     /// What is wrong with such a job.
     pub fn of_presses(&self, what: &str) -> Result<(), Report> {
+        self.of_one_sensor(what)?;
         match self.job.sequence {
             None => Ok(()),
             Some(_) => Err(user_error(
@@ -270,6 +287,26 @@ impl Plan {
                 "take a job without [sequence]",
             )),
         }
+    }
+
+    /// Refuses a job of a gripper where `what` looks at one sensor.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with such a job.
+    pub fn of_one_sensor(&self, what: &str) -> Result<(), Report> {
+        match self.job.gripper {
+            None => Ok(()),
+            Some(_) => Err(user_error(
+                format!("{what} looks at one sensor, and the samples of this job are held by two"),
+                "take a job without [gripper]",
+            )),
+        }
+    }
+
+    /// The plan of a gripper's right finger: this one, or where that finger has a sensor of its own, the same with it.
+    pub fn right(&self) -> &Self {
+        self.right.as_deref().unwrap_or(self)
     }
 
     /// The bound by which the job's fidelity level is still to be chosen.
@@ -300,7 +337,8 @@ impl Plan {
         job.gelpad = Some(models.gelpad.clone());
         job.optics = Some(models.optics.clone());
         let others = self.others.iter().map(|other| other.with_fidelity(fidelity)).collect();
-        Self { fingerprint: fingerprint(&job), job, others, ..self.with_models(models) }
+        let right = self.right.as_ref().map(|right| Box::new(right.with_fidelity(fidelity)));
+        Self { fingerprint: fingerprint(&job), job, others, right, ..self.with_models(models) }
     }
 
     /// The same, with the pad's motion in its plane known, whatever its layers are.
@@ -311,7 +349,8 @@ impl Plan {
             Arc::new(Simulator::with_models(sensor, models, plan.simulator.policy()).with_flow())
         };
         let others = self.others.iter().map(Self::with_flow).collect();
-        Self { simulator: flowing(self), others, ..self.clone() }
+        let right = self.right.as_ref().map(|right| Box::new(right.with_flow()));
+        Self { simulator: flowing(self), others, right, ..self.clone() }
     }
 
     /// The same with `times` as many frames in each second of a sequence.
@@ -336,7 +375,8 @@ impl Plan {
     fn with_simulator(&self, models: Models, policy: EffectPolicy) -> Self {
         let simulator = simulator(self.simulator.sensor().clone(), models.clone(), policy, &self.job);
         let others = self.others.iter().map(|other| other.with_simulator(models.clone(), policy)).collect();
-        Self { simulator: Arc::new(simulator), others, ..self.clone() }
+        let right = self.right.as_ref().map(|right| Box::new(right.with_simulator(models.clone(), policy)));
+        Self { simulator: Arc::new(simulator), others, right, ..self.clone() }
     }
 
     /// Number of a class among the plan's. Every object has one; a depth frame whose class nobody named has none.
@@ -358,6 +398,20 @@ struct OtherSensor {
 }
 
 impl OtherSensor {
+    /// Of a job whose defaults were written out; `None` after a mistake.
+    fn checked(scope: Scope, mut job: Job, mut check: Check<'_>) -> Option<Self> {
+        ranges::sensor(&mut check, &job);
+        ranges::pad_surface(&mut check, &job);
+        if scope == Scope::Dataset {
+            ranges::scene(&mut check, &job, true);
+        }
+        ranges::camera(&mut check, &job);
+        job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
+        let (sensor, photographs, _) = complete_sensor(&mut check, &mut job)?;
+        let sampling = SensorSampling::new(&job, photographs);
+        Some(Self { job, sensor, sampling })
+    }
+
     /// A plan with this sensor, in all else like `first`.
     fn plan(self, first: &Plan) -> Plan {
         let job = config::random::with_sensor_of(&first.job, self.job);
@@ -395,17 +449,7 @@ fn others_sensors(
             let message = format!("of `{}` and `{}` one has lamps, the other LEDs", names[0], names[1]);
             check.error("sensor.preset", message, "name presets with LEDs only, or with lamps only");
         }
-        ranges::sensor(&mut check, &job);
-        ranges::pad_surface(&mut check, &job);
-        if scope == Scope::Dataset {
-            ranges::scene(&mut check, &job, true);
-        }
-        ranges::camera(&mut check, &job);
-        job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
-        if let Some((sensor, photographs, _)) = complete_sensor(&mut check, &mut job) {
-            let sampling = SensorSampling::new(&job, photographs);
-            found.push(OtherSensor { job, sensor, sampling });
-        }
+        found.extend(OtherSensor::checked(scope, job, check));
     }
     found
 }
@@ -474,9 +518,17 @@ pub fn fingerprint(job: &Job) -> String {
     let names = |paths: &mut dyn Iterator<Item = &String>| paths.map(|path| files::file_name(path)).collect::<Vec<_>>();
     let background = names(&mut job.sensor.background.iter()).pop();
     let backgrounds = names(&mut job.random.backgrounds.iter());
+    let right = job.gripper.as_ref().map(|gripper| {
+        let background = names(&mut gripper.right.iter().filter_map(|right| right.background.as_ref())).pop();
+        (background, names(&mut gripper.right_random.backgrounds.iter()))
+    });
     job.paths_mut().for_each(String::clear);
     job.sensor.background = background;
     job.random.backgrounds = backgrounds;
+    if let (Some(gripper), Some((background, backgrounds))) = (&mut job.gripper, right) {
+        gripper.right_random.backgrounds = backgrounds;
+        gripper.right.iter_mut().for_each(|right| right.background.clone_from(&background));
+    }
     for (object, stem) in job.object.iter_mut().zip(meshes) {
         object.path = stem;
     }

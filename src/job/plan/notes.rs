@@ -13,7 +13,7 @@ const SHALLOWEST_MM: f64 = 1e-3;
 
 /// All of them.
 pub fn of(job: &Job) -> Vec<String> {
-    [strain(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)].into_iter().flatten().collect()
+    [strain(job), squeezed(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)].into_iter().flatten().collect()
 }
 
 /// Where the object of a sequence may be moved out of the view: the first phase in which it may.
@@ -95,6 +95,20 @@ fn strain(job: &Job) -> Option<String> {
             "{} may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
              there; such samples have numerics.beyond_theory in their labels",
             if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" }
+        )
+    })
+}
+
+/// Where a gripper squeezes both its pads beyond that.
+fn squeezed(job: &Job) -> Option<String> {
+    let gripper = job.gripper.as_ref()?;
+    let most = gripper.squeeze_mm.as_ref()?.support().1;
+    let [left, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
+    let both = left + gripper.right.as_ref().map_or(left, |right| right.gelpad_thickness_mm);
+    (most > LARGEST_STRAIN * both).then(|| {
+        format!(
+            "gripper.squeeze_mm may be {most}, over half of both pads' {both} mm: linear elasticity does not hold there; such samples \
+             have numerics.beyond_theory in their labels"
         )
     })
 }

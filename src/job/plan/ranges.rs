@@ -223,6 +223,10 @@ pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
         super::sequence::check(check, job, sequence, sensor_known);
         return;
     }
+    // Its width or force says how deep it presses.
+    if job.gripper.is_some() {
+        return;
+    }
     match &job.indentation.depth_mm {
         None => check.missing("indentation.depth_mm", "for example depth_mm = [0.2, 1.5] under [indentation]"),
         Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") && check.sound("sensor.unit") => {

@@ -13,6 +13,7 @@ use crate::core::simulator::Press;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::output::OnUnhealthy;
 use crate::job::config::sequence::{Sequence, SequenceFriction};
+use crate::job::force::{DEEPEST, depth_of};
 use crate::job::label::Label;
 use crate::job::plan::Plan;
 use crate::job::sample::{MOST_ATTEMPTS, Sample, Unfit};
@@ -28,12 +29,6 @@ use timeline::{End, Timeline};
 
 /// A force is found to this share.
 const FORCE_TOLERANCE: f64 = 2e-3;
-
-/// Presses that are tried for a force.
-const MOST_PRESSES: u32 = 40;
-
-/// Indentation depth over the pad's thickness up to which a force is looked for.
-const DEEPEST: f64 = 0.9;
 
 /// Pixels along the longer side of the view of which the contact rolls at most one in a step.
 const ROLLING_PX: f64 = 160.0;
@@ -233,29 +228,6 @@ fn end_of(phase: &DrawnPhase, mover: &Mover<'_>, thickness_mm: f64, press_n: imp
         );
         return End { depth_mm: deepest, force_n: wanted_n, missed: Some(reason) };
     }
-    // Forces grow with a power of the depth: the secant of their logarithms, kept within what is known.
-    let (mut low, mut high) = ((0.0, 0.0), (deepest, most_n));
-    let mut depth = deepest * libm::pow(wanted_n / most_n, 0.6);
-    for _ in 0..MOST_PRESSES {
-        let found = force_n(depth);
-        if (found - wanted_n).abs() <= FORCE_TOLERANCE * wanted_n || high.0 - low.0 < 1e-6 {
-            break;
-        }
-        if found < wanted_n {
-            low = (depth, found)
-        } else {
-            high = (depth, found)
-        }
-        let log = libm::log;
-        let guess = match low.1 > 0.0 {
-            true => {
-                let share = (log(wanted_n) - log(low.1)) / (log(high.1) - log(low.1));
-                libm::exp(log(low.0) + share * (log(high.0) - log(low.0)))
-            }
-            false => 0.5 * (low.0 + high.0),
-        };
-        let margin = 0.02 * (high.0 - low.0);
-        depth = if guess.is_finite() { guess.clamp(low.0 + margin, high.0 - margin) } else { 0.5 * (low.0 + high.0) };
-    }
-    End { depth_mm: depth, force_n: wanted_n, missed: None }
+    let depth_mm = depth_of(wanted_n, (deepest, most_n), FORCE_TOLERANCE, force_n);
+    End { depth_mm, force_n: wanted_n, missed: None }
 }

@@ -225,9 +225,14 @@ fn tally_files(entries: &[&Entry]) -> Result<Tally, Report> {
 }
 
 fn tally_dataset(dataset: &Recorded) -> Result<Tally, Report> {
-    if dataset.job.sequence.is_some() {
+    let others = match (&dataset.job.sequence, &dataset.job.gripper) {
+        (Some(_), _) => Some("sequences"),
+        (None, Some(_)) => Some("grips of two fingers"),
+        (None, None) => None,
+    };
+    if let Some(others) = others {
         let message =
-            format!("{}: compare looks at single presses, and its samples are sequences", dataset.root.display());
+            format!("{}: compare looks at single presses, and its samples are {others}", dataset.root.display());
         return Err(user_error(message, "name the folder of their images instead"));
     }
     let every = dataset.layout.samples().div_ceil(MOST_OF_A_SET as u64).max(1);

@@ -29,6 +29,7 @@ use crate::dataset::versioned::Versioned;
 use crate::files::input;
 use crate::files::png;
 use crate::job::config::document::MOST_READ;
+use crate::job::gripper::FINGERS;
 use crate::job::label::key;
 use crate::job::layout::{Layout, Shard, Split};
 use crate::lab::preview::Tile;
@@ -140,6 +141,9 @@ fn spread(layout: &Layout, shards: &[Shard], count: u64) -> BTreeSet<u64> {
     picks.collect()
 }
 
+/// The finger of a grip whose brightness is looked at.
+const FIRST_FINGER: &str = FINGERS[0];
+
 /// Gathers what one shard holds.
 fn gather_shard(recorded: &Recorded, shard: &Shard, picks: &Picks) -> Result<Gathered, Refused> {
     let paths = recorded.paths(shard);
@@ -176,14 +180,15 @@ fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gath
     let (mut wrong, mut files, mut seen, mut strangers) = (Vec::new(), BTreeMap::new(), 0, 0);
     let picked = |picks: &BTreeSet<u64>, key: &str| key.parse().is_ok_and(|index| picks.contains(&index));
     let wanted = |head: Head| {
-        // The files of all frames are of one kind.
+        // The files of all frames are of one kind; those of two fingers are of two.
         let (frame, suffix) = labels::split(head.suffix);
-        let kind = if frame.is_some() { format!("f*.{suffix}") } else { suffix.to_owned() };
+        let is_finger = frame.is_some_and(|frame| FINGERS.contains(&frame));
+        let kind = if frame.is_some() && !is_finger { format!("f*.{suffix}") } else { head.suffix.to_owned() };
         let (number, bytes): &mut (u64, u64) = counted(&mut files, &kind);
         *number += 1;
         *bytes += head.bytes;
         head.suffix == "json"
-            || matches!((frame, suffix), (None | Some("f0000"), "tactile.png")) && picked(&picks.brightness, head.key)
+            || matches!((frame, suffix), (None | Some("f0000" | FIRST_FINGER), "tactile.png")) && picked(&picks.brightness, head.key)
             || picked(&picks.sheet, head.key)
     };
     let mut expected = recorded.layout.indices(*shard);
@@ -218,7 +223,11 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
     }
     let Ok(index) = index else { return Ok(()) };
     if picks.brightness.contains(&index) {
-        let first = if label.sequence().is_some() { "f0000.tactile.png" } else { "tactile.png" };
+        let first = match &label {
+            SampleLabel::Press(_) => "tactile.png",
+            SampleLabel::Sequence(..) => "f0000.tactile.png",
+            SampleLabel::Grip(..) => "left.tactile.png",
+        };
         let png = sample.member(first).ok_or_else(|| format!("{key}.{first} is missing"))?;
         let image = png::decode_background(png).map_err(|reason| format!("{key}.{first}: {reason}"))?;
         let sum: u64 = image.iter().map(|level| u64::from(*level)).sum();
