@@ -11,6 +11,7 @@ use gelsim::job::label::key;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::{Accepted, Unfit, accept};
+use gelsim::job::scene::crowded;
 use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
 use pyo3::exceptions::PyIndexError;
@@ -162,7 +163,8 @@ impl Job {
             &texts("set", set)?,
         );
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
-        warn(py, &job.plan.notes)?;
+        let notes: Vec<String> = job.plan.notes.iter().cloned().chain(crowded(&job.plan)).collect();
+        warn(py, &notes)?;
         Ok(job)
     }
 

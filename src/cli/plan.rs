@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 
-use super::{Extent, Failure, JobOverrides, Log, print, settled};
+use super::{Extent, Failure, JobOverrides, Log, noted, print, settled};
 use crate::core::effects::Effect;
 use crate::dataset::folder::recorded_rung;
 use crate::dataset::forecast::{Forecast, forecast};
@@ -39,7 +39,7 @@ impl Plan {
         let start = Instant::now();
         let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
         let load_s = start.elapsed().as_secs_f64();
-        self.overrides.note(&plan.notes, Log::text(self.quiet))?;
+        self.overrides.note(&noted(&plan), Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
         let count = plan.layout.shard_count();

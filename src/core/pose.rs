@@ -150,8 +150,12 @@ impl Pose {
         lowest_mm: f64,
         object: &Clusters,
     ) -> Self {
-        let turned = Self { rotation: rotation(side, angles), angles, ..Self::IDENTITY };
-        turned.moved(position_mm, anchor, lowest_mm, object)
+        Self::turned(side, angles).moved(position_mm, anchor, lowest_mm, object)
+    }
+
+    /// Turns an object; its place is the frame's origin.
+    pub fn turned(side: Side, angles: Angles) -> Self {
+        Self { rotation: rotation(side, angles), angles, ..Self::IDENTITY }
     }
 
     /// The same rotation at another place; see [`Pose::new`].

@@ -150,7 +150,11 @@ fn caption(label: &Label) -> String {
     };
     // The font has ASCII only.
     let class: String = label.object.class.chars().map(|c| if c.is_ascii_graphic() { c } else { '?' }).collect();
-    format!("{class}  {depth}  #{}", label.index)
+    let others = match label.objects.len() {
+        0 | 1 => String::new(),
+        count => format!(" and {} more", count - 1),
+    };
+    format!("{class}{others}  {depth}  #{}", label.index)
 }
 
 fn grey<T: Copy + Default>(grid: &Grid<T>, value: impl Fn(T) -> u8) -> RgbImage {

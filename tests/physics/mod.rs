@@ -41,6 +41,7 @@ mod response;
 mod rig;
 mod scene;
 mod sequences;
+mod several;
 mod shadow;
 mod soft;
 mod solutions;

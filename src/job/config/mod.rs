@@ -56,6 +56,9 @@ pub struct Job {
     /// The objects.
     #[schemars(required)]
     pub object: Vec<object::Object>,
+    /// How many objects are pressed in together; without it each sample has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene: Option<scene::Scene>,
     /// How the object is turned and placed.
     pub pose: scene::Pose,
     /// How deep it is pressed.
@@ -107,6 +110,11 @@ impl Job {
         let mut tree = self.to_json();
         random::drop_nulls(&mut tree);
         toml::to_string(&tree).map_err(io::Error::other)
+    }
+
+    /// How many objects a sample may have.
+    pub fn objects_per_sample(&self) -> scene::Count {
+        self.scene.map_or_else(scene::Count::default, |scene| scene.objects_per_sample)
     }
 
     /// The paths of all files that it names.

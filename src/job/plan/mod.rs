@@ -43,6 +43,7 @@ mod paths;
 pub mod ranges;
 pub mod sensors;
 mod sequence;
+mod several;
 pub mod standalone;
 
 use check::Check;
@@ -148,6 +149,7 @@ impl Plan {
         ranges::pad_surface(&mut check, &job);
         if scope == Scope::Dataset {
             ranges::scene(&mut check, &job, sensor_known);
+            several::check(&mut check, &job);
         }
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
@@ -268,6 +270,21 @@ impl Plan {
             Some(_) => Err(user_error(
                 format!("{what} looks at single presses, and the samples of this job are sequences"),
                 "take a job without [sequence]",
+            )),
+        }
+    }
+
+    /// Refuses a job of several objects in a press where `what` looks at one.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with such a job.
+    pub fn of_single_objects(&self, what: &str) -> Result<(), Report> {
+        match self.job.objects_per_sample().most {
+            1 => Ok(()),
+            _ => Err(user_error(
+                format!("{what} looks at the press of one object, and samples of this job have several"),
+                "take a job without [scene], or add --set scene.objects_per_sample=1",
             )),
         }
     }
