@@ -63,6 +63,7 @@ pub use crate::core::camera::markers::{MarkerPattern, MarkerPositions, MarkerPri
 pub use crate::core::camera::{CameraParams, Image};
 pub use crate::core::depth::height_map::HeightMap;
 pub use crate::core::depth::indenter::{HeightMapError, Indenter, Shape};
+pub use crate::core::depth::outline::Outline;
 pub use crate::core::depth::relief::Relief;
 pub use crate::core::depth::texture::{Laid, Texture, TextureSample};
 pub use crate::core::effects::{Effect, EffectLog, EffectPolicy};

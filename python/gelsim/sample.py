@@ -50,6 +50,8 @@ class Sample(TypedDict, total=False):
     """(H, W, 3): the image without contact."""
     lamps: NDArray[np.float32]
     """(H, W, 6): the grey image under each lamp, 0 to 1; of sensors whose lamps were measured one by one."""
+    instance: NDArray[np.uint8]
+    """(H, W): the number of the object that the pad touches, counted from 1 in the label's `objects`; 0 elsewhere."""
     slip: NDArray[np.uint8]
     """(H, W): 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; of sequences."""
     flow: NDArray[np.float32]

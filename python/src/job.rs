@@ -12,6 +12,7 @@ use gelsim::job::label::key;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::{Accepted, Unfit, accept};
+use gelsim::job::scene::crowded;
 use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
 use pyo3::exceptions::PyIndexError;
@@ -118,10 +119,12 @@ impl Job {
         let plan = &*self.plan;
         // Nothing outside is changed by what panics.
         let rendered = catch_unwind(AssertUnwindSafe(|| match plan.job().sequence {
-            None if plan.job().gripper.is_some() => gripper::accept(plan, index).map(|gripper::Accepted { grip, .. }| {
-                let arrays = grip.fingers.map(|sample| Arrays::of_frame(plan, sample));
-                Rendered::Grip(Box::new(arrays), json(&grip.label))
-            }),
+            None if plan.job().gripper.is_some() => {
+                gripper::accept(plan, index).map(|gripper::Accepted { grip, .. }| {
+                    let arrays = grip.fingers.map(|sample| Arrays::of_frame(plan, sample));
+                    Rendered::Grip(Box::new(arrays), json(&grip.label))
+                })
+            }
             None => accept(plan, index).map(|Accepted { sample, .. }| Rendered::Press(Arrays::new(plan, sample))),
             Some(_) => {
                 let mut frames = Vec::new();
@@ -178,7 +181,8 @@ impl Job {
             &texts("set", set)?,
         );
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
-        warn(py, &job.plan.notes)?;
+        let notes: Vec<String> = job.plan.notes.iter().cloned().chain(crowded(&job.plan)).collect();
+        warn(py, &notes)?;
         Ok(job)
     }
 

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::log::{Format, Log, say};
 use super::long_run::long_run;
 use super::store::{address, staging};
-use super::{Extent, Failure, JobOverrides, settled};
+use super::{Extent, Failure, JobOverrides, noted, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
 use crate::dataset::verify::{Cure, Finding};
@@ -57,7 +57,7 @@ impl Generate {
     fn generate(self, log: Log) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
         let plan = Plan::load(&self.job, &self.overrides.overrides())?;
-        self.overrides.note(&plan.notes, log)?;
+        self.overrides.note(&noted(&plan), log)?;
         let shards = self.extent.shards(plan.layout.shard_count())?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
@@ -134,6 +134,7 @@ fn summary(done: &Done, no_contact: f64, root: &str) -> String {
         (done.unconverged, "contact not solved to the tolerance", "samples, see numerics in their labels"),
         (done.unhealthy, "not healthy", "samples, see health in their labels"),
         (done.rejected, "rejected and drawn again", "draws, see rejections in the shards' stats"),
+        (done.unplaced_objects, "left out for want of a place", "objects, see unplaced_objects in the labels"),
     ];
     for (count, what, of) in counts.iter().filter(|(count, ..)| *count > 0) {
         text += &format!("\n{what}: {} {of}", HumanCount(*count));
@@ -173,6 +174,7 @@ fn figures(done: &Done, root: &str) -> Value {
         "unhealthy": done.unhealthy,
         "unconverged": done.unconverged,
         "in_contact": done.in_contact,
+        "unplaced_objects": done.unplaced_objects,
         "light_outside_range": done.light.share_outside(),
         "shards": done.shards,
         "shards_there_already": done.skipped,

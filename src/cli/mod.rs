@@ -13,6 +13,7 @@ use crate::files::diagnostic::user_error;
 use crate::files::spelling::visible;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
+use crate::job::scene::crowded;
 use crate::lab::tradeoff::choose::choose;
 
 mod augment;
@@ -157,6 +158,11 @@ fn settled(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Fai
     let chosen = choose(&plan, bound)?;
     log.note(&chosen.to_string());
     Ok(plan.with_fidelity(chosen.level))
+}
+
+/// What is to be said of a job that is no mistake, found by drawing some of its samples, too.
+fn noted(plan: &Plan) -> Vec<String> {
+    plan.notes.iter().cloned().chain(crowded(plan)).collect()
 }
 
 /// What changes a job from the command line.

@@ -8,7 +8,7 @@ use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 
 use super::store::address;
-use super::{Extent, Failure, JobOverrides, Log, print, settled};
+use super::{Extent, Failure, JobOverrides, Log, noted, print, settled};
 use crate::core::effects::Effect;
 use crate::dataset::folder::recorded_rung;
 use crate::dataset::forecast::{Forecast, forecast};
@@ -40,7 +40,7 @@ impl Plan {
         let start = Instant::now();
         let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
         let load_s = start.elapsed().as_secs_f64();
-        self.overrides.note(&plan.notes, Log::text(self.quiet))?;
+        self.overrides.note(&noted(&plan), Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
         let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;

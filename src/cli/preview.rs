@@ -7,7 +7,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::store::folder_only;
-use super::{Failure, JobOverrides, Log, say, settled};
+use super::{Failure, JobOverrides, Log, noted, say, settled};
 use crate::core::effects::Effect;
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::user_error;
@@ -96,7 +96,7 @@ impl Preview {
 
     fn plan(&self) -> Result<Plan, Failure> {
         let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, Log::text(false))?;
-        self.overrides.note(&plan.notes, Log::text(false))?;
+        self.overrides.note(&noted(&plan), Log::text(false))?;
         Ok(plan)
     }
 

@@ -73,6 +73,7 @@ impl Tradeoff {
         Log::text(self.quiet).notes(&plan.notes);
         if self.finite_elements {
             plan.of_presses("--finite-elements")?;
+            plan.of_single_objects("--finite-elements")?;
             return self.finite(&plan);
         }
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));

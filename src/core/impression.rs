@@ -11,12 +11,14 @@ use crate::core::camera::markers::MarkerPositions;
 use crate::core::camera::pins::PinPositions;
 use crate::core::camera::{CameraParams, Image};
 use crate::core::depth::Depth;
+use crate::core::depth::outline::Outline;
 use crate::core::effects::EffectLog;
 use crate::core::gelpad::Contact;
 use crate::core::gelpad::elastic::history::Contacting;
 use crate::core::gelpad::sliding::{Slip, Wrench};
 use crate::core::optics::lamps;
 use crate::core::optics::normals::normals;
+use crate::core::pose::PadPlane;
 
 /// What a press gives: the tactile image, and what is known beneath it.
 #[non_exhaustive]
@@ -105,6 +107,52 @@ impl Impression {
     /// 255 where the pad touches the object.
     pub fn contact_mask(&self) -> Vec<u8> {
         self.mask_in_image(&self.contact.mask).data
+    }
+
+    /// Which of several objects that were pressed in together is at each pixel of [`Contact::mask`] that touches, or that one of
+    /// them reaches below, counted from 1; 0 at all others. `outlines` are theirs in `plane`, and lie apart. As the pad is,
+    /// not as the lens shows it.
+    pub fn numbered(&self, outlines: &[Outline], plane: &PadPlane) -> Grid<u8> {
+        let mask = &self.contact.mask;
+        let mut numbered = Grid::new(mask.width, mask.height);
+        // Neighbours mostly are the same object's.
+        let mut last = 0;
+        for y in 0..mask.height {
+            for x in 0..mask.width {
+                if mask.at(x, y) == 0 && self.overlap_mm(x, y) <= 0.0 {
+                    continue;
+                }
+                let at = self.place_over(plane, x, y);
+                if outlines.get(last).is_none_or(|outline| outline.beyond_mm(at) > 0.0) {
+                    let beyond = outlines.iter().map(|outline| outline.beyond_mm(at)).enumerate();
+                    last = beyond.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(number, _)| number);
+                }
+                numbered.row_mut(y)[x] = last as u8 + 1;
+            }
+        }
+        numbered
+    }
+
+    /// How far an object reaches below the undeformed pad at a pixel of [`Contact::mask`], mm; below 0 over it.
+    pub fn overlap_mm(&self, x: usize, y: usize) -> f32 {
+        match self.depth.touching.is_empty() {
+            true => 0.0,
+            false => self.depth.overlap.at(x + self.depth.margin_px, y + self.depth.margin_px),
+        }
+    }
+
+    /// Where the pad's surface is in a plane at a pixel, mm.
+    fn place_over(&self, plane: &PadPlane, x: usize, y: usize) -> [f64; 2] {
+        let at = self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+        let Some(map) = &self.gel_map else { return at };
+        let down = self.contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
+        let there = plane.seen_from(map.pressed_point_mm(at, down.into()));
+        [there.x, there.y]
+    }
+
+    /// A grid of numbers on the pixels of [`Contact::mask`] as the image shows it: that of the nearest pixel.
+    pub fn in_image(&self, numbers: &Grid<u8>) -> Grid<u8> {
+        self.mask_in_image(numbers)
     }
 
     /// Of each pixel 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it; 0 everywhere but

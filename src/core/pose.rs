@@ -150,8 +150,12 @@ impl Pose {
         lowest_mm: f64,
         object: &Clusters,
     ) -> Self {
-        let turned = Self { rotation: rotation(side, angles), angles, ..Self::IDENTITY };
-        turned.moved(position_mm, anchor, lowest_mm, object)
+        Self::turned(side, angles).moved(position_mm, anchor, lowest_mm, object)
+    }
+
+    /// Turns an object; its place is the frame's origin.
+    pub fn turned(side: Side, angles: Angles) -> Self {
+        Self { rotation: rotation(side, angles), angles, ..Self::IDENTITY }
     }
 
     /// The same rotation at another place; see [`Pose::new`].
@@ -344,8 +348,7 @@ mod tests {
         let pose = Pose::new(Side::PlusX, angles, [1.0, -2.0], Anchor::Bounds, -0.8, &brick());
         let faced = pose.faced();
         let q = DVec3::new(0.3, 1.7, -4.0);
-        let (here, there) =
-            (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
+        let (here, there) = (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
         assert_eq!(there, DVec3::new(-here.x, here.y, -here.z));
         let made = Pose { rotation: rotation(Side::MinusZ, faced.angles), ..Pose::IDENTITY };
         let by_angles = made.rotation * half_turn() * Side::PlusX.rotation();

@@ -59,6 +59,7 @@ pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
         OutputLayer::Flow => Content::Floats(impression.flow_mm().into_flattened()),
         OutputLayer::Points => Content::Floats(impression.points_mm().into_flattened()),
         OutputLayer::Slip => Content::Bytes(impression.slip().into()),
+        OutputLayer::Instance => Content::Bytes(sample.instances().into()),
         OutputLayer::Contact => Content::Bytes(impression.contact_mask().into()),
         OutputLayer::Reference => Content::Bytes((&sample.simulator.untouched().rgb).into()),
         OutputLayer::Markers => {

@@ -74,6 +74,8 @@ pub struct Done {
     pub unconverged: u64,
     /// Samples written that show contact.
     pub in_contact: u64,
+    /// Objects that found no place among the others of their samples.
+    pub unplaced_objects: u64,
     /// How much of the written contacts the optics were not calibrated on.
     pub light: LightRange,
     /// Bytes of the written shards.
@@ -242,6 +244,7 @@ fn run(
                 done.unhealthy += stats.unhealthy;
                 done.unconverged += stats.unconverged;
                 done.in_contact += stats.in_contact;
+                done.unplaced_objects += stats.unplaced_objects;
                 done.light.add(&stats.light);
             }
             Err(GenerateError::Held(names)) => held.extend(names),

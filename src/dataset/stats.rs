@@ -39,6 +39,9 @@ pub struct Stats {
     pub unconverged: u64,
     /// Samples in it that show contact.
     pub in_contact: u64,
+    /// Objects that were to be pressed in with others, and found no place among them.
+    #[serde(default)]
+    pub unplaced_objects: u64,
     /// How much of the contacts the optics were not calibrated on.
     #[serde(default)]
     pub light: LightRange,
@@ -46,7 +49,7 @@ pub struct Stats {
     pub bytes: u64,
     /// SHA-256 of the tar; of a folder, see [`super::imagefolder`].
     pub sha256: String,
-    /// Samples per class.
+    /// Samples per class; of several objects the first one's counts.
     pub classes: BTreeMap<String, u64>,
     /// Seconds per stage, summed over the samples.
     pub seconds: Seconds,
@@ -164,6 +167,7 @@ impl Stats {
             unhealthy: 0,
             unconverged: 0,
             in_contact: 0,
+            unplaced_objects: 0,
             light: LightRange::default(),
             bytes: 0,
             sha256: String::new(),
@@ -196,6 +200,7 @@ impl Stats {
             ("unhealthy", self.unhealthy, counted.unhealthy),
             ("unconverged", self.unconverged, counted.unconverged),
             ("in_contact", self.in_contact, counted.in_contact),
+            ("unplaced_objects", self.unplaced_objects, counted.unplaced_objects),
         ];
         if let Some((key, here, there)) = numbers.into_iter().find(|(_, here, there)| here != there) {
             return Some(format!("{key} is {here}, the labels have {there}"));
@@ -219,6 +224,7 @@ impl Stats {
         self.unhealthy += u64::from(!label.health.healthy);
         self.unconverged += u64::from(!label.numerics.converged);
         self.in_contact += u64::from(label.contact.in_contact);
+        self.unplaced_objects += u64::from(label.unplaced_objects);
         self.light.add(&LightRange::from_label(label));
         *self.classes.entry(label.object.class.clone()).or_default() += 1;
         for effect in Effect::ALL {

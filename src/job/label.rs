@@ -8,8 +8,7 @@ use std::f64::consts::PI;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
+use crate::core::base::grid::Grid;
 use crate::core::base::view::View;
 use crate::core::camera::CameraParams;
 use crate::core::effects::{Note, PerEffect};
@@ -18,6 +17,7 @@ use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::gelpad::tangential::TangentialMotion;
 use crate::core::impression::Impression;
 use crate::core::optics::led::Led;
+use crate::core::pose::Pose;
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
 use crate::job::health::Health;
@@ -25,6 +25,11 @@ use crate::job::layout::Split;
 use crate::job::plan::Plan;
 use crate::job::scene::{Pressed, Scene};
 use crate::job::steps::Steps;
+
+mod share;
+
+pub use share::{PressedLabel, ShareLabel};
+use share::{Share, objects};
 
 /// Program and version.
 pub const GENERATOR: &str = concat!("gelsim ", env!("CARGO_PKG_VERSION"));
@@ -49,12 +54,18 @@ pub struct Label {
     pub attempt: u32,
     /// Split that the sample belongs to.
     pub split: Split,
-    /// What was pressed.
+    /// What was pressed; of several objects the first.
     pub object: ObjectLabel,
     /// Where it was: p = R (scale q) + t takes a point q of the mesh (mm) to the sensor's frame (mm).
     pub pose: PoseLabel,
     /// How deep the object's lowest point reaches below the undeformed pad, mm.
     pub indentation_depth_mm: f64,
+    /// All that was pressed in together, each with its share of the contact: `object` first.
+    #[serde(default)]
+    pub objects: Vec<PressedLabel>,
+    /// How many more were to be pressed in with them, and found no place among them.
+    #[serde(default)]
+    pub unplaced_objects: u32,
     /// Micro relief of the object.
     pub texture: TextureLabel,
     /// How the object was moved in the pad's plane.
@@ -330,25 +341,23 @@ pub fn key(index: u64) -> String {
 }
 
 impl Label {
-    /// Describes what a press of `plan` gave.
-    pub fn describe(plan: &Plan, scene: &Scene, simulator: &Simulator, impression: &Impression) -> Self {
-        let Impression { depth, contact, markers, pins, lens, gel_map, camera, effects, .. } = impression;
+    /// Describes what a press of `plan` gave. Of several objects `numbered` says which of them is where
+    /// ([`Impression::numbered`]).
+    pub fn describe(
+        plan: &Plan,
+        scene: &Scene,
+        simulator: &Simulator,
+        impression: &Impression,
+        numbered: Option<&Grid<u8>>,
+    ) -> Self {
+        let Impression { contact, markers, pins, lens, camera, effects, .. } = impression;
         let (sensor, models) = (simulator.sensor(), simulator.models());
         let thickness_mm = sensor.gelpad.thickness_mm;
-        let View { resolution_px: [width, height], mm_per_px: [mm_x, mm_y] } = *simulator.view();
-        let extent = Extent::of(&contact.mask);
-        let bbox = match (gel_map, lens) {
-            (Some(map), _) => map.box_of(&contact.mask),
-            (None, Some(lens)) => lens.box_of(&contact.mask, extent.bbox),
-            (None, None) => extent.bbox,
-        };
-        let in_contact = extent.pixels > 0;
-        let warped = gel_map.is_some() || lens.is_some();
-        let in_image =
-            (in_contact && warped).then(|| Extent::of(&Grid { width, height, data: impression.contact_mask() }));
-        let in_image = in_image.as_ref().unwrap_or(&extent);
-        let (area_mm2, centroid_mm) = (extent.pixels as f64 * mm_x * mm_y, extent.centroid_mm(simulator.view()));
-        let view = Rect::whole(width, height);
+        let View { resolution_px: [width, height], mm_per_px } = *simulator.view();
+        let whole = Share::of(impression, simulator.view(), &contact.mask);
+        let object = object(plan, scene);
+        let pose = PoseLabel::of(&scene.pose);
+        let objects = objects(plan, scene, simulator, impression, numbered, (&object, &pose, &whole));
         Self {
             schema_version: SCHEMA_VERSION,
             generator: GENERATOR.to_owned(),
@@ -357,15 +366,11 @@ impl Label {
             seed: plan.seed(),
             attempt: scene.attempt,
             split: scene.split,
-            object: object(plan, scene),
-            pose: PoseLabel {
-                quaternion_xyzw: scene.pose.quaternion_xyzw(),
-                translation_mm: scene.pose.translation_mm.to_array(),
-                yaw_deg: scene.pose.angles.yaw_deg,
-                tilt_deg: scene.pose.angles.tilt_deg,
-                tilt_azimuth_deg: scene.pose.angles.tilt_azimuth_deg,
-            },
+            object,
+            pose,
             indentation_depth_mm: scene.indentation_depth_mm,
+            objects,
+            unplaced_objects: scene.unplaced,
             texture: scene.texture.as_ref().map_or_else(TextureLabel::default, |texture| TextureLabel {
                 pattern: texture.pattern.to_owned(),
                 amplitude_mm: texture.sample.amplitude_mm,
@@ -377,7 +382,7 @@ impl Label {
                 name: sensor.name.clone(),
                 width_px: width as u32,
                 height_px: height as u32,
-                mm_per_px: [mm_x, mm_y],
+                mm_per_px,
                 gelpad_thickness_mm: thickness_mm,
                 gelpad_youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa,
                 gelpad_poisson_ratio: sensor.gelpad.poisson_ratio,
@@ -387,18 +392,15 @@ impl Label {
                 background: background(plan, scene, sensor),
             },
             contact: ContactLabel {
-                in_contact,
-                area_mm2,
-                fraction: extent.pixels as f64 / view.area() as f64,
-                centroid_mm: match gel_map {
-                    Some(map) => map.place_mm(centroid_mm),
-                    None => centroid_mm,
-                },
-                centroid_px: in_image.centroid_px,
-                equivalent_radius_mm: libm::sqrt(area_mm2 / PI),
-                equivalent_radius_px: libm::sqrt(in_image.pixels as f64 / PI),
-                bbox_px: [bbox.x0, bbox.y0, bbox.x1, bbox.y1].map(|px| px as u32),
-                max_depth_mm: if in_contact { f64::from(depth.deepest_mm) } else { 0.0 },
+                in_contact: whole.pixels > 0,
+                area_mm2: whole.area_mm2,
+                fraction: whole.pixels as f64 / (width * height) as f64,
+                centroid_mm: whole.centroid_mm,
+                centroid_px: whole.in_image.centroid_px,
+                equivalent_radius_mm: libm::sqrt(whole.area_mm2 / PI),
+                equivalent_radius_px: libm::sqrt(whole.in_image.pixels as f64 / PI),
+                bbox_px: whole.bbox_px,
+                max_depth_mm: if whole.pixels > 0 { f64::from(impression.depth.deepest_mm) } else { 0.0 },
                 force_n: contact.force_n,
                 total_force_n: contact.whole.total_force_n,
                 force_unknown: contact.whole.force_unknown.to_owned(),
@@ -425,14 +427,21 @@ impl Label {
                 converged: contact.numerics.converged,
                 iterations: contact.numerics.iterations,
                 residual_um: contact.numerics.residual_um,
-                strain: scene.indentation_depth_mm / thickness_mm,
-                beyond_theory: scene.indentation_depth_mm > LARGEST_STRAIN * thickness_mm,
+                strain: scene.deepest_mm() / thickness_mm,
+                beyond_theory: scene.deepest_mm() > LARGEST_STRAIN * thickness_mm,
                 model_error_um: contact.numerics.model_error_um,
                 light_outside_range: plan.simulator.shader().share_beyond(contact),
             },
             health: Health::check(scene, impression, thickness_mm),
             png16: Steps::new(&plan.layers(), plan.job.output.depth_format, thickness_mm),
         }
+    }
+}
+
+impl Label {
+    /// How deep the deepest of what was pressed reaches below the undeformed pad, mm.
+    pub fn deepest_mm(&self) -> f64 {
+        self.objects.iter().fold(self.indentation_depth_mm, |deepest, object| deepest.max(object.indentation_depth_mm))
     }
 }
 
@@ -450,13 +459,6 @@ impl ShearLabel {
     }
 }
 
-struct Extent {
-    pixels: u64,
-    /// Mean position, px.
-    centroid_px: [f64; 2],
-    bbox: Rect,
-}
-
 fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
     let (id, class, mesh_sha256, path) = match &scene.pressed {
         Pressed::Object(number) => {
@@ -465,15 +467,10 @@ fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
         }
         Pressed::Frame(frame) => (&frame.id, &frame.class, String::new(), String::new()),
     };
-    let class_index = match class.as_str() {
-        // Nobody named the classes of the frames: there is one.
-        "" => 0,
-        class => plan.class_index(class).expect("a plan has the classes of all that is pressed"),
-    };
     ObjectLabel {
         id: id.clone(),
         class: class.clone(),
-        class_index: class_index as u32,
+        class_index: class_index(plan, class),
         mesh_sha256,
         path,
         scale: scene.scale,
@@ -482,6 +479,27 @@ fn object(plan: &Plan, scene: &Scene) -> ObjectLabel {
             poisson_ratio: scene.material.soft.map(|soft| soft.poisson_ratio),
             friction: scene.material.friction.and_then(Friction::coefficient),
         },
+    }
+}
+
+fn class_index(plan: &Plan, class: &str) -> u32 {
+    let index = match class {
+        // Nobody named the classes of the frames: there is one.
+        "" => 0,
+        class => plan.class_index(class).expect("a plan has the classes of all that is pressed"),
+    };
+    index as u32
+}
+
+impl PoseLabel {
+    fn of(pose: &Pose) -> Self {
+        Self {
+            quaternion_xyzw: pose.quaternion_xyzw(),
+            translation_mm: pose.translation_mm.to_array(),
+            yaw_deg: pose.angles.yaw_deg,
+            tilt_deg: pose.angles.tilt_deg,
+            tilt_azimuth_deg: pose.angles.tilt_azimuth_deg,
+        }
     }
 }
 
@@ -557,37 +575,5 @@ impl MarkersLabel {
         }
         label.mean_motion_px = sum / f64::from(label.count.max(1));
         label
-    }
-}
-
-impl Extent {
-    /// Size and place of a contact.
-    fn of(mask: &Grid<u8>) -> Self {
-        let bbox = bounding_box(mask, |value| value > 0);
-        let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
-        simd_dispatch(
-            #[inline(always)]
-            || {
-                for y in bbox.y0..bbox.y1 {
-                    // A row's sums fit 32 bits, of which a vector holds eight.
-                    let (mut in_row, mut columns) = (0_u32, 0_u32);
-                    for (x, value) in mask.row(y)[bbox.x0..bbox.x1].iter().enumerate() {
-                        let touches = u32::from(*value > 0);
-                        in_row += touches;
-                        columns += touches * x as u32;
-                    }
-                    pixels += u64::from(in_row);
-                    sum_x += u64::from(columns) + u64::from(in_row) * bbox.x0 as u64;
-                    sum_y += u64::from(in_row) * y as u64;
-                }
-            },
-        );
-        let centre = |sum: u64| if pixels == 0 { 0.0 } else { sum as f64 / pixels as f64 + 0.5 };
-        Self { pixels, centroid_px: [centre(sum_x), centre(sum_y)], bbox }
-    }
-
-    /// Its middle, mm from that of the view; 0 without contact.
-    fn centroid_mm(&self, view: &View) -> [f64; 2] {
-        if self.pixels == 0 { [0.0; 2] } else { view.point_mm(self.centroid_px) }
     }
 }

@@ -7,6 +7,7 @@ pub mod health;
 pub mod label;
 pub mod layers;
 pub mod layout;
+pub mod placing;
 pub mod plan;
 pub mod sample;
 pub mod scene;

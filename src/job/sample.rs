@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::core::base::clock::{Clock, Seconds};
+use crate::core::base::grid::Grid;
 use crate::core::impression::Impression;
 use crate::core::simulator::Simulator;
 use crate::job::config::output::OnUnhealthy;
@@ -17,6 +18,8 @@ pub struct Sample {
     pub simulator: Arc<Simulator>,
     /// What the press gave.
     pub impression: Impression,
+    /// Of several objects, which of them is where ([`Impression::numbered`]); `None` of one.
+    pub numbered: Option<Grid<u8>>,
     /// What is known about it.
     pub label: Label,
     /// CPU seconds that each stage took; not part of the label, because they differ from run to run.
@@ -55,9 +58,26 @@ pub fn press(plan: &Plan, scene: &Scene) -> Sample {
 pub fn press_with(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>) -> Sample {
     let impression = simulator.press_with(&scene.press(plan));
     let mut clock = Clock::start();
-    let label = Label::describe(plan, scene, &simulator, &impression);
+    let several = !scene.others.is_empty();
+    let numbered = several.then(|| impression.numbered(&scene.outlines(), &scene.plane));
+    let label = Label::describe(plan, scene, &simulator, &impression, numbered.as_ref());
     let seconds = Seconds { label: clock.lap(), ..impression.seconds };
-    Sample { simulator, impression, label, seconds }
+    Sample { simulator, impression, numbered, label, seconds }
+}
+
+impl Sample {
+    /// Of each pixel of the image the number of the object that touches the pad there, counted from 1 in the label's order; 0
+    /// where none does.
+    pub fn instances(&self) -> Vec<u8> {
+        let mask = &self.impression.contact.mask;
+        let touches = |(at, mask): (usize, &u8)| match &self.numbered {
+            _ if *mask == 0 => 0,
+            Some(numbered) => numbered.data[at],
+            None => 1,
+        };
+        let data = mask.data.iter().enumerate().map(touches).collect();
+        self.impression.in_image(&Grid { data, ..*mask }).data
+    }
 }
 
 /// Draws of one sample before the run gives up.

@@ -9,6 +9,7 @@ use crate::core::camera::CameraParams;
 use crate::core::camera::markers::MarkerPattern;
 use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::outline::Outline;
 use crate::core::depth::relief::Relief;
 use crate::core::depth::texture::{Texture, TextureSample};
 use crate::core::gelpad::elastic::shear::{Friction, Motion};
@@ -16,19 +17,20 @@ use crate::core::gelpad::elastic::soft::Soft;
 use crate::core::gelpad::object::ObjectMaterial;
 use crate::core::gelpad::tangential::Shear;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Angles, PadPlane, Pose, Side};
+use crate::core::pose::{PadPlane, Pose, Side};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::object::POISSON_RATIO;
 use crate::job::config::scene::At;
 use crate::job::layout::Split;
+use crate::job::placing::{OtherObject, TurnedObject, place_beside};
 use crate::job::plan::Plan;
 use crate::job::plan::draw::Place;
 use crate::job::plan::sensors::DrawnSensor;
 
-/// Distance between the pad and an object that does not touch it, mm.
-pub const NO_CONTACT_GAP_MM: f64 = 0.1;
+/// Samples that are drawn to see whether objects find their places.
+const PROBES: u64 = 32;
 
 /// What is pressed into the pad.
 #[derive(Clone, Debug)]
@@ -115,6 +117,10 @@ pub struct Scene {
     pub plane: PadPlane,
     /// Where it is over that plane.
     pub over_plane: Pose,
+    /// The objects that are pressed in together with it.
+    pub others: Vec<OtherObject>,
+    /// How many more were to be, and found no place.
+    pub unplaced: u32,
 }
 
 /// What is drawn of a sensor, whatever is pressed into it.
@@ -152,33 +158,13 @@ impl Scene {
             first: attempt == 0,
         });
 
-        let pose = &plan.job.pose;
-        let side = pose.face.sample(plan.sampling.objects[object].richest, &mut stream("face"));
-        let angles = Angles {
-            yaw_deg: draw("yaw", &pose.yaw_deg),
-            tilt_deg: draw("tilt", &pose.tilt_deg),
-            tilt_azimuth_deg: draw("tilt azimuth", &pose.tilt_azimuth_deg),
-        };
-        let position_mm = [draw("x", &pose.x_mm), draw("y", &pose.y_mm)];
-
         let indentation = &plan.job.indentation;
         let touches = Self::touches(plan, index, attempt);
-        let depth_mm = indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
-        let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
-        let scale = draw("object scale", &plan.job.object[object].scale);
-        let original = &plan.sampling.objects[object].clusters;
-        let scaled = if scale == 1.0 { Arc::clone(original) } else { Arc::new(original.scaled(scale)) };
+        let turned = TurnedObject::draw(plan, object, touches, stream);
+        let position_mm = [draw("x", &plan.job.pose.x_mm), draw("y", &plan.job.pose.y_mm)];
+        let pose = turned.at(position_mm, plan.job.pose.anchor);
+        let TurnedObject { side, scale, clusters: scaled, depth_mm, .. } = turned;
         let clusters = &*scaled;
-        let anchor = pose.anchor;
-        let pose = match (&pose.roll_deg, &pose.pitch_deg) {
-            (None, None) => Pose::new(side, angles, position_mm, anchor, lowest_mm, clusters),
-            (roll, pitch) => {
-                let [roll_deg, pitch_deg] = [("roll", roll), ("pitch", pitch)]
-                    .map(|(name, angle)| angle.as_ref().map_or(0.0, |angle| draw(name, angle)));
-                let turned = Pose::rolled(side, angles.yaw_deg, roll_deg, pitch_deg);
-                turned.moved(position_mm, anchor, lowest_mm, clusters)
-            }
-        };
         let on_axis = match indentation.at {
             At::Axis if touches => pose.with_axis_at(-depth_mm, clusters),
             _ => Some(pose),
@@ -198,6 +184,8 @@ impl Scene {
             }
         };
         let indentation_depth_mm = if touches { depth_mm } else { 0.0 };
+        let first = (clusters, &over_plane);
+        let (others, unplaced) = place_beside(plan, split, rng::redrawn(index, attempt), touches, first, &plane);
         let press = KnownPress { split, pressed: Pressed::Object(object), pose, indentation_depth_mm };
         let mut scene = Self::given(plan, index, attempt, press);
         scene.motion.about_mm = position_mm;
@@ -206,6 +194,7 @@ impl Scene {
         scene.side = side;
         scene.clusters = Some(scaled);
         (scene.plane, scene.over_plane) = (plane, over_plane);
+        (scene.others, scene.unplaced) = (others, unplaced);
         scene
     }
 
@@ -310,11 +299,33 @@ impl Scene {
             clusters,
             plane: PadPlane::default(),
             over_plane: pose,
+            others: Vec::new(),
+            unplaced: 0,
         }
+    }
+
+    /// How deep the deepest of its objects reaches below the undeformed pad, mm; 0 without contact.
+    pub fn deepest_mm(&self) -> f64 {
+        self.others.iter().fold(self.indentation_depth_mm, |deepest, other| deepest.max(other.indentation_depth_mm))
+    }
+
+    /// The outlines of its objects in the plane that they are posed over, the first one's before the others'; none of what a
+    /// depth frame stands for.
+    pub fn outlines(&self) -> Vec<Outline> {
+        let first = self.clusters.iter().map(|clusters| Outline::of(clusters, &self.over_plane));
+        first.chain(self.others.iter().map(|other| other.outline.clone())).collect()
     }
 
     /// What is pressed, and where.
     pub fn indenter(&self, plan: &Plan) -> Indenter {
+        if let (Some(first), false) = (&self.clusters, self.others.is_empty()) {
+            let others = self.others.iter().map(|other| Indenter::clusters(Arc::clone(&other.clusters), other.pose));
+            let first = Indenter::clusters(Arc::clone(first), self.pose);
+            let all: Vec<Indenter> = std::iter::once(first).chain(others).collect();
+            if let Some(together) = Indenter::together(&all) {
+                return Indenter { depth_mm: self.deepest_mm(), ..together };
+            }
+        }
         let shape = match (&self.pressed, &self.clusters) {
             (Pressed::Frame(frame), _) => Shape::HeightMap(Arc::clone(&frame.map)),
             (Pressed::Object(_), Some(clusters)) => Shape::Mesh(Arc::clone(clusters)),
@@ -363,4 +374,25 @@ impl Scene {
             plane: self.plane,
         }
     }
+}
+
+/// What to say where more than a tenth of a job's objects find no place among the others of their press: seen on its first samples.
+pub fn crowded(plan: &Plan) -> Option<String> {
+    if plan.job().objects_per_sample().most < 2 {
+        return None;
+    }
+    let (mut placed, mut unplaced) = (0, 0);
+    let samples = plan.layout.samples().min(PROBES);
+    for index in 0..samples {
+        let scene = Scene::draw(plan.of_sample(index, 0), index, 0);
+        placed += 1 + scene.others.len() as u64;
+        unplaced += u64::from(scene.unplaced);
+    }
+    (10 * unplaced > placed + unplaced).then(|| {
+        format!(
+            "of the {} objects of the first {samples} samples {unplaced} find no place among the others: spread x_mm and y_mm in \
+             [pose], take smaller objects, or lower scene.objects_per_sample",
+            placed + unplaced
+        )
+    })
 }

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use crate::core::effects::{Effect, PerEffect};
 use crate::files::sensor::Sensor;
 use crate::files::sensor::quantity::{Distribution, Quantity};
+use crate::job::config::scene::Count;
 
 impl<T: JsonSchema> JsonSchema for PerEffect<T> {
     fn schema_name() -> Cow<'static, str> {
@@ -42,6 +43,20 @@ impl JsonSchema for Quantity {
                 { "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 },
                 distribution,
             ]
+        })
+    }
+}
+
+impl JsonSchema for Count {
+    fn schema_name() -> Cow<'static, str> {
+        Cow::Borrowed("Count")
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let whole = json!({ "type": "integer", "minimum": 1 });
+        json_schema!({
+            "description": "A whole number, or [min, max] for a range of whole numbers that are equally likely.",
+            "anyOf": [whole, { "type": "array", "items": whole, "minItems": 2, "maxItems": 2 }]
         })
     }
 }

@@ -165,7 +165,11 @@ fn caption(label: &Label) -> String {
         true => format!("{:.2} mm", label.contact.max_depth_mm),
         false => String::from("no contact"),
     };
-    format!("{}  {depth}  #{}", ascii(&label.object.class), label.index)
+    let others = match label.objects.len() {
+        0 | 1 => String::new(),
+        count => format!(" and {} more", count - 1),
+    };
+    format!("{}{others}  {depth}  #{}", ascii(&label.object.class), label.index)
 }
 
 /// Left finger, right finger, and how they hold the object.

@@ -136,10 +136,10 @@ fn a_grip_has_the_files_of_both_fingers_and_forces_in_balance_whatever_is_held()
         assert!((left - DVec3::new(at.x, at.y, at.z + half)).length() < 1e-9);
         assert!((right - DVec3::new(-at.x, at.y, half - at.z)).length() < 1e-9);
         stiffness.push(number(&label["right"]["sensor"]["gelpad_youngs_modulus_kpa"]));
-        assert_eq!((&label["left"]["sensor"]["name"], &label["right"]["sensor"]["name"]), (
-            &Value::from("gelsight-2014"),
-            &Value::from("gelsight-mini")
-        ));
+        assert_eq!(
+            (&label["left"]["sensor"]["name"], &label["right"]["sensor"]["name"]),
+            (&Value::from("gelsight-2014"), &Value::from("gelsight-mini"))
+        );
         assert!(["left", "right"].iter().all(|finger| label[*finger]["contact"]["in_contact"] == true), "{key}");
     }
     stiffness.dedup();
@@ -165,11 +165,16 @@ fn two_equal_fingers_see_a_ball_alike_and_as_one_of_them_alone_would() {
             assert!((number(&label[finger]["indentation_depth_mm"]) - 0.7).abs() < 1e-3, "{key} {finger}");
         }
         assert_eq!(label["gripper"]["presses"], 2, "the middle is the first guess");
-        assert!(["x", "y"].iter().enumerate().all(|(k, _)| {
-            number(&label["gripper"]["torque_nmm"][k]).abs() < 1e-2 * number(&label["gripper"]["force_n"])
-        }), "{key}: {}", label["gripper"]);
+        assert!(
+            ["x", "y"].iter().enumerate().all(|(k, _)| {
+                number(&label["gripper"]["torque_nmm"][k]).abs() < 1e-2 * number(&label["gripper"]["force_n"])
+            }),
+            "{key}: {}",
+            label["gripper"]
+        );
     }
-    let press = edited(&folder.read("job.toml"), &[("[gripper]\nsqueeze_mm = 1.4\n", "[indentation]\ndepth_mm = 0.7\n")]);
+    let press =
+        edited(&folder.read("job.toml"), &[("[gripper]\nsqueeze_mm = 1.4\n", "[indentation]\ndepth_mm = 0.7\n")]);
     folder.write("press.toml", press);
     folder.succeed("generate press.toml --quiet --out presses");
     for (key, files) in folder.samples("presses") {
@@ -185,12 +190,13 @@ fn two_equal_fingers_see_a_ball_alike_and_as_one_of_them_alone_would() {
 #[test]
 fn the_right_image_is_the_left_one_of_the_object_turned_by_hand() {
     // A bolt that lies across the fingers, beside the middle: half a turn about y is face +z and half a turn of yaw.
-    let pose = "face = \"any\"\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 6.0]\nx_mm = [-2.0, 2.0]\ny_mm = [-2.0, 2.0]\n";
-    let turned = |face: &str, yaw: f64, x: f64| format!("face = \"{face}\"\nyaw_deg = {yaw:?}\nx_mm = {x:?}\ny_mm = 0.7\n");
+    let pose =
+        "face = \"any\"\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 6.0]\nx_mm = [-2.0, 2.0]\ny_mm = [-2.0, 2.0]\n";
+    let turned =
+        |face: &str, yaw: f64, x: f64| format!("face = \"{face}\"\nyaw_deg = {yaw:?}\nx_mm = {x:?}\ny_mm = 0.7\n");
     let objects = "[[object]]\npath = \"sphere.obj\"\n[[object]]\npath = \"cube.obj\"\n";
-    let job = |pose_of: &str| {
-        edited(&job(), &[(pose, pose_of), (objects, ""), (RIGHT, ""), (CLOSING, "force_n = 1.5")])
-    };
+    let job =
+        |pose_of: &str| edited(&job(), &[(pose, pose_of), (objects, ""), (RIGHT, ""), (CLOSING, "force_n = 1.5")]);
     let folder = folder(&job(&turned("-z", 30.0, 1.5)));
     folder.write("turned.toml", job(&turned("+z", 150.0, -1.5)));
     folder.succeed("generate job.toml --quiet --out one --samples 1");
@@ -205,7 +211,8 @@ fn the_right_image_is_the_left_one_of_the_object_turned_by_hand() {
 
 #[test]
 fn a_width_gives_the_force_that_gave_it() {
-    let folder = folder(&edited(&job(), &[("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_youngs_modulus_kpa = 90.0")]));
+    let folder =
+        folder(&edited(&job(), &[("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_youngs_modulus_kpa = 90.0")]));
     folder.succeed("generate job.toml --quiet --out forces");
     for (key, label) in folder.labels("forces") {
         let width = number(&label["gripper"]["width_mm"]);
@@ -282,7 +289,10 @@ fn fingers_that_do_not_reach_the_object_see_nothing_of_it() {
 #[test]
 fn what_the_pads_cannot_give_is_not_healthy_and_says_why() {
     for (closing, words) in [
-        ("force_n = 1e4", "10000.000 N are wanted, but at 2.700 mm, 0.9 of the pad's thickness, the left finger has only"),
+        (
+            "force_n = 1e4",
+            "10000.000 N are wanted, but at 2.700 mm, 0.9 of the pad's thickness, the left finger has only",
+        ),
         ("width_mm = 0.5", "mm closer than the object is wide, and give way by"),
     ] {
         let folder = folder(&edited(&job(), &[(CLOSING, closing)]));
@@ -312,7 +322,9 @@ fn sheets_and_reports_show_both_fingers_and_what_looks_at_one_says_so() {
         assert!(page.contains(words), "{words}");
     }
     let card = folder.read("grips/README.md");
-    for words in ["- name: left.tactile.png", "- name: right.depth.exr", "KEY.right.tactile.png", "`gelsight-mini` (60 x 80 px"] {
+    for words in
+        ["- name: left.tactile.png", "- name: right.depth.exr", "KEY.right.tactile.png", "`gelsight-mini` (60 x 80 px"]
+    {
         assert!(card.contains(words), "{words}: {card}");
     }
     for (command, words) in [
@@ -369,7 +381,12 @@ fn mistakes_are_said_at_their_places() {
         (CLOSING, "force_n = -1.0", "force_n may be -1", "force_n = -1.0"),
         (CLOSING, "squeeze_mm = 9.0", "squeeze_mm may be 9, which is out of range", "squeeze_mm = 9.0"),
         (CLOSING, "squeze_mm = 1.0", "squeze_mm", "squeze_mm = 1.0"),
-        ("preset = \"gelsight-mini\"", "preset = \"gelsight-mimi\"", "no sensor preset is called `gelsight-mimi`", "mimi"),
+        (
+            "preset = \"gelsight-mini\"",
+            "preset = \"gelsight-mimi\"",
+            "no sensor preset is called `gelsight-mimi`",
+            "mimi",
+        ),
         ("resolution_px = [60, 80]", "resolution_px = [0, 80]", "resolution_px = 0 is out of range", "[0, 80]"),
         ("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_yongs = 1.0", "gelpad_yongs", "gelpad_yongs"),
         ("preset = \"gelsight-mini\"", "preset = \"geltip\"", "the gel of `geltip` has a shape", "geltip"),

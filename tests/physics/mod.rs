@@ -42,6 +42,7 @@ mod response;
 mod rig;
 mod scene;
 mod sequences;
+mod several;
 mod shadow;
 mod soft;
 mod solutions;

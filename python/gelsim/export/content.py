@@ -25,6 +25,7 @@ UNITS = {
     "pressure": "kPa, normal to the pad",
     "gap": "mm between pad and object; 0 in contact, -1 where no object is within reach",
     "lamps": "grey image under each lamp A to F, 0 to 1",
+    "instance": "number of the object that the pad touches, from 1 in the label's objects; 0 elsewhere",
     "slip": "128 where the pad sticks to the object, 255 where it slips",
     "flow": "mm, motion of the pad's surface to the right and down",
     "points": "mm in the sensor's frame, X, Y, Z of the pad's surface",

@@ -117,6 +117,12 @@ impl GelMap {
         [x, y]
     }
 
+    /// A point of the gel in the sensor's frame, mm, where it is pressed in by `down_mm` at a point of the chart.
+    pub fn pressed_point_mm(&self, at: [f64; 2], down_mm: f64) -> DVec3 {
+        let Rest { point_mm, normal, .. } = self.chart.rest(at);
+        point_mm - down_mm * normal
+    }
+
     /// The image's size.
     pub fn size_px(&self) -> [usize; 2] {
         self.view.resolution_px

@@ -65,6 +65,26 @@ impl Indenter {
         Self { shape: Shape::Mesh(clusters), pose, depth_mm }
     }
 
+    /// Several meshes that are pressed in together, as one rigid body whose pose is the first one's: motion, and how texture is
+    /// laid out, refer to that. `None` of no object, and where one is a height map.
+    pub fn together(objects: &[Self]) -> Option<Self> {
+        let (first, others) = objects.split_first()?;
+        let Shape::Mesh(own) = &first.shape else { return None };
+        if others.is_empty() {
+            return Some(first.clone());
+        }
+        let back = first.pose.rotation.transpose();
+        let placed = |other: &'_ Self| match &other.shape {
+            Shape::Mesh(mesh) => {
+                let at = back * (other.pose.translation_mm - first.pose.translation_mm);
+                Some((Arc::clone(mesh), back * other.pose.rotation, at))
+            }
+            Shape::HeightMap(_) => None,
+        };
+        let placed: Vec<_> = others.iter().map(placed).collect::<Option<_>>()?;
+        Some(Self::clusters(Arc::new(own.with_others(&placed)), first.pose))
+    }
+
     /// The same at another pose. A height map stays where it is.
     pub fn moved_to(&self, pose: Pose) -> Self {
         match &self.shape {

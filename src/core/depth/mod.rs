@@ -16,6 +16,7 @@ pub mod height_map;
 pub mod indenter;
 pub mod lines;
 pub mod normals;
+pub mod outline;
 pub mod patterns;
 pub mod raster;
 pub mod relief;

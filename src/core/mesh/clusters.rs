@@ -4,11 +4,12 @@
 //! pose transforms each vertex about once and a whole cluster is culled by one box. The hierarchy over the boxes is
 //! obvhs' (PLOC). A mesh without two equal triangles (see [`super::cleaning`]) keeps its build away from quadratic time.
 
-use glam::Vec3A;
+use glam::{DMat3, DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use std::fmt;
+use std::sync::Arc;
 
 use super::cleaning::Mesh;
 
@@ -104,8 +105,7 @@ impl Clusters {
             open.triangle_count += 1;
         }
         boxes.push(built.close(open));
-        let numbers: Vec<u32> = (0..boxes.len() as u32).collect();
-        built.hierarchy = PlocBuilder::new().build(PlocSearchDistance::Low, &boxes, numbers, SortPrecision::U64, 0);
+        built.hierarchy = hierarchy(&boxes);
         built
     }
 
@@ -128,6 +128,45 @@ impl Clusters {
             corners: self.corners.clone(),
             centre_mm: self.centre_mm.map(|mm| mm * factor),
         }
+    }
+
+    /// This object and others as one, in this one's frame: of each of the others the rotation and translation, mm, that take
+    /// it there. This one's coordinates keep their bits.
+    pub fn with_others(&self, others: &[(Arc<Self>, DMat3, DVec3)]) -> Self {
+        let own = (self, DMat3::IDENTITY, DVec3::ZERO);
+        let all = || std::iter::once(own).chain(others.iter().map(|(other, turn, at)| (&**other, *turn, *at)));
+        let (vertices, triangles) = all().fold((0, 0), |(v, t), (part, ..)| (v + part.x.len(), t + part.corners.len()));
+        let mut joined = Self {
+            hierarchy: Bvh2::default(),
+            clusters: Vec::with_capacity(all().map(|(part, ..)| part.clusters.len()).sum()),
+            x: Vec::with_capacity(vertices),
+            y: Vec::with_capacity(vertices),
+            z: Vec::with_capacity(vertices),
+            corners: Vec::with_capacity(triangles),
+            centre_mm: self.centre_mm,
+        };
+        let mut boxes = Vec::with_capacity(joined.clusters.capacity());
+        for (part, rotation, translation_mm) in all() {
+            // In this order nothing is lost where the object is far from its origin.
+            let centre =
+                rotation * DVec3::from_array(part.centre_mm) + translation_mm - DVec3::from_array(self.centre_mm);
+            let first_triangle = joined.corners.len() as u32;
+            joined.corners.extend_from_slice(&part.corners);
+            for cluster in &part.clusters {
+                let first_vertex = joined.x.len() as u32;
+                let Part { x, y, z, .. } = part.part(*cluster);
+                for ((x, y), z) in x.iter().zip(y).zip(z) {
+                    let moved = rotation * DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) + centre;
+                    joined.x.push(moved.x as f32);
+                    joined.y.push(moved.y as f32);
+                    joined.z.push(moved.z as f32);
+                }
+                let first_triangle = first_triangle + cluster.first_triangle;
+                boxes.push(joined.close(Cluster { first_vertex, first_triangle, ..*cluster }));
+            }
+        }
+        joined.hierarchy = hierarchy(&boxes);
+        joined
     }
 
     fn close(&mut self, cluster: Cluster) -> Aabb {
@@ -220,6 +259,12 @@ impl Clusters {
         );
         sum.map(|total: f64| total / f64::max(count, 1.0))
     }
+}
+
+/// Over the boxes of clusters, in their order.
+fn hierarchy(boxes: &[Aabb]) -> Bvh2 {
+    let numbers: Vec<u32> = (0..boxes.len() as u32).collect();
+    PlocBuilder::new().build(PlocSearchDistance::Low, boxes, numbers, SortPrecision::U64, 0)
 }
 
 /// Numbers of the triangles along a Morton (Z-order) curve through their centres.

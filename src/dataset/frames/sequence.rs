@@ -92,11 +92,11 @@ impl Follower {
         let step = ObjectStep { pose, depth_mm, motion };
         let simulator = scene.simulator(plan);
         let impression = simulator.press_next(&press, &[step], sliding);
-        let label = Label::describe(plan, &scene, &simulator, &impression);
+        let label = Label::describe(plan, &scene, &simulator, &impression, None);
         let t_s = (index + 1) as f64 / self.frame_rate_hz;
         let of_frame = FrameLabel::new(index as u32, t_s, "", label.clone(), impression.sliding.as_ref());
         let seconds = impression.seconds;
-        Ok(Followed { sample: Sample { simulator, impression, label, seconds }, label: of_frame })
+        Ok(Followed { sample: Sample { simulator, impression, numbered: None, label, seconds }, label: of_frame })
     }
 }
 

@@ -57,6 +57,9 @@ pub struct Job {
     /// The objects.
     #[schemars(required)]
     pub object: Vec<object::Object>,
+    /// How many objects are pressed in together; without it each sample has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene: Option<scene::Scene>,
     /// How the object is turned and placed.
     pub pose: scene::Pose,
     /// How deep it is pressed.
@@ -117,6 +120,11 @@ impl Job {
         toml::to_string(&tree).map_err(io::Error::other)
     }
 
+    /// How many objects a sample may have.
+    pub fn objects_per_sample(&self) -> scene::Count {
+        self.scene.map_or_else(scene::Count::default, |scene| scene.objects_per_sample)
+    }
+
     /// The paths of all files that it names.
     pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
         let objects = self.object.iter_mut().flat_map(|object| {
@@ -126,7 +134,11 @@ impl Job {
         let textures = self.texture.paths_mut();
         let left = sensor_paths_mut(&mut self.sensor).chain(&mut self.random.backgrounds);
         let right = self.gripper.iter_mut().flat_map(|gripper| {
-            gripper.right.iter_mut().flat_map(|right| sensor_paths_mut(right)).chain(&mut gripper.right_random.backgrounds)
+            gripper
+                .right
+                .iter_mut()
+                .flat_map(|right| sensor_paths_mut(right))
+                .chain(&mut gripper.right_random.backgrounds)
         });
         objects.chain(textures).chain(left).chain(right)
     }

@@ -1,12 +1,84 @@
-//! `[pose]`, `[indentation]` and `[shear]`: how the object meets the pad.
+//! `[scene]`, `[pose]`, `[indentation]` and `[shear]`: how many objects meet the pad, and how.
+
+use std::fmt;
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::de::{self, Deserializer, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::core::base::rng::Stream;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::pose::{Anchor, Side};
 use crate::files::sensor::quantity::Quantity;
+
+/// The `[scene]` table: several objects in one press.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scene {
+    /// How many objects are pressed in together, 1 to 32: a whole number, or a range of them from which each sample draws its own.
+    pub objects_per_sample: Count,
+}
+
+/// A whole number, or a range of whole numbers that are equally likely.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Count {
+    /// The smallest.
+    pub least: u32,
+    /// The largest.
+    pub most: u32,
+}
+
+impl Default for Count {
+    fn default() -> Self {
+        Self { least: 1, most: 1 }
+    }
+}
+
+impl Count {
+    /// One of them; there must be one.
+    pub fn sample(self, stream: &mut Stream) -> u32 {
+        self.least + stream.below((self.most - self.least + 1) as usize) as u32
+    }
+}
+
+impl Serialize for Count {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self.least == self.most {
+            true => self.least.serialize(serializer),
+            false => [self.least, self.most].serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Count {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Written;
+        impl<'de> Visitor<'de> for Written {
+            type Value = Count;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a whole number such as 2, or a range of them such as [1, 3]")
+            }
+
+            fn visit_i64<E: de::Error>(self, value: i64) -> Result<Count, E> {
+                let count = u32::try_from(value).map_err(|_| E::invalid_value(de::Unexpected::Signed(value), &self))?;
+                Ok(Count { least: count, most: count })
+            }
+
+            fn visit_u64<E: de::Error>(self, value: u64) -> Result<Count, E> {
+                let count =
+                    u32::try_from(value).map_err(|_| E::invalid_value(de::Unexpected::Unsigned(value), &self))?;
+                Ok(Count { least: count, most: count })
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Count, A::Error> {
+                let [least, most] = <[u32; 2]>::deserialize(de::value::SeqAccessDeserializer::new(items))?;
+                Ok(Count { least, most })
+            }
+        }
+        deserializer.deserialize_any(Written)
+    }
+}
 
 /// The `[pose]` table. The frame is the camera's: x right, y down, z out of the pad towards the object.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

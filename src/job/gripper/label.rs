@@ -118,19 +118,7 @@ impl FingerLabel {
     fn new(press: Label) -> Self {
         let Label { pose, indentation_depth_mm, shear, sensor, contact, markers, camera, .. } = press;
         let Label { effects, numerics, health, png16, .. } = press;
-        Self {
-            pose,
-            indentation_depth_mm,
-            shear,
-            sensor,
-            contact,
-            markers,
-            camera,
-            effects,
-            numerics,
-            health,
-            png16,
-        }
+        Self { pose, indentation_depth_mm, shear, sensor, contact, markers, camera, effects, numerics, health, png16 }
     }
 }
 
@@ -192,6 +180,9 @@ impl GripLabel {
             object: self.object.clone(),
             pose: most.pose,
             indentation_depth_mm: most.indentation_depth_mm,
+            // A gripper holds one.
+            objects: Vec::new(),
+            unplaced_objects: 0,
             texture: self.texture.clone(),
             shear: most.shear,
             sensor: most.sensor,

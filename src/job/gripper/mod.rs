@@ -17,9 +17,10 @@ use crate::files::sensor::quantity::Quantity;
 use crate::job::config::gripper::Gripper;
 use crate::job::config::output::OnUnhealthy;
 use crate::job::label::{Label, PoseLabel};
+use crate::job::placing::NO_CONTACT_GAP_MM;
 use crate::job::plan::Plan;
 use crate::job::sample::{self, MOST_ATTEMPTS, Sample, Unfit};
-use crate::job::scene::{NO_CONTACT_GAP_MM, Scene};
+use crate::job::scene::Scene;
 
 pub mod balance;
 pub mod label;

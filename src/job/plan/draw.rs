@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::core::base::rng;
+use crate::core::base::rng::{self, Stream};
 
 /// How the objects of one split are drawn.
 #[derive(Clone, Debug)]
@@ -54,6 +54,17 @@ impl Draw {
             Self::Weighted(weighted) => weighted.pick(at),
         }
     }
+
+    /// Another object beside the sample's own: by weight, whatever came before; where objects come in turn, any of them.
+    pub fn pick_beside(&self, stream: &mut Stream) -> usize {
+        match self {
+            Self::InTurn(objects) => objects[stream.below(objects.len())],
+            Self::Weighted(weighted) => {
+                let weight = stream.unit() * weighted.total();
+                weighted.at(weight, stream)
+            }
+        }
+    }
 }
 
 impl Weighted {
@@ -74,9 +85,18 @@ impl Weighted {
     }
 
     fn pick(&self, at: Place) -> usize {
-        let total = self.classes.last().map_or(0.0, |(_, sum)| *sum);
         let mut own = rng::stream(at.seed, "object", at.index);
-        let weight = if at.first { self.balanced(at) * total } else { own.unit() * total };
+        let weight = self.total() * if at.first { self.balanced(at) } else { own.unit() };
+        self.at(weight, &mut own)
+    }
+
+    /// The sum of all weights.
+    fn total(&self) -> f64 {
+        self.classes.last().map_or(0.0, |(_, sum)| *sum)
+    }
+
+    /// An object of the class that is at `weight` of the classes' weights laid end to end.
+    fn at(&self, weight: f64, own: &mut Stream) -> usize {
         let class = self.classes.partition_point(|(_, sum)| *sum <= weight).min(self.classes.len() - 1);
         let objects = &self.classes[class].0;
         let weight = own.unit() * objects.last().map_or(0.0, |(_, sum)| *sum);

@@ -40,7 +40,9 @@ pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<
     let written: Vec<&str> =
         gripper.closings().into_iter().filter_map(|(key, quantity)| quantity.as_ref().map(|_| key)).collect();
     match written.as_slice() {
-        [] => check.missing("gripper.width_mm", "for example force_n = [1.0, 5.0], squeeze_mm = 1.0 or width_mm = 20.0"),
+        [] => {
+            check.missing("gripper.width_mm", "for example force_n = [1.0, 5.0], squeeze_mm = 1.0 or width_mm = 20.0")
+        }
         [_] => {}
         [first, others @ ..] => {
             for other in others {
@@ -72,7 +74,8 @@ pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<
 fn finger(check: &mut Check<'_>, job: &Job) {
     let model = chosen_models(job).gelpad;
     if !matches!(model, gelpad::Model::Elastic(_)) {
-        let message = format!("the gelpad model `{}` knows no force, by which two fingers hold an object", model.name());
+        let message =
+            format!("the gelpad model `{}` knows no force, by which two fingers hold an object", model.name());
         let key = if check.document.get("gelpad").is_some() { "gelpad" } else { "fidelity" };
         check.error(key, message, "choose fidelity = \"draft\" or better, or gelpad.elastic");
     }
@@ -94,7 +97,10 @@ pub(super) fn right_finger(
     gel::read(&mut check, &mut job.sensor);
     let models = [left, &job].map(|job| chosen_models(job).optics.name());
     if models[0] != models[1] {
-        let message = format!("the light of `{}` is `{}`, that of `{}` is `{}`", left.sensor.name, models[0], job.sensor.name, models[1]);
+        let message = format!(
+            "the light of `{}` is `{}`, that of `{}` is `{}`",
+            left.sensor.name, models[0], job.sensor.name, models[1]
+        );
         check.error("sensor", message, "a job has one model of the light: name one that both sensors have in `optics`");
     }
     finger(&mut check, &job);

@@ -44,6 +44,7 @@ mod paths;
 pub mod ranges;
 pub mod sensors;
 mod sequence;
+mod several;
 pub mod standalone;
 
 use check::Check;
@@ -154,6 +155,7 @@ impl Plan {
             if let Some(gripper) = &job.gripper {
                 gripper::check(&mut check, &job, gripper, right.as_ref().map(|(right, _)| right), sensor_known);
             }
+            several::check(&mut check, &job);
         }
         ranges::object_effects(&mut check, &job);
         ranges::camera(&mut check, &job);
@@ -300,6 +302,21 @@ impl Plan {
             Some(_) => Err(user_error(
                 format!("{what} looks at one sensor, and the samples of this job are held by two"),
                 "take a job without [gripper]",
+            )),
+        }
+    }
+
+    /// Refuses a job of several objects in a press where `what` looks at one.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with such a job.
+    pub fn of_single_objects(&self, what: &str) -> Result<(), Report> {
+        match self.job.objects_per_sample().most {
+            1 => Ok(()),
+            _ => Err(user_error(
+                format!("{what} looks at the press of one object, and samples of this job have several"),
+                "take a job without [scene], or add --set scene.objects_per_sample=1",
             )),
         }
     }

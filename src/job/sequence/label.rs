@@ -299,6 +299,8 @@ impl SequenceLabel {
             object: common.object.clone(),
             pose: most.pose,
             indentation_depth_mm: most.indentation_depth_mm,
+            objects: Vec::new(),
+            unplaced_objects: 0,
             texture: common.texture.clone(),
             shear: ShearLabel::still(),
             sensor: common.sensor.clone(),

@@ -173,7 +173,7 @@ pub fn render<E>(
         let press = pressed(plan, &drawn.scene, laid);
         let impression = simulator.press_next(&press, &steps, &mut sliding);
         let mut clock = Clock::start();
-        let mut label = Label::describe(plan, &drawn.scene, &simulator, &impression);
+        let mut label = Label::describe(plan, &drawn.scene, &simulator, &impression, None);
         if let Some(reason) = timeline.missed().filter(|_| label.health.healthy) {
             label.health.healthy = false;
             label.health.reason = reason.to_owned();
@@ -187,7 +187,7 @@ pub fn render<E>(
         let slid = impression.sliding.as_ref();
         let t_s = (number + 1) as f64 / rate;
         labels.push(FrameLabel::new(number as u32, t_s, timeline.phase(), label.clone(), slid));
-        each(Sample { simulator: Arc::clone(&simulator), impression, label, seconds }, number as u32)?;
+        each(Sample { simulator: Arc::clone(&simulator), impression, numbered: None, label, seconds }, number as u32)?;
     }
     let info = SequenceInfo {
         frame_rate_hz: rate,

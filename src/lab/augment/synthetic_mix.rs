@@ -73,6 +73,7 @@ fn loaded(path: &Path, size: Option<[usize; 2]>) -> Result<Plan, Report> {
     });
     let plan = Plan::load(path, &Overrides { set: set.into_iter().collect(), fidelity: None })?;
     plan.of_presses("[mixing]")?;
+    plan.of_single_objects("[mixing]")?;
     match plan.open_choice() {
         None => Ok(plan),
         Some(bound) => {

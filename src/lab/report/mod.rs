@@ -188,7 +188,8 @@ fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gath
         *number += 1;
         *bytes += head.bytes;
         head.suffix == "json"
-            || matches!((frame, suffix), (None | Some("f0000" | FIRST_FINGER), "tactile.png")) && picked(&picks.brightness, head.key)
+            || matches!((frame, suffix), (None | Some("f0000" | FIRST_FINGER), "tactile.png"))
+                && picked(&picks.brightness, head.key)
             || picked(&picks.sheet, head.key)
     };
     let mut expected = recorded.layout.indices(*shard);

@@ -41,7 +41,7 @@ impl Errors {
         Self {
             surface,
             model_um,
-            model_rms_um: ring_rms_mm(model_um, 1e3 * exact.label.indentation_depth_mm) * surface.ring_share.sqrt(),
+            model_rms_um: ring_rms_mm(model_um, 1e3 * exact.label.deepest_mm()) * surface.ring_share.sqrt(),
             image_mae: image::mae(&image.rgb, &exact_image.rgb),
             image_square: image::psnr_db(&image.rgb, &exact_image.rgb)
                 .map_or(0.0, |db| 255.0 * 255.0 / 10.0_f64.powf(db / 10.0)),

@@ -255,7 +255,7 @@ fn rows(all: &[Compared], chosen: &[usize]) -> Vec<Row> {
 /// Presses sample `index` into a pad seen by another camera.
 fn press(plan: &Plan, index: u64, camera: &View, pad: &Pad) -> Contact {
     let scene = Scene::draw(plan, index, 0);
-    let window = Window { above_mm: plan.thickness_mm(), ..pad.window(scene.indentation_depth_mm) };
+    let window = Window { above_mm: plan.thickness_mm(), ..pad.window(scene.deepest_mm()) };
     pad.press(&depth::captured(&scene.indenter(plan), camera, window, plan.thickness_mm()))
 }
 

@@ -26,7 +26,7 @@ pub fn drawn(plan: &Plan) -> Vec<Drawn> {
             // Jobs draw objects only.
             Pressed::Frame(_) => 0,
         };
-        Drawn { index, object, depth_mm: scene.indentation_depth_mm }
+        Drawn { index, object, depth_mm: scene.deepest_mm() }
     };
     spread(plan.layout.samples(), MOST).into_iter().map(of).collect()
 }

@@ -13,10 +13,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::camera::Image;
 use crate::core::pose::{Angles, Pose};
+use crate::job::placing::NO_CONTACT_GAP_MM;
 use crate::job::plan::Plan;
 use crate::job::plan::check::Check;
 use crate::job::sample::Sample;
-use crate::job::scene::{KnownPress, NO_CONTACT_GAP_MM, Pressed, Scene};
+use crate::job::scene::{KnownPress, Pressed, Scene};
 
 pub mod align;
 #[cfg(test)]

@@ -1,0 +1,137 @@
+//! The objects of a press: each turned, sized and pressed in as it is drawn, and those beside the first one placed so that none
+//! overlaps another.
+//!
+//! Objects whose outlines in the plane lie apart do not overlap ([`crate::core::depth::outline`]). A place is drawn anew, from
+//! the same ranges, until the outline lies apart from all that are there; turn, size and depth stay, so that a place that is
+//! hard to find makes no object, angle or size rarer than another while one is found at all.
+
+use std::sync::Arc;
+
+use crate::core::base::rng::{self, Stream};
+use crate::core::depth::outline::Outline;
+use crate::core::mesh::clusters::Clusters;
+use crate::core::pose::{Anchor, Angles, PadPlane, Pose, Side};
+use crate::files::sensor::quantity::Quantity;
+use crate::job::layout::Split;
+use crate::job::plan::Plan;
+
+/// Distance between the pad and an object that does not touch it, mm.
+pub const NO_CONTACT_GAP_MM: f64 = 0.1;
+
+/// Places that are drawn for an object before it is left out.
+pub const MOST_PLACES: u32 = 100;
+
+/// Objects lie at least so far apart, mm: more than rounding moves them.
+const LEAST_GAP_MM: f64 = 1e-3;
+
+/// An object that is pressed in together with the first one of a press.
+#[derive(Clone, Debug)]
+pub struct OtherObject {
+    /// Its number in the plan's sampling.
+    pub number: usize,
+    /// Factor on its size.
+    pub scale: f64,
+    /// The object so large.
+    pub clusters: Arc<Clusters>,
+    /// Where it is, in the sensor's frame.
+    pub pose: Pose,
+    /// Its outline in the plane that it is posed over.
+    pub outline: Outline,
+    /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
+    pub indentation_depth_mm: f64,
+}
+
+/// An object as it is drawn, but for its place.
+pub struct TurnedObject {
+    /// Its side that faces the pad.
+    pub side: Side,
+    /// Factor on its size.
+    pub scale: f64,
+    /// The object so large.
+    pub clusters: Arc<Clusters>,
+    /// What is drawn for the indentation depth, mm.
+    pub depth_mm: f64,
+    turned: Pose,
+    lowest_mm: f64,
+}
+
+impl TurnedObject {
+    /// Draws side, angles, size and depth of object `number` from streams of these names.
+    pub fn draw(plan: &Plan, number: usize, touches: bool, stream: impl Fn(&str) -> Stream) -> Self {
+        let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
+        let pose = &plan.job().pose;
+        let side = pose.face.sample(plan.sampling.objects[number].richest, &mut stream("face"));
+        let angles = Angles {
+            yaw_deg: draw("yaw", &pose.yaw_deg),
+            tilt_deg: draw("tilt", &pose.tilt_deg),
+            tilt_azimuth_deg: draw("tilt azimuth", &pose.tilt_azimuth_deg),
+        };
+        let depth_mm = plan.job().indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
+        let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
+        let scale = draw("object scale", &plan.job().object[number].scale);
+        let original = &plan.sampling.objects[number].clusters;
+        let clusters = if scale == 1.0 { Arc::clone(original) } else { Arc::new(original.scaled(scale)) };
+        let turned = match (&pose.roll_deg, &pose.pitch_deg) {
+            (None, None) => Pose::turned(side, angles),
+            (roll, pitch) => {
+                let [roll_deg, pitch_deg] = [("roll", roll), ("pitch", pitch)]
+                    .map(|(name, angle)| angle.as_ref().map_or(0.0, |angle| draw(name, angle)));
+                Pose::rolled(side, angles.yaw_deg, roll_deg, pitch_deg)
+            }
+        };
+        Self { side, scale, clusters, depth_mm, turned, lowest_mm }
+    }
+
+    /// Its pose with its anchor at a place.
+    pub fn at(&self, position_mm: [f64; 2], anchor: Anchor) -> Pose {
+        self.turned.moved(position_mm, anchor, self.lowest_mm, &self.clusters)
+    }
+}
+
+/// Draws and places what is pressed in together with the first object of a press, and how many objects found no place.
+/// `index` is the number of the press's streams; names of streams end in the object's number, counted from 0.
+pub fn place_beside(
+    plan: &Plan,
+    split: Split,
+    index: u64,
+    touches: bool,
+    first: (&Clusters, &Pose),
+    plane: &PadPlane,
+) -> (Vec<OtherObject>, u32) {
+    let counts = plan.job().objects_per_sample();
+    let wanted = counts.sample(&mut rng::stream(plan.seed(), "objects", index));
+    if wanted < 2 {
+        return (Vec::new(), 0);
+    }
+    let mut outlines = vec![Outline::of(first.0, first.1)];
+    let mut others = Vec::new();
+    for k in 1..wanted {
+        let stream = |name: &str| rng::stream(plan.seed(), &format!("{name} {k}"), index);
+        let number = plan.sampling.draw[split.number()].pick_beside(&mut stream("object"));
+        let turned = TurnedObject::draw(plan, number, touches, stream);
+        let job = &plan.job().pose;
+        let somewhere = turned.at([0.0; 2], job.anchor);
+        let outline = Outline::of(&turned.clusters, &somewhere);
+        let place = |place: u32| {
+            let draw = |axis: &str, quantity: &Quantity| quantity.sample(&mut stream(&format!("{axis} {place} of")));
+            [draw("x", &job.x_mm), draw("y", &job.y_mm)]
+        };
+        let is_free = |outline: &Outline| outlines.iter().all(|other| outline.gap_mm(other) >= LEAST_GAP_MM);
+        let found = (0..MOST_PLACES).map(place).find(|at| is_free(&outline.moved(*at)));
+        let Some(position_mm) = found else { continue };
+        let over_plane = turned.at(position_mm, job.anchor);
+        let outline = outline.moved(position_mm);
+        outlines.push(outline.clone());
+        let TurnedObject { scale, clusters, depth_mm, .. } = turned;
+        others.push(OtherObject {
+            number,
+            scale,
+            clusters,
+            pose: plane.placed(over_plane),
+            outline,
+            indentation_depth_mm: if touches { depth_mm } else { 0.0 },
+        });
+    }
+    let unplaced = wanted - 1 - others.len() as u32;
+    (others, unplaced)
+}

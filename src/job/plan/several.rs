@@ -1,0 +1,71 @@
+//! The range of `[scene]`, and what does not go with several objects in one press.
+
+use super::check::Check;
+use crate::core::pose::Anchor;
+use crate::job::config::Job;
+use crate::job::config::scene::{At, Count};
+
+/// Objects in a press at most.
+const MOST: u32 = 32;
+
+/// `[scene]`, and what stands beside it.
+pub fn check(check: &mut Check<'_>, job: &Job) {
+    let at = "scene.objects_per_sample";
+    let Count { least, most } = job.objects_per_sample();
+    if least > most {
+        let message = format!("inverted range: {least} is above {most}");
+        return check.error(at, message, "write the smaller number first");
+    }
+    if least < 1 || most > MOST {
+        let written = if least == most { format!("{least}") } else { format!("[{least}, {most}]") };
+        return check.error(
+            at,
+            format!("objects_per_sample = {written} is out of range"),
+            format!("allowed: 1 to {MOST}"),
+        );
+    }
+    if most == 1 {
+        return;
+    }
+    let one = "or write objects_per_sample = 1";
+    if job.sequence.is_some() {
+        check.error(
+            "sequence",
+            "a sequence moves one object, and [scene] wants several",
+            format!("leave it out, {one}"),
+        );
+    }
+    if job.gripper.is_some() {
+        check.error("gripper", "a gripper holds one object, and [scene] wants several", format!("leave it out, {one}"));
+    }
+    if job.indentation.at == At::Axis {
+        let message = "the depth is measured on the sensor's axis, where only one of several objects can be";
+        check.error("indentation.at", message, format!("leave it out, {one}"));
+    }
+    let spread = job.pose.x_mm.varies() || job.pose.y_mm.varies();
+    // Origins of meshes may lie beside them.
+    if !spread && job.pose.anchor != Anchor::Origin && check.sound("pose") {
+        let path = if check.document.get("pose.x_mm").is_some() { "pose.x_mm" } else { at };
+        let message = "all objects of a press would be at the same place: pose.x_mm and pose.y_mm are constant";
+        check.error(
+            path,
+            message,
+            format!("spread them, such as x_mm = [-6.0, 6.0] and y_mm = [-4.0, 4.0] under [pose], {one}"),
+        );
+    }
+    for (i, object) in job.object.iter().enumerate() {
+        let own = [
+            ("youngs_modulus_kpa", object.youngs_modulus_kpa.is_some(), "the objects of one press are one rigid body"),
+            ("friction", object.friction.is_some(), "the objects of one press are one body with one friction"),
+            ("texture", object.texture.is_some(), "one texture lies over all objects of a press"),
+        ];
+        for (key, _, message) in own.into_iter().filter(|(_, written, _)| *written) {
+            let help = match key {
+                "youngs_modulus_kpa" => "leave it out",
+                "friction" => "leave it out for that of [shear] or gelpad.elastic",
+                _ => "leave it out for [texture]",
+            };
+            check.error(&format!("object.{i}.{key}"), message, format!("{help}, {one}"));
+        }
+    }
+}
