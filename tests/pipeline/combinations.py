@@ -79,6 +79,10 @@ AXES = {
         "richest side": mesh("brick") | {"pose.face": "auto"},
         "height map": {"object": [{"path": "relief.png", "mm_per_px": 0.3, "height_mm": 0.5}]},
     },
+    "objects": {
+        "one": {},
+        "several": {"scene.objects_per_sample": [1, 3], "pose.x_mm": [-6.0, 6.0], "pose.y_mm": [-5.0, 5.0]},
+    },
     "place": {
         "the middle": {},
         "on the gel": {"pose.from_tip_mm": [0.0, 4.0], "pose.around_deg": [0.0, 360.0]},
@@ -102,7 +106,7 @@ AXES = {
     },
     "layers": {
         "depth": {"output.layers": ["depth"]},
-        "surface": {"output.layers": ["surface", "normal", "contact", "reference", "gap"]},
+        "surface": {"output.layers": ["surface", "normal", "contact", "reference", "gap", "instance"]},
         **{name: {"output.layers": [name]} for name in ["pressure", "points", "flow", "slip", "markers", "pins", "lamps"]},
     },
     "files": {
@@ -122,6 +126,7 @@ AXES = {
 # As the page calls them.
 OPTICS_LAMPS, NO_LAMPS = '`optics = "lamps"`', "a sensor whose lamps were not measured one by one"
 BLURS = "a gelpad that is not elastic: `none`, `mean_blur` (level `paper`), `gaussian`"
+SEVERAL = "`[scene]` with several objects"
 BOUND = "`fidelity = { max_error_um = .. }`, `{ max_ms = .. }`"
 
 
@@ -157,6 +162,11 @@ REFUSALS = [
     (lambda row: moves(row) and row["place"] == "above", "the phases of a sequence say whether", "`[sequence]`", "`[indentation]`"),
     (lambda row: moves(row) and row["fidelity"] == "a bound", "the level of a sequence is not chosen", "`[sequence]`", BOUND),
     (lambda row: row["fidelity"] == "a bound" and row["gelpad"] != "the level's", "leaves nothing to choose", "`gelpad`", BOUND),
+    (lambda row: row["objects"] == "several" and moves(row), "a sequence moves one object", SEVERAL, "`[sequence]`"),
+    (lambda row: row["objects"] == "several" and row["place"] == "on the axis", "where only one of several objects can be", SEVERAL, '`[indentation] at = "axis"`'),
+    (lambda row: row["objects"] == "several" and row["object"] == "soft", "the objects of one press are one rigid body", SEVERAL, "an object's `youngs_modulus_kpa`"),
+    (lambda row: row["objects"] == "several" and row["object"] == "own friction", "one body with one friction", SEVERAL, "an object's `friction`"),
+    (lambda row: row["objects"] == "several" and row["object"] == "own texture", "one texture lies over all objects", SEVERAL, "an object's `texture`"),
     (lambda row: row["place"] == "on the gel" and not shaped(row), "this one is flat", "`from_tip_mm`, `around_deg`", "a sensor without `[shape]`"),
     (lambda row: shaped(row) and not elastic(row), "a pad that is not elastic on a gel that has a shape", "`[shape]`", BLURS),
     (lambda row: shaped(row) and row["extras"] == "print", "print on a gel that has a shape", "`[shape]`", "`[markers]`"),
