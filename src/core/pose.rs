@@ -344,8 +344,7 @@ mod tests {
         let pose = Pose::new(Side::PlusX, angles, [1.0, -2.0], Anchor::Bounds, -0.8, &brick());
         let faced = pose.faced();
         let q = DVec3::new(0.3, 1.7, -4.0);
-        let (here, there) =
-            (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
+        let (here, there) = (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
         assert_eq!(there, DVec3::new(-here.x, here.y, -here.z));
         let made = Pose { rotation: rotation(Side::MinusZ, faced.angles), ..Pose::IDENTITY };
         let by_angles = made.rotation * half_turn() * Side::PlusX.rotation();

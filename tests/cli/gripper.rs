@@ -136,10 +136,10 @@ fn a_grip_has_the_files_of_both_fingers_and_forces_in_balance_whatever_is_held()
         assert!((left - DVec3::new(at.x, at.y, at.z + half)).length() < 1e-9);
         assert!((right - DVec3::new(-at.x, at.y, half - at.z)).length() < 1e-9);
         stiffness.push(number(&label["right"]["sensor"]["gelpad_youngs_modulus_kpa"]));
-        assert_eq!((&label["left"]["sensor"]["name"], &label["right"]["sensor"]["name"]), (
-            &Value::from("gelsight-2014"),
-            &Value::from("gelsight-mini")
-        ));
+        assert_eq!(
+            (&label["left"]["sensor"]["name"], &label["right"]["sensor"]["name"]),
+            (&Value::from("gelsight-2014"), &Value::from("gelsight-mini"))
+        );
         assert!(["left", "right"].iter().all(|finger| label[*finger]["contact"]["in_contact"] == true), "{key}");
     }
     stiffness.dedup();
@@ -165,11 +165,16 @@ fn two_equal_fingers_see_a_ball_alike_and_as_one_of_them_alone_would() {
             assert!((number(&label[finger]["indentation_depth_mm"]) - 0.7).abs() < 1e-3, "{key} {finger}");
         }
         assert_eq!(label["gripper"]["presses"], 2, "the middle is the first guess");
-        assert!(["x", "y"].iter().enumerate().all(|(k, _)| {
-            number(&label["gripper"]["torque_nmm"][k]).abs() < 1e-2 * number(&label["gripper"]["force_n"])
-        }), "{key}: {}", label["gripper"]);
+        assert!(
+            ["x", "y"].iter().enumerate().all(|(k, _)| {
+                number(&label["gripper"]["torque_nmm"][k]).abs() < 1e-2 * number(&label["gripper"]["force_n"])
+            }),
+            "{key}: {}",
+            label["gripper"]
+        );
     }
-    let press = edited(&folder.read("job.toml"), &[("[gripper]\nsqueeze_mm = 1.4\n", "[indentation]\ndepth_mm = 0.7\n")]);
+    let press =
+        edited(&folder.read("job.toml"), &[("[gripper]\nsqueeze_mm = 1.4\n", "[indentation]\ndepth_mm = 0.7\n")]);
     folder.write("press.toml", press);
     folder.succeed("generate press.toml --quiet --out presses");
     for (key, files) in folder.samples("presses") {
@@ -185,12 +190,13 @@ fn two_equal_fingers_see_a_ball_alike_and_as_one_of_them_alone_would() {
 #[test]
 fn the_right_image_is_the_left_one_of_the_object_turned_by_hand() {
     // A bolt that lies across the fingers, beside the middle: half a turn about y is face +z and half a turn of yaw.
-    let pose = "face = \"any\"\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 6.0]\nx_mm = [-2.0, 2.0]\ny_mm = [-2.0, 2.0]\n";
-    let turned = |face: &str, yaw: f64, x: f64| format!("face = \"{face}\"\nyaw_deg = {yaw:?}\nx_mm = {x:?}\ny_mm = 0.7\n");
+    let pose =
+        "face = \"any\"\nyaw_deg = [0.0, 360.0]\ntilt_deg = [0.0, 6.0]\nx_mm = [-2.0, 2.0]\ny_mm = [-2.0, 2.0]\n";
+    let turned =
+        |face: &str, yaw: f64, x: f64| format!("face = \"{face}\"\nyaw_deg = {yaw:?}\nx_mm = {x:?}\ny_mm = 0.7\n");
     let objects = "[[object]]\npath = \"sphere.obj\"\n[[object]]\npath = \"cube.obj\"\n";
-    let job = |pose_of: &str| {
-        edited(&job(), &[(pose, pose_of), (objects, ""), (RIGHT, ""), (CLOSING, "force_n = 1.5")])
-    };
+    let job =
+        |pose_of: &str| edited(&job(), &[(pose, pose_of), (objects, ""), (RIGHT, ""), (CLOSING, "force_n = 1.5")]);
     let folder = folder(&job(&turned("-z", 30.0, 1.5)));
     folder.write("turned.toml", job(&turned("+z", 150.0, -1.5)));
     folder.succeed("generate job.toml --quiet --out one --samples 1");
@@ -205,7 +211,8 @@ fn the_right_image_is_the_left_one_of_the_object_turned_by_hand() {
 
 #[test]
 fn a_width_gives_the_force_that_gave_it() {
-    let folder = folder(&edited(&job(), &[("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_youngs_modulus_kpa = 90.0")]));
+    let folder =
+        folder(&edited(&job(), &[("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_youngs_modulus_kpa = 90.0")]));
     folder.succeed("generate job.toml --quiet --out forces");
     for (key, label) in folder.labels("forces") {
         let width = number(&label["gripper"]["width_mm"]);
@@ -282,7 +289,10 @@ fn fingers_that_do_not_reach_the_object_see_nothing_of_it() {
 #[test]
 fn what_the_pads_cannot_give_is_not_healthy_and_says_why() {
     for (closing, words) in [
-        ("force_n = 1e4", "10000.000 N are wanted, but at 2.700 mm, 0.9 of the pad's thickness, the left finger has only"),
+        (
+            "force_n = 1e4",
+            "10000.000 N are wanted, but at 2.700 mm, 0.9 of the pad's thickness, the left finger has only",
+        ),
         ("width_mm = 0.5", "mm closer than the object is wide, and give way by"),
     ] {
         let folder = folder(&edited(&job(), &[(CLOSING, closing)]));
@@ -312,7 +322,9 @@ fn sheets_and_reports_show_both_fingers_and_what_looks_at_one_says_so() {
         assert!(page.contains(words), "{words}");
     }
     let card = folder.read("grips/README.md");
-    for words in ["- name: left.tactile.png", "- name: right.depth.exr", "KEY.right.tactile.png", "`gelsight-mini` (60 x 80 px"] {
+    for words in
+        ["- name: left.tactile.png", "- name: right.depth.exr", "KEY.right.tactile.png", "`gelsight-mini` (60 x 80 px"]
+    {
         assert!(card.contains(words), "{words}: {card}");
     }
     for (command, words) in [
@@ -364,12 +376,17 @@ fn verify_misses_a_finger_and_finds_a_file_of_none() {
 #[test]
 fn mistakes_are_said_at_their_places() {
     for (from, to, words, place) in [
-        (CLOSING, "", "missing key `width_mm` in [gripper]", "[gripper]"),
+        (CLOSING, "", "missing key `force_n` in [gripper]", "[gripper]"),
         (CLOSING, "force_n = 1.0\nwidth_mm = 20.0", "both `width_mm` and `force_n` say how far", "force_n = 1.0"),
         (CLOSING, "force_n = -1.0", "force_n may be -1", "force_n = -1.0"),
         (CLOSING, "squeeze_mm = 9.0", "squeeze_mm may be 9, which is out of range", "squeeze_mm = 9.0"),
         (CLOSING, "squeze_mm = 1.0", "squeze_mm", "squeze_mm = 1.0"),
-        ("preset = \"gelsight-mini\"", "preset = \"gelsight-mimi\"", "no sensor preset is called `gelsight-mimi`", "mimi"),
+        (
+            "preset = \"gelsight-mini\"",
+            "preset = \"gelsight-mimi\"",
+            "no sensor preset is called `gelsight-mimi`",
+            "mimi",
+        ),
         ("resolution_px = [60, 80]", "resolution_px = [0, 80]", "resolution_px = 0 is out of range", "[0, 80]"),
         ("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_yongs = 1.0", "gelpad_yongs", "gelpad_yongs"),
         ("preset = \"gelsight-mini\"", "preset = \"geltip\"", "the gel of `geltip` has a shape", "geltip"),
@@ -378,12 +395,6 @@ fn mistakes_are_said_at_their_places() {
         ("[pose]", "[indentation]\ndepth_mm = 0.5\n[pose]", "says how deep each finger is pressed", "depth_mm = 0.5"),
         ("[pose]", "[gelpad.mean_blur]\n[pose]", "the gelpad model `mean_blur` knows no force", "gelpad.mean_blur"),
         ("[output]", "[output]\ncontainer = \"folder\"", "a grip has two", "container"),
-        (
-            "[pose]",
-            "[[sequence.phase]]\nname = \"a\"\nduration_s = 0.1\ndepth_mm = 0.5\n[pose]",
-            "sequences of two fingers are not simulated",
-            "sequence",
-        ),
     ] {
         let folder = folder(&edited(&job(), &[(from, to)]));
         let said = folder.fail("plan job.toml", 2);
@@ -394,4 +405,145 @@ fn mistakes_are_said_at_their_places() {
         let said = folder.fail("plan job.toml", 2);
         assert!(said.contains("job.toml:1:"), "{said}");
     }
+}
+
+const PHASES: &str = r#"
+[sequence]
+friction = { coefficient = [0.3, 0.6] }
+[[sequence.phase]]
+name = "close"
+duration_s = 0.12
+force_n = [0.5, 1.5]
+[[sequence.phase]]
+name = "lift"
+duration_s = 0.2
+y_mm = [1.0, 2.0]
+twist_deg = [-5.0, 5.0]
+[[sequence.phase]]
+name = "open"
+duration_s = 0.12
+squeeze_mm = -0.2
+"#;
+
+fn lift() -> String {
+    edited(
+        &job(),
+        &[
+            (CLOSING, ""),
+            ("samples = 6", "samples = 4"),
+            ("samples_per_shard = 3", "samples_per_shard = 2"),
+            ("[output]", &format!("{PHASES}[output]")),
+        ],
+    )
+}
+
+#[test]
+fn fingers_close_lift_and_open_in_balance_and_the_object_slides_along_both() {
+    let folder = folder(&lift());
+    folder.succeed("generate job.toml --quiet --out lifts");
+    folder.succeed("verify lifts");
+    let samples = folder.samples("lifts");
+    let mut slid = 0;
+    for (key, label) in folder.labels("lifts") {
+        let sequence = &label["sequence"];
+        let frames = label["frames"].as_array().expect("frames");
+        assert_eq!(sequence["frames"].as_u64(), Some(frames.len() as u64));
+        for (k, frame) in frames.iter().enumerate() {
+            let files = &samples[&key];
+            assert!(["left", "right"].iter().all(|finger| files.contains_key(&format!("f{k:04}.{finger}.depth.exr"))));
+            assert_eq!(frame["left"]["health"]["healthy"], true, "{key} {k}: {}", frame["left"]["health"]["reason"]);
+            let grip = &frame["gripper"];
+            let forces = ["left", "right"].map(|finger| vector(&frame[finger]["wrench"]["force_n"]));
+            let normal = forces.map(|force| 0.0 - force.z);
+            assert!((normal[0] - normal[1]).abs() <= 2e-3 * normal[0].max(normal[1]), "{key} {k}: {normal:?}");
+            assert_eq!(number(&grip["force_n"]), 0.5 * (normal[0] + normal[1]));
+            // What pulls a pad along is no more than friction holds, and both are pulled the way that the object goes.
+            let coefficient = number(&sequence["friction_coefficient"]);
+            for force in forces {
+                assert!(force.x.hypot(force.y) <= coefficient * -force.z * 1.0001 + 1e-9, "{key} {k}: {force}");
+            }
+            if frame["phase"] == "lift" {
+                assert!(forces.iter().all(|force| force.y > 0.0), "{key} {k}: down in both images: {forces:?}");
+                slid += u32::from(frame["left"]["slip"]["state"] == "gross");
+            }
+            // One object in three frames, whatever has moved.
+            let q = DVec3::new(1.0, -2.0, 3.5);
+            let at = placed(&grip["pose"], q);
+            for finger in ["left", "right"] {
+                let there = placed(&frame[finger]["pose"], q);
+                assert!((there - placed(&grip[format!("{finger}_frame")], at)).length() < 1e-9, "{key} {k} {finger}");
+            }
+        }
+        let wanted = number(&sequence["phases"][0]["force_n"]);
+        let last = sequence["phases"][0]["frames"].as_u64().expect("a count") as usize - 1;
+        let closed = number(&frames[last]["gripper"]["force_n"]);
+        assert!((closed / wanted - 1.0).abs() < 5e-3, "{key}: {closed} N of {wanted} N");
+        let open = frames.last().expect("frames");
+        assert_eq!(
+            (&open["left"]["contact"]["in_contact"], number(&open["gripper"]["force_n"])),
+            (&Value::from(false), 0.0)
+        );
+    }
+    assert!(slid > 3, "{slid}");
+    folder.succeed("generate job.toml --quiet --out four --threads 4");
+    assert_same_files(&folder.lasting_files("lifts"), &folder.lasting_files("four"));
+    folder.succeed("generate lifts/job.toml --quiet --out again");
+    assert_same_files(&folder.lasting_files("lifts"), &folder.lasting_files("again"));
+    let said = printed(&folder, "reproduce lifts 1");
+    assert!(said.contains("f0003.right.tactile.png: the same") && said.contains("the same sample"), "{said}");
+    folder.succeed("preview lifts --out sheet.png");
+    folder.succeed("preview job.toml --key 0 --apng --out film.png");
+    folder.succeed("report lifts --out page.html");
+    assert!(folder.read("page.html").contains("f*.right.tactile.png"));
+}
+
+#[test]
+fn the_first_frame_of_a_squeeze_is_the_grip_byte_for_byte_but_for_the_force_it_is_balanced_by() {
+    // Between equal pads a ball is in the middle, whichever force is balanced.
+    let phase = "[sequence]\n[[sequence.phase]]\nname = \"a\"\nduration_s = 0.04\nsqueeze_mm = 1.4\n";
+    let folder = folder(&edited(&ball("squeeze_mm = 1.4"), &[("x_mm = [-2.0, 2.0]", "x_mm = 0.0")]));
+    let sequence =
+        edited(&folder.read("job.toml"), &[("squeeze_mm = 1.4\n", ""), ("[output]", &format!("{phase}[output]"))]);
+    folder.write("sequence.toml", sequence);
+    folder.succeed("generate job.toml --quiet --out grips");
+    folder.succeed("generate sequence.toml --quiet --out moves");
+    let moves = folder.samples("moves");
+    for (key, files) in folder.samples("grips") {
+        let expected: BTreeMap<String, Vec<u8>> = files
+            .into_iter()
+            .filter(|(name, _)| name != "json")
+            .map(|(name, bytes)| (format!("f0000.{name}"), bytes))
+            .collect();
+        let mut found = moves[&key].clone();
+        found.remove("json");
+        assert_same_files(&expected, &found);
+    }
+}
+
+#[test]
+fn mistakes_of_a_grippers_phases_are_said_at_their_places() {
+    for (from, to, words, place) in [
+        (
+            "[gripper]\n",
+            "[gripper]\nforce_n = 1.0\n",
+            "the phases of a sequence say how far the fingers close",
+            "force_n = 1.0",
+        ),
+        ("squeeze_mm = -0.2", "depth_mm = -0.2", "a gripper's fingers are pressed equally", "depth_mm = -0.2"),
+        ("squeeze_mm = -0.2", "squeeze_mm = 20.0", "squeeze_mm may be 20", "squeeze_mm = 20.0"),
+        (
+            "squeeze_mm = -0.2",
+            "squeeze_mm = -0.2\nwidth_mm = 9.0",
+            "both `width_mm` and `squeeze_mm` say how far",
+            "squeeze_mm",
+        ),
+        ("twist_deg = [-5.0, 5.0]", "tilt_deg = 3.0", "does not roll over one of them", "tilt_deg = 3.0"),
+    ] {
+        let folder = folder(&edited(&lift(), &[(from, to)]));
+        let said = folder.fail("plan job.toml", 2);
+        assert!(said.contains(words) && said.contains(place), "{to}: {said}");
+    }
+    let alone = edited(&lift(), &[("[gripper]\n", ""), (RIGHT, "")]);
+    let said = folder(&alone).fail("plan job.toml", 2);
+    assert!(said.contains("`squeeze_mm` is of two fingers, and this job has one"), "{said}");
 }

@@ -126,7 +126,11 @@ impl Job {
         let textures = self.texture.paths_mut();
         let left = sensor_paths_mut(&mut self.sensor).chain(&mut self.random.backgrounds);
         let right = self.gripper.iter_mut().flat_map(|gripper| {
-            gripper.right.iter_mut().flat_map(|right| sensor_paths_mut(right)).chain(&mut gripper.right_random.backgrounds)
+            gripper
+                .right
+                .iter_mut()
+                .flat_map(|right| sensor_paths_mut(right))
+                .chain(&mut gripper.right_random.backgrounds)
         });
         objects.chain(textures).chain(left).chain(right)
     }

@@ -13,7 +13,10 @@ const SHALLOWEST_MM: f64 = 1e-3;
 
 /// All of them.
 pub fn of(job: &Job) -> Vec<String> {
-    [strain(job), squeezed(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)].into_iter().flatten().collect()
+    [strain(job), squeezed(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 /// Where the object of a sequence may be moved out of the view: the first phase in which it may.

@@ -143,7 +143,8 @@ fn resolve(
     let mut renderer = None;
     if let Some(paired) = &written.paired {
         let before = std::mem::take(&mut problems);
-        let counterparts = Written { job, document: document.clone(), broken: false, sensor_known, others: Vec::new(), right: None };
+        let counterparts =
+            Written { job, document: document.clone(), broken: false, sensor_known, others: Vec::new(), right: None };
         let plan = match Plan::resolve_objects(counterparts, before) {
             Ok(plan) => plan,
             Err(found) => return Err(with_mixing(found.and(report), &document, &written, size)),
