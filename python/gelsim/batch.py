@@ -34,8 +34,10 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     each: list[dict[str, Any]] = [dict(sample) for sample in samples]
     rows = [vectors.parts(sample["label"]) for sample in each]
     batch: dict[str, Any]
-    if "left" in names:
-        batch = {finger: of_finger(each, finger) for finger in vectors.FINGERS}
+    if vectors.has_fingers(each[0]["label"]):
+        batch = {finger: collate([of_finger(grip, finger) for grip in each]) for finger in vectors.FINGERS}
+        for finger in vectors.FINGERS:
+            del batch[finger]["label"]
     elif "frames" in names:
         batch = sequences([sample["frames"] for sample in each], tensor)
         batch["pose"] = tensor(padded([numpy.array([vectors.pose(part) for part in row], "float32") for row in rows]))
@@ -51,11 +53,13 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     return batch
 
 
-def of_finger(grips: list[dict[str, Any]], finger: str) -> dict[str, Any]:
-    """The batch of one finger, as of presses."""
-    batch = collate([{**grip[finger], "label": grip["label"][finger]} for grip in grips])
-    del batch["label"]
-    return batch
+def of_finger(grip: dict[str, Any], finger: str) -> Any:
+    """What one finger has of a sample, as a press or a sequence of one sensor would."""
+    label = grip["label"]
+    if "frames" not in grip:
+        return {**grip[finger], "label": label[finger]}
+    frames = [frame[finger] for frame in grip["frames"]]
+    return {"frames": frames, "label": {"sequence": label["sequence"], "frames": [frame[finger] for frame in label["frames"]]}}
 
 
 def converter() -> Callable[[Any], Any]:

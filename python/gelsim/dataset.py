@@ -114,8 +114,6 @@ class Raw:
         its: dict[str, Any]
         if "sequence" in self.label:
             its = {"frames": [self.frame(number) for number in range(len(self))]}
-        elif "gripper" in self.label:
-            its = {finger: self.finger(finger) for finger in vectors.FINGERS}
         else:
             its = self.frame(0)
         return cast("Sample", {**its, "label": self.label, "key": self.files.key})
@@ -125,13 +123,15 @@ class Raw:
         return int(self.label["sequence"]["frames"]) if "sequence" in self.label else 1
 
     def frame(self, number: int) -> dict[str, Any]:
-        """The arrays of one frame, by layer; of a press `number` is 0."""
+        """The arrays of one frame, by layer, of a gripper by finger and layer; without a sequence `number` is 0."""
+        if vectors.has_fingers(self.label):
+            return {finger: self.finger(finger, number) for finger in vectors.FINGERS}
         return {suffix.split(".", 1)[0]: self.layer(suffix, number) for suffix in ["tactile.png", *self.suffixes]}
 
-    def finger(self, finger: str) -> dict[str, Any]:
-        """The arrays of one finger of a grip, by layer."""
-        names = [(suffix.split(".", 1)[0], f"{finger}.{suffix}") for suffix in ["tactile.png", *self.suffixes]]
-        return {name: self.decoded(name, suffix, suffix, self.label[finger]) for name, suffix in names}
+    def finger(self, finger: str, number: int) -> dict[str, Any]:
+        """The arrays of one finger in a frame, by layer."""
+        files = {suffix.split(".", 1)[0]: f"{finger}.{suffix}" for suffix in ["tactile.png", *self.suffixes]}
+        return {name: self.decoded(name, suffix, number, self.label[finger]) for name, suffix in files.items()}
 
     def data(self, suffix: str, number: int) -> bytes:
         """A file of a frame as it is; `suffix` without the frame's number."""
@@ -139,20 +139,19 @@ class Raw:
 
     def layer(self, suffix: str, number: int) -> Any:
         """A file of a frame as array."""
-        where = f"f{number:04}.{suffix}" if "sequence" in self.label else suffix
-        return self.decoded(suffix.split(".", 1)[0], suffix, where, self.label)
+        return self.decoded(suffix.split(".", 1)[0], suffix, number, self.label)
 
-    def decoded(self, name: str, suffix: str, file: str, label: dict[str, Any]) -> Any:
-        """Layer `name` from the file with the name's end `file`, whose sensor and steps `label` has."""
+    def decoded(self, name: str, suffix: str, number: int, label: dict[str, Any]) -> Any:
+        """Layer `name` from a file of a frame; `label` has its sensor and steps."""
         from gelsim.decode import decode
 
-        data = self.files.read(file)
+        data = self.data(suffix, number)
         try:
             return decode(name, suffix, data, label)
         except ImportError:
             raise
         except Exception as error:  # decoders raise what they please for damaged files
-            where = f"frame {int(file[1:5])} of " if "sequence" in self.label else ""
+            where = f"frame {number} of " if "sequence" in self.label else ""
             raise damaged(self.shard, f"{where}{self.files.key}: {suffix}: {error}") from None
 
 
@@ -191,7 +190,8 @@ def sound(label: dict[str, Any]) -> None:
     if "sequence" in label and not 0 < int(label["sequence"]["frames"]) == len(label["frames"]):
         raise ValueError("it has not as many frames as it says")
     float(label["sequence"]["frame_rate_hz"] if "sequence" in label else 1)
-    sensors = [part["sensor"] for part in (vectors.parts(label) if "gripper" in label else [label])]
+    whole = [label[finger] for finger in vectors.FINGERS] if vectors.has_fingers(label) else [label]
+    sensors = [part["sensor"] for part in whole]
     sizes = [sensor.get(key) for sensor in sensors for key in ["height_px", "width_px"]]
     for number in [label["index"], label["object"]["class_index"], *sizes]:
         if not isinstance(number, int):

@@ -61,7 +61,8 @@ class Sample(TypedDict, total=False):
     frames: list[Sample]
     """Of a sequence: its frames, each with `tactile` and the layers; the sequence itself has `frames` and `label` only."""
     left: Sample
-    """Of a grip: what the left finger feels, `tactile` and the layers; the grip itself has `left`, `right` and `label` only."""
+    """Of a grip, or of a frame of a sequence of one: what the left finger feels, `tactile` and the layers; the grip itself has
+    `left`, `right` and `label` only."""
     right: Sample
     """Of a grip: what the right finger feels."""
     label: dict[str, Any]

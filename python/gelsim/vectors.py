@@ -18,10 +18,14 @@ FINGERS = ["left", "right"]
 
 
 def parts(label: dict[str, Any]) -> list[dict[str, Any]]:
-    """What a label says of each frame, of a grip of each finger; of a press the label itself."""
-    if "gripper" in label:
-        return [label[finger] for finger in FINGERS]
-    return list(label["frames"]) if "sequence" in label else [label]
+    """What a label says of each frame, of a gripper of each finger in it; of a press the label itself."""
+    whole = list(label["frames"]) if "sequence" in label else [label]
+    return [part[finger] for part in whole for finger in FINGERS] if has_fingers(label) else whole
+
+
+def has_fingers(label: dict[str, Any]) -> bool:
+    """True of a sample of two fingers."""
+    return "left" in label
 
 
 def pose(part: dict[str, Any]) -> list[float]:

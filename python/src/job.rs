@@ -11,7 +11,7 @@ use gelsim::job::gripper::{self, FINGERS};
 use gelsim::job::label::key;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
-use gelsim::job::sample::{Accepted, Unfit, accept};
+use gelsim::job::sample::{Accepted, Sample, Unfit, accept};
 use gelsim::job::scene::crowded;
 use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
@@ -44,6 +44,8 @@ enum Rendered {
     Sequence(Vec<Arrays>, Vec<u8>),
     /// Its left and its right finger, and its label.
     Grip(Box<[Arrays; 2]>, Vec<u8>),
+    /// Such fingers of its frames, and its label.
+    GripSequence(Vec<[Arrays; 2]>, Vec<u8>),
 }
 
 impl Rendered {
@@ -63,15 +65,31 @@ impl Rendered {
                 Ok(dict)
             }
             Self::Grip(fingers, label) => {
-                let dict = PyDict::new(py);
-                for (name, arrays) in FINGERS.into_iter().zip(*fingers) {
-                    dict.set_item(name, arrays.into_dict(py)?)?;
+                let dict = both(py, *fingers)?;
+                dict.set_item("label", parsed(py, &label)?)?;
+                Ok(dict)
+            }
+            Self::GripSequence(frames, label) => {
+                let list = PyList::empty(py);
+                for fingers in frames {
+                    list.append(both(py, fingers)?)?;
                 }
+                let dict = PyDict::new(py);
+                dict.set_item("frames", list)?;
                 dict.set_item("label", parsed(py, &label)?)?;
                 Ok(dict)
             }
         }
     }
+}
+
+/// `left` and `right`, each as a press has it, without label.
+fn both(py: Python<'_>, fingers: [Arrays; 2]) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    for (name, arrays) in FINGERS.into_iter().zip(fingers) {
+        dict.set_item(name, arrays.into_dict(py)?)?;
+    }
+    Ok(dict)
 }
 
 /// What pickle wants to know: a function of the module, and its arguments.
@@ -118,14 +136,22 @@ impl Job {
     fn render(&self, index: u64) -> PyResult<Rendered> {
         let plan = &*self.plan;
         // Nothing outside is changed by what panics.
+        let both = |pair: [Sample; 2]| pair.map(|sample| Arrays::of_frame(plan, sample));
         let rendered = catch_unwind(AssertUnwindSafe(|| match plan.job().sequence {
-            None if plan.job().gripper.is_some() => {
-                gripper::accept(plan, index).map(|gripper::Accepted { grip, .. }| {
-                    let arrays = grip.fingers.map(|sample| Arrays::of_frame(plan, sample));
-                    Rendered::Grip(Box::new(arrays), json(&grip.label))
-                })
-            }
+            None if plan.job().gripper.is_some() => gripper::accept(plan, index)
+                .map(|gripper::Accepted { grip, .. }| Rendered::Grip(Box::new(both(grip.fingers)), json(&grip.label))),
             None => accept(plan, index).map(|Accepted { sample, .. }| Rendered::Press(Arrays::new(plan, sample))),
+            Some(_) if plan.job().gripper.is_some() => {
+                let mut frames = Vec::new();
+                let accepted = gripper::sequence::accept(plan, index, |shown| {
+                    match shown {
+                        Shown::Begin => frames.clear(),
+                        Shown::Frame(pair, _) => frames.push(both(*pair)),
+                    }
+                    Ok::<(), Unfit>(())
+                })?;
+                Ok(Rendered::GripSequence(frames, json(&accepted.label)))
+            }
             Some(_) => {
                 let mut frames = Vec::new();
                 let accepted = sequence::accept(plan, index, |shown| {

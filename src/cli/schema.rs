@@ -5,7 +5,7 @@ use clap::{Args, ValueEnum};
 use super::{Failure, print};
 use crate::files::sensor::Sensor;
 use crate::job::config::Job;
-use crate::job::gripper::label::GripLabel;
+use crate::job::gripper::label::{GripLabel, GripSequenceLabel};
 use crate::job::label::Label;
 use crate::job::schema::with_distributions;
 use crate::job::sequence::label::SequenceLabel;
@@ -30,6 +30,8 @@ pub enum Format {
     Sequence,
     /// The label of a sample that is a grip of two fingers
     Grip,
+    /// The label of a sample that is a sequence of such
+    GripSequence,
     /// A sensor file
     Sensor,
     /// An AUGMENT.toml
@@ -43,6 +45,7 @@ pub fn text(format: Format) -> String {
         Format::Label => schemars::schema_for!(Label).to_value(),
         Format::Sequence => schemars::schema_for!(SequenceLabel).to_value(),
         Format::Grip => schemars::schema_for!(GripLabel).to_value(),
+        Format::GripSequence => schemars::schema_for!(GripSequenceLabel).to_value(),
         Format::Sensor => with_distributions(schemars::schema_for!(Sensor)),
         Format::Augment => schemars::schema_for!(Augment).to_value(),
     };

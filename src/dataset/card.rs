@@ -179,7 +179,10 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     let sequences = recorded.job.sequence.is_some();
     let grips = recorded.job.gripper.is_some();
     let (what, one, frame) = match (sequences, grips) {
-        (true, _) => ("sequences of presses", "KEY.f0000", " of the first frame"),
+        (true, true) => {
+            ("sequences of grips by two fingers", "KEY.f0000.left", " of the left finger in the first frame")
+        }
+        (true, false) => ("sequences of presses", "KEY.f0000", " of the first frame"),
         (false, true) => ("grips of one object by two fingers", "KEY.left", " of the left finger"),
         (false, false) => ("presses", "KEY", ""),
     };
@@ -225,7 +228,13 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
              | `KEY.json` | the label: object, gripper (width, force, pose of the object in its frame), and for `left` and `right` \
              pose, contact, sensor, numerics |\n"
         }
-        (true, _) => {
+        (true, true) => {
+            "| `KEY.f0000.right.tactile.png`, `KEY.f0001.left.tactile.png` and so on | the right finger, the other frames, each with \
+             its layers |\n\
+             | `KEY.json` | the label: object, friction and phases; both sensors; a list of the frames with time, width, force, and for \
+             `left` and `right` pose, wrench, slip, contact |\n"
+        }
+        (true, false) => {
             "| `KEY.f0001.tactile.png` and so on | the other frames, each with its layers |\n\
              | `KEY.json` | the label: object, sensor, friction and phases; a list of the frames with time, pose, wrench, slip, \
              contact, markers |\n"
@@ -261,7 +270,8 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     );
     let split = used_splits(manifest).next().map_or("train", |(split, _)| split);
     let kind = match (sequences, grips) {
-        (true, _) => loading::Kind::Sequences,
+        (true, true) => loading::Kind::GripSequences,
+        (true, false) => loading::Kind::Sequences,
         (false, true) => loading::Kind::Grips,
         (false, false) => loading::Kind::Presses,
     };

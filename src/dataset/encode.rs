@@ -13,6 +13,7 @@ use crate::dataset::content::{Content, content};
 use crate::dataset::spool::Spool;
 use crate::files::exr::Exr;
 use crate::files::{exr, npy, png};
+use crate::job::gripper::sequence::Pair;
 use crate::job::gripper::{self, FINGERS};
 use crate::job::label::{Label, key};
 use crate::job::layers::{Coding, Form, OutputLayer};
@@ -77,25 +78,34 @@ impl fmt::Display for Unmade {
 
 /// Makes sample `index` as a dataset has it: a press, a grip, or a sequence.
 pub fn make(plan: &Plan, index: u64, keep: Keep<'_>) -> Result<Made, Unmade> {
-    match plan.job().sequence {
-        None if plan.job().gripper.is_some() => Ok(grip(plan, gripper::accept(plan, index)?)),
-        None => Ok(press(plan, accept(plan, index)?)),
-        Some(_) => sequence(plan, index, keep, |each| sequence::accept(plan, index, each)),
+    match (&plan.job().sequence, &plan.job().gripper) {
+        (None, None) => Ok(press(plan, accept(plan, index)?)),
+        (None, Some(_)) => Ok(grip(plan, gripper::accept(plan, index)?)),
+        (Some(_), None) => sequence(plan, index, keep, layers, |each| sequence::accept(plan, index, each)),
+        (Some(_), Some(_)) => {
+            sequence(plan, index, keep, layers_of_both, |each| gripper::sequence::accept(plan, index, each))
+        }
     }
 }
 
 /// The same in memory, of its first draw if no draw of it may go into a dataset.
 pub fn make_shown(plan: &Plan, index: u64) -> Made {
-    make(plan, index, Keep::InMemory).unwrap_or_else(|_| match plan.job().sequence {
-        None if plan.job().gripper.is_some() => {
+    make(plan, index, Keep::InMemory).unwrap_or_else(|_| match (&plan.job().sequence, &plan.job().gripper) {
+        (None, None) => press(plan, Accepted { sample: render(plan, index), rejected: Vec::new() }),
+        (None, Some(_)) => {
             grip(plan, gripper::Accepted { grip: gripper::render(plan, index, 0), rejected: Vec::new() })
         }
-        None => press(plan, Accepted { sample: render(plan, index), rejected: Vec::new() }),
-        Some(_) => {
-            let first = |each: &mut Each<'_>| {
+        (Some(_), None) => {
+            let first = |each: &mut Each<'_, Sample>| {
                 sequence::render(plan, index, 0, |sample, number| each(Shown::Frame(Box::new(sample), number)))
             };
-            sequence(plan, index, Keep::InMemory, first).expect("nothing stops it")
+            sequence(plan, index, Keep::InMemory, layers, first).expect("nothing stops it")
+        }
+        (Some(_), Some(_)) => {
+            let first = |each: &mut Each<'_, Pair>| {
+                gripper::sequence::render(plan, index, 0, |pair, number| each(Shown::Frame(Box::new(pair), number)))
+            };
+            sequence(plan, index, Keep::InMemory, layers_of_both, first).expect("nothing stops it")
         }
     })
 }
@@ -111,26 +121,32 @@ pub fn press(plan: &Plan, Accepted { sample, rejected }: Accepted) -> Made {
 /// Encodes a grip: the files of its left finger, then those of its right one, and one label.
 pub fn grip(plan: &Plan, gripper::Accepted { grip, rejected }: gripper::Accepted) -> Made {
     let mut clock = Clock::start();
-    let mut members = Vec::new();
-    for (name, sample) in FINGERS.into_iter().zip(&grip.fingers) {
-        let of_finger = |member: Member| Member { suffix: format!("{name}.{}", member.suffix), ..member };
-        members.extend(layers(plan, sample).into_iter().map(of_finger));
-    }
+    let mut members = layers_of_both(plan, &grip.fingers);
     members.push(Member::new("json", json(&grip.label)));
     let gripper::Grip { summary, mut seconds, effects, .. } = grip;
     seconds.encode += clock.lap();
     Made { label: summary, rejected, members, seconds, effects }
 }
 
-/// Who is shown a sequence.
-type Each<'a> = dyn FnMut(Shown) -> Result<(), Unmade> + 'a;
+/// Encodes the tactile image and the layers of the left finger, then those of the right one.
+fn layers_of_both(plan: &Plan, fingers: &Pair) -> Vec<Member> {
+    let of_finger = |(name, sample): (&str, &Sample)| {
+        let named = |member: Member| Member { suffix: format!("{name}.{}", member.suffix), ..member };
+        layers(plan, sample).into_iter().map(named).collect::<Vec<_>>()
+    };
+    FINGERS.into_iter().zip(fingers).flat_map(of_finger).collect()
+}
 
-/// Encodes sequence `index`, which `draw` shows frame by frame: only their files are kept.
-fn sequence(
+/// Who is shown a sequence.
+type Each<'a, S> = dyn FnMut(Shown<S>) -> Result<(), Unmade> + 'a;
+
+/// Encodes sequence `index`, which `draw` shows frame by frame: only their files, which `layers` encodes, are kept.
+fn sequence<S, L: Serialize>(
     plan: &Plan,
     index: u64,
     keep: Keep<'_>,
-    draw: impl FnOnce(&mut Each<'_>) -> Result<sequence::Accepted, Unmade>,
+    layers: impl Fn(&Plan, &S) -> Vec<Member>,
+    draw: impl FnOnce(&mut Each<'_, S>) -> Result<sequence::Accepted<L>, Unmade>,
 ) -> Result<Made, Unmade> {
     let (mut members, mut encode) = (Vec::new(), 0.0);
     let path = match keep {
@@ -150,9 +166,9 @@ fn sequence(
                 members.clear();
                 spool.as_mut().map_or(Ok(()), Spool::clear).map_err(failed)?;
             }
-            Shown::Frame(sample, number) => {
+            Shown::Frame(shown, number) => {
                 let mut clock = Clock::start();
-                for mut member in layers(plan, &sample) {
+                for mut member in layers(plan, &shown) {
                     member.suffix = format!("{}.{}", frame(number), member.suffix);
                     members.push(match &mut spool {
                         None => member,

@@ -4,8 +4,8 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::job::gripper::FINGERS;
-use crate::job::gripper::label::GripLabel;
-use crate::job::label::{Label, SCHEMA_VERSION};
+use crate::job::gripper::label::{GripLabel, GripSequenceLabel};
+use crate::job::label::{Label, SCHEMA_VERSION, SensorLabel};
 use crate::job::sequence::label::SequenceLabel;
 
 /// A label that was read.
@@ -17,6 +17,8 @@ pub enum SampleLabel {
     Sequence(Box<SequenceLabel>, Box<Label>),
     /// Of a grip; likewise.
     Grip(Box<GripLabel>, Box<Label>),
+    /// Of a sequence of a gripper; likewise.
+    GripSequence(Box<GripSequenceLabel>, Box<Label>),
 }
 
 impl SampleLabel {
@@ -37,6 +39,15 @@ impl SampleLabel {
             let summary = label.summary();
             return Ok(Self::Grip(label, Box::new(summary)));
         }
+        let none = || String::from("a sequence without frames");
+        if value.get("sequence").is_some() && value.get("left").is_some() {
+            let label: Box<GripSequenceLabel> = serde_json::from_value(value).map_err(said)?;
+            if label.frames.len() != label.sequence.frames as usize {
+                return Err(format!("{} frames, it says {}", label.frames.len(), label.sequence.frames));
+            }
+            let summary = label.summary().ok_or_else(none)?;
+            return Ok(Self::GripSequence(label, Box::new(summary)));
+        }
         if value.get("sequence").is_none() {
             return serde_json::from_value(value).map(Self::Press).map_err(said);
         }
@@ -44,7 +55,7 @@ impl SampleLabel {
         if label.frames.len() != label.common.sequence.frames as usize {
             return Err(format!("{} frames, it says {}", label.frames.len(), label.common.sequence.frames));
         }
-        let summary = label.summary().ok_or_else(|| String::from("a sequence without frames"))?;
+        let summary = label.summary().ok_or_else(none)?;
         Ok(Self::Sequence(label, Box::new(summary)))
     }
 
@@ -55,6 +66,7 @@ impl SampleLabel {
             Self::Press(label) => value(&**label),
             Self::Sequence(label, _) => value(&**label),
             Self::Grip(label, _) => value(&**label),
+            Self::GripSequence(label, _) => value(&**label),
         };
         let same = serde_json::from_slice::<Value>(bytes).is_ok_and(|read| Some(read) == written);
         if same { Ok(label) } else { Err(String::from("has keys that the schema does not know")) }
@@ -64,36 +76,54 @@ impl SampleLabel {
     pub fn summary(&self) -> &Label {
         match self {
             Self::Press(label) => label,
-            Self::Sequence(_, summary) | Self::Grip(_, summary) => summary,
+            Self::Sequence(_, summary) | Self::Grip(_, summary) | Self::GripSequence(_, summary) => summary,
         }
     }
 
-    /// The frames of a sequence.
-    pub fn sequence(&self) -> Option<&SequenceLabel> {
+    /// The sensors in it: one, or those of both fingers.
+    pub fn sensors(&self) -> Vec<&SensorLabel> {
+        match self {
+            Self::Press(label) | Self::Sequence(_, label) => vec![&label.sensor],
+            Self::Grip(label, _) => vec![&label.left.sensor, &label.right.sensor],
+            Self::GripSequence(label, _) => vec![&label.left.sensor, &label.right.sensor],
+        }
+    }
+
+    /// How many frames a sequence has, and how many of them are taken a second.
+    pub fn frames(&self) -> Option<(u32, f64)> {
         match self {
             Self::Press(_) | Self::Grip(..) => None,
-            Self::Sequence(label, _) => Some(label),
-        }
-    }
-
-    /// Both fingers of a grip.
-    pub fn grip(&self) -> Option<&GripLabel> {
-        match self {
-            Self::Press(_) | Self::Sequence(..) => None,
-            Self::Grip(label, _) => Some(label),
+            Self::Sequence(label, _) => Some((label.common.sequence.frames, label.common.sequence.frame_rate_hz)),
+            Self::GripSequence(label, _) => Some((label.sequence.frames, label.sequence.frame_rate_hz)),
         }
     }
 }
 
-/// The end of a file's name, after its sample's key, with the frame or the finger that it begins with, if it is a file of one.
-pub fn split(suffix: &str) -> (Option<&str>, &str) {
+/// Parts of the end of a file's name, after its sample's key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Suffix<'a> {
+    /// The frame of a sequence that it is of.
+    pub frame: Option<&'a str>,
+    /// The finger of a gripper that it is of.
+    pub finger: Option<&'a str>,
+    /// What of that it holds.
+    pub layer: &'a str,
+}
+
+/// The parts of a suffix: a frame and a finger, if it is a file of such, and the rest.
+pub fn split(suffix: &str) -> Suffix<'_> {
     let is_frame = |name: &str| {
         name.strip_prefix('f').is_some_and(|number| number.len() >= 4 && number.bytes().all(|c| c.is_ascii_digit()))
     };
-    match suffix.split_once('.') {
-        Some((name, rest)) if is_frame(name) || FINGERS.contains(&name) => (Some(name), rest),
+    let (frame, rest) = match suffix.split_once('.') {
+        Some((name, rest)) if is_frame(name) => (Some(name), rest),
         _ => (None, suffix),
-    }
+    };
+    let (finger, layer) = match rest.split_once('.') {
+        Some((name, layer)) if FINGERS.contains(&name) => (Some(name), layer),
+        _ => (None, rest),
+    };
+    Suffix { frame, finger, layer }
 }
 
 fn value(label: &impl Serialize) -> Option<Value> {

@@ -54,22 +54,28 @@ impl Tile {
         let needed =
             |suffix: &str| files.member(suffix).ok_or_else(|| named(suffix, String::from("is not in the shard")));
         let label = SampleLabel::read(needed("json")?).map_err(|error| named("json", error))?;
-        if let Some(sequence) = label.sequence() {
-            let count = sequence.frames.len();
-            let shown = count.min(FRAMES);
-            // The first, the last, and some between.
-            let panels = (0..shown).map(|k| tactile(files, k * (count - 1) / (shown - 1).max(1)));
-            return Ok(Self { panels: panels.collect::<Result<_, _>>()?, caption: caption(label.summary()) });
+        let summary = label.summary();
+        if let Some((count, _)) = label.frames() {
+            let shown = (count as usize).min(FRAMES);
+            // The first, the last, and some between; of two fingers first those of the left one.
+            let fingers: &[Option<&str>] =
+                if label.sensors().len() > 1 { &[Some("left"), Some("right")] } else { &[None] };
+            let mut panels = Vec::new();
+            for finger in fingers {
+                for k in 0..shown {
+                    panels.push(tactile(files, k * (count as usize - 1) / (shown - 1).max(1), *finger)?);
+                }
+            }
+            return Ok(Self { panels, caption: caption(summary) });
         }
-        if let Some(grip) = label.grip() {
+        if let SampleLabel::Grip(grip, _) = &label {
             let mut both = Vec::new();
             for (name, finger) in grip.fingers() {
                 both.extend(Self::read_panels(&files.of_finger(name), &finger.png16)?);
             }
             return Ok(Self { panels: both, caption: grip_caption(grip) });
         }
-        let label = label.summary();
-        Ok(Self { panels: Self::read_panels(files, &label.png16)?, caption: caption(label) })
+        Ok(Self { panels: Self::read_panels(files, &summary.png16)?, caption: caption(summary) })
     }
 
     /// The panels of one press, from its files.
@@ -125,36 +131,46 @@ pub fn sample_files(plan: &Plan, index: u64) -> Files {
     Files { key: key(index), members: made.members.into_iter().map(file).collect() }
 }
 
-/// The tactile image of a frame.
-fn tactile(files: &Files, number: usize) -> Result<RgbImage, String> {
-    let suffix = format!("{}.tactile.png", frame(number as u32));
+/// The tactile image of a frame, of a gripper that of one finger.
+fn tactile(files: &Files, number: usize, finger: Option<&str>) -> Result<RgbImage, String> {
+    let finger = finger.map_or(String::new(), |finger| format!("{finger}."));
+    let suffix = format!("{}.{finger}tactile.png", frame(number as u32));
     let png = files.member(&suffix).ok_or_else(|| format!("{}.{suffix}: is not in the shard", files.key))?;
     png::decode_rgb(png).map_err(|reason| format!("{}.{suffix}: {reason}", files.key))
+}
+
+/// The tactile image of a frame, of a gripper those of both fingers side by side.
+fn film_frame(files: &Files, number: usize, both: bool) -> Result<RgbImage, String> {
+    if !both {
+        return tactile(files, number, None);
+    }
+    let panels = vec![tactile(files, number, Some("left"))?, tactile(files, number, Some("right"))?];
+    Ok(Tile { panels, caption: String::new() }.strip(u32::MAX))
 }
 
 /// All frames of a sequence as an animated PNG, at the speed at which they were taken.
 pub fn animation(files: &Files) -> Result<Vec<u8>, String> {
     let label = files.member("json").ok_or_else(|| format!("{}.json: is not in the shard", files.key))?;
     let label = SampleLabel::read(label).map_err(|error| format!("{}.json: {error}", files.key))?;
-    let Some(sequence) = label.sequence() else {
+    let Some((count, rate_hz)) = label.frames() else {
         return Err(format!("sample {} is no sequence: nothing else moves", files.key));
     };
-    let first = tactile(files, 0)?;
+    let both = label.sensors().len() > 1;
+    let first = film_frame(files, 0, both)?;
     let mut bytes = Vec::new();
     let said = |error: ::png::EncodingError| error.to_string();
     let mut encoder = ::png::Encoder::new(&mut bytes, first.width(), first.height());
     encoder.set_color(::png::ColorType::Rgb);
-    encoder.set_animated(sequence.frames.len() as u32, 0).map_err(said)?;
+    encoder.set_animated(count, 0).map_err(said)?;
     // A fraction of two whole numbers, as the format has it; slow and very fast ones in whole milliseconds.
-    let rate_hz = sequence.common.sequence.frame_rate_hz;
     let (time, per_second) = match rate_hz {
         1.0..=600.0 => (100, (100.0 * rate_hz).round() as u16),
         _ => ((1e3 / rate_hz).round().clamp(1.0, 65_535.0) as u16, 1000),
     };
     encoder.set_frame_delay(time, per_second).map_err(said)?;
     let mut writer = encoder.write_header().map_err(said)?;
-    for number in 0..sequence.frames.len() {
-        writer.write_image_data(&tactile(files, number)?).map_err(said)?;
+    for number in 0..count as usize {
+        writer.write_image_data(&film_frame(files, number, both)?).map_err(said)?;
     }
     writer.finish().map_err(said)?;
     Ok(bytes)

@@ -376,7 +376,7 @@ fn verify_misses_a_finger_and_finds_a_file_of_none() {
 #[test]
 fn mistakes_are_said_at_their_places() {
     for (from, to, words, place) in [
-        (CLOSING, "", "missing key `width_mm` in [gripper]", "[gripper]"),
+        (CLOSING, "", "missing key `force_n` in [gripper]", "[gripper]"),
         (CLOSING, "force_n = 1.0\nwidth_mm = 20.0", "both `width_mm` and `force_n` say how far", "force_n = 1.0"),
         (CLOSING, "force_n = -1.0", "force_n may be -1", "force_n = -1.0"),
         (CLOSING, "squeeze_mm = 9.0", "squeeze_mm may be 9, which is out of range", "squeeze_mm = 9.0"),
@@ -395,12 +395,6 @@ fn mistakes_are_said_at_their_places() {
         ("[pose]", "[indentation]\ndepth_mm = 0.5\n[pose]", "says how deep each finger is pressed", "depth_mm = 0.5"),
         ("[pose]", "[gelpad.mean_blur]\n[pose]", "the gelpad model `mean_blur` knows no force", "gelpad.mean_blur"),
         ("[output]", "[output]\ncontainer = \"folder\"", "a grip has two", "container"),
-        (
-            "[pose]",
-            "[[sequence.phase]]\nname = \"a\"\nduration_s = 0.1\ndepth_mm = 0.5\n[pose]",
-            "sequences of two fingers are not simulated",
-            "sequence",
-        ),
     ] {
         let folder = folder(&edited(&job(), &[(from, to)]));
         let said = folder.fail("plan job.toml", 2);
@@ -411,4 +405,145 @@ fn mistakes_are_said_at_their_places() {
         let said = folder.fail("plan job.toml", 2);
         assert!(said.contains("job.toml:1:"), "{said}");
     }
+}
+
+const PHASES: &str = r#"
+[sequence]
+friction = { coefficient = [0.3, 0.6] }
+[[sequence.phase]]
+name = "close"
+duration_s = 0.12
+force_n = [0.5, 1.5]
+[[sequence.phase]]
+name = "lift"
+duration_s = 0.2
+y_mm = [1.0, 2.0]
+twist_deg = [-5.0, 5.0]
+[[sequence.phase]]
+name = "open"
+duration_s = 0.12
+squeeze_mm = -0.2
+"#;
+
+fn lift() -> String {
+    edited(
+        &job(),
+        &[
+            (CLOSING, ""),
+            ("samples = 6", "samples = 4"),
+            ("samples_per_shard = 3", "samples_per_shard = 2"),
+            ("[output]", &format!("{PHASES}[output]")),
+        ],
+    )
+}
+
+#[test]
+fn fingers_close_lift_and_open_in_balance_and_the_object_slides_along_both() {
+    let folder = folder(&lift());
+    folder.succeed("generate job.toml --quiet --out lifts");
+    folder.succeed("verify lifts");
+    let samples = folder.samples("lifts");
+    let mut slid = 0;
+    for (key, label) in folder.labels("lifts") {
+        let sequence = &label["sequence"];
+        let frames = label["frames"].as_array().expect("frames");
+        assert_eq!(sequence["frames"].as_u64(), Some(frames.len() as u64));
+        for (k, frame) in frames.iter().enumerate() {
+            let files = &samples[&key];
+            assert!(["left", "right"].iter().all(|finger| files.contains_key(&format!("f{k:04}.{finger}.depth.exr"))));
+            assert_eq!(frame["left"]["health"]["healthy"], true, "{key} {k}: {}", frame["left"]["health"]["reason"]);
+            let grip = &frame["gripper"];
+            let forces = ["left", "right"].map(|finger| vector(&frame[finger]["wrench"]["force_n"]));
+            let normal = forces.map(|force| 0.0 - force.z);
+            assert!((normal[0] - normal[1]).abs() <= 2e-3 * normal[0].max(normal[1]), "{key} {k}: {normal:?}");
+            assert_eq!(number(&grip["force_n"]), 0.5 * (normal[0] + normal[1]));
+            // What pulls a pad along is no more than friction holds, and both are pulled the way that the object goes.
+            let coefficient = number(&sequence["friction_coefficient"]);
+            for force in forces {
+                assert!(force.x.hypot(force.y) <= coefficient * -force.z * 1.0001 + 1e-9, "{key} {k}: {force}");
+            }
+            if frame["phase"] == "lift" {
+                assert!(forces.iter().all(|force| force.y > 0.0), "{key} {k}: down in both images: {forces:?}");
+                slid += u32::from(frame["left"]["slip"]["state"] == "gross");
+            }
+            // One object in three frames, whatever has moved.
+            let q = DVec3::new(1.0, -2.0, 3.5);
+            let at = placed(&grip["pose"], q);
+            for finger in ["left", "right"] {
+                let there = placed(&frame[finger]["pose"], q);
+                assert!((there - placed(&grip[format!("{finger}_frame")], at)).length() < 1e-9, "{key} {k} {finger}");
+            }
+        }
+        let wanted = number(&sequence["phases"][0]["force_n"]);
+        let last = sequence["phases"][0]["frames"].as_u64().expect("a count") as usize - 1;
+        let closed = number(&frames[last]["gripper"]["force_n"]);
+        assert!((closed / wanted - 1.0).abs() < 5e-3, "{key}: {closed} N of {wanted} N");
+        let open = frames.last().expect("frames");
+        assert_eq!(
+            (&open["left"]["contact"]["in_contact"], number(&open["gripper"]["force_n"])),
+            (&Value::from(false), 0.0)
+        );
+    }
+    assert!(slid > 3, "{slid}");
+    folder.succeed("generate job.toml --quiet --out four --threads 4");
+    assert_same_files(&folder.lasting_files("lifts"), &folder.lasting_files("four"));
+    folder.succeed("generate lifts/job.toml --quiet --out again");
+    assert_same_files(&folder.lasting_files("lifts"), &folder.lasting_files("again"));
+    let said = printed(&folder, "reproduce lifts 1");
+    assert!(said.contains("f0003.right.tactile.png: the same") && said.contains("the same sample"), "{said}");
+    folder.succeed("preview lifts --out sheet.png");
+    folder.succeed("preview job.toml --key 0 --apng --out film.png");
+    folder.succeed("report lifts --out page.html");
+    assert!(folder.read("page.html").contains("f*.right.tactile.png"));
+}
+
+#[test]
+fn the_first_frame_of_a_squeeze_is_the_grip_byte_for_byte_but_for_the_force_it_is_balanced_by() {
+    // Between equal pads a ball is in the middle, whichever force is balanced.
+    let phase = "[sequence]\n[[sequence.phase]]\nname = \"a\"\nduration_s = 0.04\nsqueeze_mm = 1.4\n";
+    let folder = folder(&edited(&ball("squeeze_mm = 1.4"), &[("x_mm = [-2.0, 2.0]", "x_mm = 0.0")]));
+    let sequence =
+        edited(&folder.read("job.toml"), &[("squeeze_mm = 1.4\n", ""), ("[output]", &format!("{phase}[output]"))]);
+    folder.write("sequence.toml", sequence);
+    folder.succeed("generate job.toml --quiet --out grips");
+    folder.succeed("generate sequence.toml --quiet --out moves");
+    let moves = folder.samples("moves");
+    for (key, files) in folder.samples("grips") {
+        let expected: BTreeMap<String, Vec<u8>> = files
+            .into_iter()
+            .filter(|(name, _)| name != "json")
+            .map(|(name, bytes)| (format!("f0000.{name}"), bytes))
+            .collect();
+        let mut found = moves[&key].clone();
+        found.remove("json");
+        assert_same_files(&expected, &found);
+    }
+}
+
+#[test]
+fn mistakes_of_a_grippers_phases_are_said_at_their_places() {
+    for (from, to, words, place) in [
+        (
+            "[gripper]\n",
+            "[gripper]\nforce_n = 1.0\n",
+            "the phases of a sequence say how far the fingers close",
+            "force_n = 1.0",
+        ),
+        ("squeeze_mm = -0.2", "depth_mm = -0.2", "a gripper's fingers are pressed equally", "depth_mm = -0.2"),
+        ("squeeze_mm = -0.2", "squeeze_mm = 20.0", "squeeze_mm may be 20", "squeeze_mm = 20.0"),
+        (
+            "squeeze_mm = -0.2",
+            "squeeze_mm = -0.2\nwidth_mm = 9.0",
+            "both `width_mm` and `squeeze_mm` say how far",
+            "squeeze_mm",
+        ),
+        ("twist_deg = [-5.0, 5.0]", "tilt_deg = 3.0", "does not roll over one of them", "tilt_deg = 3.0"),
+    ] {
+        let folder = folder(&edited(&lift(), &[(from, to)]));
+        let said = folder.fail("plan job.toml", 2);
+        assert!(said.contains(words) && said.contains(place), "{to}: {said}");
+    }
+    let alone = edited(&lift(), &[("[gripper]\n", ""), (RIGHT, "")]);
+    let said = folder(&alone).fail("plan job.toml", 2);
+    assert!(said.contains("`squeeze_mm` is of two fingers, and this job has one"), "{said}");
 }

@@ -31,7 +31,7 @@ fn files(folder: &str, ending: &str) -> Vec<PathBuf> {
 
 #[test]
 fn the_committed_schemas_are_what_the_program_prints() {
-    for format in ["job", "label", "sequence", "grip", "sensor", "augment"] {
+    for format in ["job", "label", "sequence", "grip", "grip-sequence", "sensor", "augment"] {
         let printed = stdout(&format!("schema {format}"));
         let path = repository().join("docs/schema").join(format!("{format}.json"));
         if std::env::var_os("UPDATE").is_some() {
@@ -58,7 +58,7 @@ fn every_key_in_a_schema_is_described() {
             check(definition, &format!("{path}/{name}"));
         }
     }
-    for format in ["job", "label", "sequence", "grip", "sensor", "augment"] {
+    for format in ["job", "label", "sequence", "grip", "grip-sequence", "sensor", "augment"] {
         check(&serde_json::from_str(&stdout(&format!("schema {format}"))).expect("JSON"), format);
     }
 }

@@ -12,6 +12,8 @@ pub enum Kind {
     Sequences,
     /// One object between two fingers.
     Grips,
+    /// Sequences of such.
+    GripSequences,
 }
 
 /// The snippets for a dataset that has samples in `split`.
@@ -21,6 +23,13 @@ pub fn snippets(output: &Output, split: &str, kind: Kind) -> Vec<String> {
         (Container::Tar, Kind::Sequences) => vec![TAR_SEQUENCES.to_owned()],
         (Container::Folder, Kind::Sequences) => vec![FOLDER_SEQUENCES.to_owned()],
         // A plan refuses grips in folders.
+        (_, Kind::GripSequences) => {
+            vec![
+                TAR_SEQUENCES
+                    .replace(".tactile.png", ".left.tactile.png")
+                    .replace("[\"wrench\"]", "[\"left\"][\"wrench\"]"),
+            ]
+        }
         (_, Kind::Grips) => vec![TAR_GRIPS.to_owned(), TAR_GRIP_COLUMNS.to_owned()],
         (Container::Tar, Kind::Presses) => vec![webdataset(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()],
         (Container::Folder, Kind::Presses) => vec![rows(output), FOLDER_BATCHES.to_owned()],

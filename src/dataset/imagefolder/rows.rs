@@ -8,7 +8,7 @@ use std::path::Path;
 
 use super::super::archive::Files;
 use super::super::encode::{frame, json};
-use super::super::labels::{SampleLabel, split};
+use super::super::labels::{SampleLabel, Suffix, split};
 use super::{METADATA, old_file, open};
 use crate::job::sequence::label::FrameRow;
 
@@ -22,15 +22,15 @@ pub const NO_LABEL: &[u8] = b"{}";
 /// of a sequence.
 pub fn rows<'a>(shard: &str, key: &str, label: &[u8], suffixes: impl Iterator<Item = &'a str>) -> Vec<u8> {
     let suffixes: Vec<&str> = suffixes.collect();
-    if suffixes.iter().all(|suffix| split(suffix).0.is_none()) {
+    if suffixes.iter().all(|suffix| split(suffix).frame.is_none()) {
         return row(shard, key, label, &suffixes);
     }
     // What is no label of ours has no rows.
     let Ok(SampleLabel::Sequence(sequence, _)) = SampleLabel::read(label) else { return b"\n".to_vec() };
     let mut of_frames: HashMap<&str, Vec<&str>> = HashMap::new();
     for suffix in suffixes {
-        if let (Some(of), suffix) = split(suffix) {
-            of_frames.entry(of).or_default().push(suffix);
+        if let Suffix { frame: Some(of), layer, .. } = split(suffix) {
+            of_frames.entry(of).or_default().push(layer);
         }
     }
     let of_frame = |of_frame: FrameRow| {

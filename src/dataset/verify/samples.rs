@@ -10,7 +10,7 @@ use crate::core::base::clock::Seconds;
 use crate::core::effects::PerEffect;
 use crate::dataset::archive::{self, Files};
 use crate::dataset::encode::frame;
-use crate::dataset::labels::{self, SampleLabel};
+use crate::dataset::labels::{self, SampleLabel, Suffix};
 use crate::dataset::paths::Paths;
 use crate::dataset::recorded::Recorded;
 use crate::dataset::stats::Stats;
@@ -18,7 +18,7 @@ use crate::dataset::{decode, imagefolder};
 use crate::files::{exr, npy, png};
 use crate::job::config::output::Container;
 use crate::job::gripper::FINGERS;
-use crate::job::label::{Label, SensorLabel, key};
+use crate::job::label::{Label, key};
 use crate::job::layers::{Coding, Form, OutputLayer, Scale};
 use crate::job::layout::{Shard, Split};
 use crate::job::steps;
@@ -113,13 +113,16 @@ fn check_sample(
     let read = files.member("json").map(|bytes| check_label(bytes, recorded, split, index));
     // Of a sequence the label says how many frames there are.
     let frames: Vec<String> = match (&recorded.job.sequence, &read) {
-        (None, _) if recorded.job.gripper.is_some() => FINGERS.map(|finger| format!("{finger}.")).to_vec(),
         (None, _) => vec![String::new()],
         (Some(_), Some(Ok(label))) => {
-            let count = label.sequence().map_or(0, |sequence| sequence.common.sequence.frames);
+            let count = label.frames().map_or(0, |(count, _)| count);
             (0..count).map(|number| format!("{}.", frame(number))).collect()
         }
         (Some(_), _) => Vec::new(),
+    };
+    let frames: Vec<String> = match recorded.job.gripper {
+        None => frames,
+        Some(_) => frames.iter().flat_map(|frame| FINGERS.map(|finger| format!("{frame}{finger}."))).collect(),
     };
     let of_frame = |prefix: &String| {
         let images = suffixes.iter().map(|(suffix, _)| suffix.as_str()).chain(["tactile.png"]);
@@ -133,11 +136,12 @@ fn check_sample(
         found.extend(there.difference(&expected).map(|suffix| format!("{key}.{suffix} does not belong there")));
     }
     for (suffix, bytes) in files.members.iter().filter(|(suffix, _)| expected.contains(suffix)) {
-        let (part, of_frame) = match recorded.job.sequence.is_some() || recorded.job.gripper.is_some() {
-            true => labels::split(suffix),
-            false => (None, suffix.as_str()),
-        };
-        let size = recorded.resolution_px(part == Some(FINGERS[1])).map(|px| px as usize);
+        let Suffix { finger, layer: of_frame, .. } =
+            match recorded.job.sequence.is_some() || recorded.job.gripper.is_some() {
+                true => labels::split(suffix),
+                false => Suffix { layer: suffix, ..Suffix::default() },
+            };
+        let size = recorded.resolution_px(finger == Some(FINGERS[1])).map(|px| px as usize);
         let layer = suffixes.iter().find(|(of, _)| of == of_frame).map(|(_, layer)| *layer);
         let checked = match layer.map(|layer| (layer, layer.spec().form)) {
             None if suffix == "json" => match &read {
@@ -232,11 +236,6 @@ fn check_positions(bytes: &[u8]) -> Result<(), String> {
     }
 }
 
-/// A label's sensor has an image of this size.
-fn sized(sensor: &SensorLabel, resolution_px: [u32; 2]) -> bool {
-    [sensor.width_px, sensor.height_px] == resolution_px
-}
-
 /// The label's keys and types are those of its schema, and it is about the sample.
 fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<SampleLabel, String> {
     let read = SampleLabel::read_strictly(bytes)?;
@@ -245,14 +244,12 @@ fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> R
         && label.key == key(index)
         && label.split == split
         && label.seed == recorded.job.dataset.seed
-        && read.sequence().is_some() == recorded.job.sequence.is_some()
-        && read.grip().is_some() == recorded.job.gripper.is_some()
-        && match read.grip() {
-            None => sized(&label.sensor, recorded.resolution_px(false)),
-            Some(grip) => {
-                sized(&grip.left.sensor, recorded.resolution_px(false))
-                    && sized(&grip.right.sensor, recorded.resolution_px(true))
-            }
-        };
+        && read.frames().is_some() == recorded.job.sequence.is_some()
+        && (read.sensors().len() == FINGERS.len()) == recorded.job.gripper.is_some()
+        && read
+            .sensors()
+            .into_iter()
+            .zip([false, true])
+            .all(|(sensor, right)| [sensor.width_px, sensor.height_px] == recorded.resolution_px(right));
     if same { Ok(read) } else { Err(String::from("is not about this sample")) }
 }

@@ -52,9 +52,16 @@ pub struct Phase {
     /// Indentation depth at its end, mm; below 0 the object is above the pad. Without this and `force_n` the depth stays.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_mm: Option<Quantity>,
-    /// Normal force at its end, N, in place of `depth_mm`: the depth is found.
+    /// Normal force at its end, N, in place of `depth_mm`: the depth is found. Of a gripper that of each finger.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_n: Option<Quantity>,
+    /// Of a gripper, in place of `force_n`: distance between the undeformed pads at its end, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub width_mm: Option<Quantity>,
+    /// Of a gripper, in place of `force_n`: how much closer the pads are at its end than the object is wide, mm; below 0 they are
+    /// off the object.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub squeeze_mm: Option<Quantity>,
     /// Motion of the object along x in this phase, mm.
     pub x_mm: Quantity,
     /// Motion of the object along y in this phase, mm.

@@ -48,8 +48,9 @@ impl Hold {
     }
 }
 
-/// Holds an object that is wider than the gripper by `squeeze_mm`. A place within `place_mm` is found.
-pub fn squeezed([left, right]: [&Finger<'_>; 2], squeeze_mm: f64, place_mm: f64) -> Hold {
+/// Holds an object that is wider than the gripper by `squeeze_mm`. A place within `place_mm` is found. `begin` is the left finger's
+/// share of the squeeze where one is expected.
+pub fn squeezed([left, right]: [&Finger<'_>; 2], squeeze_mm: f64, place_mm: f64, begin: Option<f64>) -> Hold {
     if squeeze_mm <= 0.0 {
         return Hold::open(-0.5 * squeeze_mm);
     }
@@ -67,7 +68,7 @@ pub fn squeezed([left, right]: [&Finger<'_>; 2], squeeze_mm: f64, place_mm: f64)
     // Where one finger does not touch, the other one is the stronger.
     let (mut low_known, mut high_known) = (low == 0.0, high == squeeze_mm);
     let [soft_left, soft_right] = [left, right].map(|finger| libm::pow(finger.modulus_kpa, -1.0 / HERTZ));
-    let begin = squeeze_mm * soft_left / (soft_left + soft_right);
+    let begin = squeeze_mm * begin.unwrap_or(soft_left / (soft_left + soft_right));
     let mut depth = if begin > low && begin < high { begin } else { 0.5 * (low + high) };
     let (mut presses, mut balanced) = (0, false);
     let (mut power, mut before) = (HERTZ, None::<(f64, f64)>);
@@ -162,7 +163,7 @@ mod tests {
         for (soft, stiff) in [(1.0, 1.0), (1.0, 2.0), (0.1, 5.0)] {
             let (left, right) = (power(soft, 1.5, 0.0), power(stiff, 1.5, 0.0));
             let (left, right) = (finger(&left, soft), finger(&right, stiff));
-            let hold = squeezed([&left, &right], 2.0, 1e-4);
+            let hold = squeezed([&left, &right], 2.0, 1e-4, None);
             let share = stiff.powf(2.0 / 3.0) / (soft.powf(2.0 / 3.0) + stiff.powf(2.0 / 3.0));
             assert!((hold.depth_mm[0] - 2.0 * share).abs() < 1e-9, "{hold:?}");
             assert_eq!((hold.presses, hold.balanced, hold.depth_mm[0] + hold.depth_mm[1]), (2, true, 2.0));
@@ -173,19 +174,19 @@ mod tests {
     fn what_is_thinner_than_the_gripper_is_open_touches_neither_finger() {
         let never = |_: f64| panic!("no press");
         let (left, right) = (finger(&never, 1.0), finger(&never, 1.0));
-        assert_eq!(squeezed([&left, &right], -0.4, 1e-4), Hold::open(0.2));
-        assert_eq!(squeezed([&left, &right], 0.0, 1e-4).depth_mm, [0.0; 2]);
+        assert_eq!(squeezed([&left, &right], -0.4, 1e-4, None), Hold::open(0.2));
+        assert_eq!(squeezed([&left, &right], 0.0, 1e-4, None).depth_mm, [0.0; 2]);
     }
 
     #[test]
     fn what_pads_cannot_give_is_said() {
         let (weak, strong) = (power(1.0, 1.5, 0.0), power(100.0, 1.5, 0.0));
         let (weak, strong) = (finger(&weak, 1.0), finger(&strong, 100.0));
-        let wide = squeezed([&weak, &strong], 7.5, 1e-4);
+        let wide = squeezed([&weak, &strong], 7.5, 1e-4, None);
         assert!(!wide.balanced && wide.missed.as_deref().is_some_and(|reason| reason.contains("7.200 mm")), "{wide:?}");
         assert_eq!(wide.depth_mm, [3.75; 2]);
         // The strong pad hardly gives way: the weak one would have to give more than it can.
-        let lop = squeezed([&weak, &strong], 5.0, 1e-4);
+        let lop = squeezed([&weak, &strong], 5.0, 1e-4, None);
         assert!(!lop.balanced && lop.depth_mm[0] <= 3.6, "{lop:?}");
         let most = gripped([&strong, &weak], 10.0);
         let reason = most.missed.expect("3.6 mm of the weak pad are 6.8 N");
@@ -198,9 +199,9 @@ mod tests {
         let (smooth, unknown) = (power(1.0, 1.0, 0.0), |_: f64| f64::NAN);
         let (left, right, nobody) = (finger(&jumps, 1.0), finger(&smooth, 1.0), finger(&unknown, 1.0));
         // At 0.7 the right finger's 1.3 lie within the jump.
-        let hold = squeezed([&left, &right], 2.0, 1e-4);
+        let hold = squeezed([&left, &right], 2.0, 1e-4, None);
         assert!(hold.balanced && (hold.depth_mm[0] - 0.7).abs() <= 1e-4, "{hold:?}");
-        let hold = squeezed([&left, &nobody], 2.0, 1e-4);
+        let hold = squeezed([&left, &nobody], 2.0, 1e-4, None);
         assert!(!hold.balanced && hold.presses <= 2 * MOST_PRESSES, "{hold:?}");
     }
 
@@ -211,7 +212,7 @@ mod tests {
         ) {
             let (left, right) = (power(1.0, p, 0.0), power(k, q, from));
             let (one, other) = (finger(&left, 1.0), finger(&right, k));
-            let hold = squeezed([&one, &other], squeeze, 1e-4);
+            let hold = squeezed([&one, &other], squeeze, 1e-4, None);
             let [a, b] = hold.depth_mm;
             prop_assert!(hold.balanced && hold.presses <= 40, "{:?}", hold);
             let (f, g) = (left(a), right(b));
@@ -229,7 +230,7 @@ mod tests {
             let [a, b] = hold.depth_mm;
             prop_assert!(hold.balanced, "{:?}", hold);
             prop_assert!((left(a) - wanted).abs() <= TOLERANCE * wanted && (right(b) - wanted).abs() <= TOLERANCE * wanted);
-            let again = squeezed([&one, &other], a + b, 1e-6);
+            let again = squeezed([&one, &other], a + b, 1e-6, None);
             prop_assert!((left(again.depth_mm[0]) / wanted - 1.0).abs() < 4e-3, "{:?} {:?}", hold, again);
         }
     }

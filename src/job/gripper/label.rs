@@ -1,4 +1,5 @@
-//! The label of a grip: what holds for both fingers, how the object is held, and what each finger feels of it.
+//! The label of a grip, and of a sequence of one: what holds for both fingers, how the object is held, and what each finger feels
+//! of it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -10,6 +11,7 @@ use crate::job::label::{
     ContactLabel, Label, MarkersLabel, NumericsLabel, ObjectLabel, PoseLabel, SensorLabel, ShearLabel, TextureLabel,
 };
 use crate::job::layout::Split;
+use crate::job::sequence::label::{CommonLabel, FrameLabel, SequenceInfo, SequenceLabel, SlipState};
 use crate::job::steps::Steps;
 
 /// What is known about a grip.
@@ -60,9 +62,9 @@ pub struct GripperLabel {
     /// those of the left finger.
     pub pose: PoseLabel,
     /// From the gripper's frame to the left finger's.
-    pub left_frame: FrameLabel,
+    pub left_frame: TransformLabel,
     /// From the gripper's frame to the right finger's: half a turn about y.
-    pub right_frame: FrameLabel,
+    pub right_frame: TransformLabel,
     /// Normal force of each finger, the mean of both, N; null if one is not known.
     pub force_n: Option<f64>,
     /// Normal force of the left finger less that of the right one, N; null likewise.
@@ -77,9 +79,9 @@ pub struct GripperLabel {
     pub presses: u32,
 }
 
-/// A frame in another one: p' = R p + t.
+/// From one frame to another: p' = R p + t.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct FrameLabel {
+pub struct TransformLabel {
     /// Rotation R as a unit quaternion x, y, z, w.
     pub quaternion_xyzw: [f64; 4],
     /// Translation t, mm.
@@ -149,26 +151,15 @@ impl GripLabel {
         [("left", &self.left), ("right", &self.right)]
     }
 
-    /// One label for what counts whole samples: that of the finger with the larger contact; healthy and solved if both are, with
-    /// the effects that ran in either.
+    /// One label for what counts whole samples, see [`merged`].
     pub fn summary(&self) -> Label {
-        let most = match self.right.contact.area_mm2 > self.left.contact.area_mm2 {
-            true => &self.right,
-            false => &self.left,
-        };
-        let most = most.clone();
-        let mut effects = most.effects.clone();
-        for effect in Effect::ALL {
-            if let Some((_, finger)) = self.fingers().into_iter().find(|(_, finger)| finger.effects[effect].ran) {
-                effects[effect] = finger.effects[effect].clone();
-            }
-        }
-        let mut health = most.health.clone();
-        if let Some((name, finger)) = self.fingers().into_iter().find(|(_, finger)| !finger.health.healthy) {
-            health = finger.health.clone();
-            health.reason = format!("{name} finger: {}", health.reason);
-        }
-        let converged = self.fingers().iter().all(|(_, finger)| finger.numerics.converged);
+        let [left, right] = [&self.left, &self.right].map(|finger| self.of_finger(finger));
+        merged(left, right)
+    }
+
+    /// The label of a press into one finger.
+    fn of_finger(&self, finger: &FingerLabel) -> Label {
+        let finger = finger.clone();
         Label {
             schema_version: self.schema_version,
             generator: self.generator.clone(),
@@ -178,24 +169,212 @@ impl GripLabel {
             attempt: self.attempt,
             split: self.split,
             object: self.object.clone(),
-            pose: most.pose,
-            indentation_depth_mm: most.indentation_depth_mm,
+            pose: finger.pose,
+            indentation_depth_mm: finger.indentation_depth_mm,
             // A gripper holds one.
             objects: Vec::new(),
             unplaced_objects: 0,
             texture: self.texture.clone(),
-            shear: most.shear,
-            sensor: most.sensor,
-            contact: most.contact,
-            markers: most.markers,
-            camera: most.camera,
+            shear: finger.shear,
+            sensor: finger.sensor,
+            contact: finger.contact,
+            markers: finger.markers,
+            camera: finger.camera,
             fidelity: self.fidelity.clone(),
             gelpad_model: self.gelpad_model.clone(),
             optics_model: self.optics_model.clone(),
-            effects,
-            numerics: NumericsLabel { converged, ..most.numerics },
-            health,
-            png16: most.png16,
+            effects: finger.effects,
+            numerics: finger.numerics,
+            health: finger.health,
+            png16: finger.png16,
         }
+    }
+}
+
+/// One label of both fingers': that of the finger with the larger contact; healthy and solved if both are, with the effects that
+/// ran in either.
+fn merged(left: Label, right: Label) -> Label {
+    let converged = left.numerics.converged && right.numerics.converged;
+    let ill = [("left", &left), ("right", &right)].into_iter().find(|(_, finger)| !finger.health.healthy);
+    let ill = ill.map(|(name, finger)| (format!("{name} finger: {}", finger.health.reason), finger.health.clone()));
+    let (mut most, other) = if right.contact.area_mm2 > left.contact.area_mm2 { (right, left) } else { (left, right) };
+    for effect in Effect::ALL {
+        if !most.effects[effect].ran && other.effects[effect].ran {
+            most.effects[effect] = other.effects[effect].clone();
+        }
+    }
+    if let Some((reason, health)) = ill {
+        most.health = Health { reason, ..health };
+    }
+    most.numerics.converged = converged;
+    most
+}
+
+/// What is known about a sequence of a gripper.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GripSequenceLabel {
+    /// Version of this schema.
+    pub schema_version: u32,
+    /// Program and version that made the sample.
+    pub generator: String,
+    /// Nine digits that begin the names of the sample's members.
+    pub key: String,
+    /// Number of the sample in the dataset.
+    pub index: u64,
+    /// Seed of the job.
+    pub seed: u64,
+    /// How many draws of the sample were rejected before this one.
+    pub attempt: u32,
+    /// Split that the sample belongs to.
+    pub split: Split,
+    /// What is held.
+    pub object: ObjectLabel,
+    /// Micro relief of the object.
+    pub texture: TextureLabel,
+    /// Fidelity level.
+    pub fidelity: String,
+    /// Model of the gelpads.
+    pub gelpad_model: String,
+    /// Model of the light.
+    pub optics_model: String,
+    /// What happens.
+    pub sequence: GripSequenceInfo,
+    /// The left finger, whatever the frame.
+    pub left: MovingFingerLabel,
+    /// The right finger, whatever the frame.
+    pub right: MovingFingerLabel,
+    /// The frames, in their order.
+    pub frames: Vec<GripFrameLabel>,
+}
+
+/// What holds for a finger in all frames of a sequence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct MovingFingerLabel {
+    /// The sensor.
+    pub sensor: SensorLabel,
+    /// The camera.
+    pub camera: CameraParams,
+    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    pub png16: Steps,
+}
+
+/// What happens in a sequence of a gripper.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GripSequenceInfo {
+    /// Frames a second.
+    pub frame_rate_hz: f64,
+    /// How many there are.
+    pub frames: u32,
+    /// Coefficient of friction between each pad and the object; null if nothing slips.
+    pub friction_coefficient: Option<f64>,
+    /// Time of the first frame in which more than a twentieth of a finger's contact slips, s; null if there is none.
+    pub first_slip_s: Option<f64>,
+    /// Time of the first frame in which all of both fingers' contacts slips, s; null if there is none.
+    pub gross_slip_s: Option<f64>,
+    /// The phases, in their order.
+    pub phases: Vec<GripPhaseLabel>,
+}
+
+/// A phase of a sequence of a gripper.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GripPhaseLabel {
+    /// Its name.
+    pub name: String,
+    /// s.
+    pub duration_s: f64,
+    /// Number of its first frame; that of the next phase if it is shorter than a frame.
+    pub first_frame: u32,
+    /// How many it has.
+    pub frames: u32,
+    /// Distance between the undeformed pads at its end, mm.
+    pub width_mm: f64,
+    /// Normal force of each finger that was wanted at its end, N; 0 if none was.
+    pub force_n: f64,
+    /// Motion of the object in the gripper's x and y, mm.
+    pub shift_mm: [f64; 2],
+    /// Turn from x towards y, degrees.
+    pub twist_deg: f64,
+}
+
+/// A frame of a sequence of a gripper.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GripFrameLabel {
+    /// Its number.
+    pub index: u32,
+    /// When it was taken, s after the start.
+    pub t_s: f64,
+    /// Name of the phase that it is in.
+    pub phase: String,
+    /// How the object is held; its forces are those of `wrench`.
+    pub gripper: GripperLabel,
+    /// What the left finger feels.
+    pub left: FrameLabel,
+    /// What the right finger feels.
+    pub right: FrameLabel,
+}
+
+impl GripSequenceLabel {
+    /// From the labels that presses of the first frame would have.
+    pub fn new([left, right]: [Label; 2], mut sequence: GripSequenceInfo, frames: Vec<GripFrameLabel>) -> Self {
+        let when = |wanted: &dyn Fn(SlipState, SlipState) -> bool| {
+            let found = frames.iter().find(|frame| wanted(frame.left.slip.state, frame.right.slip.state));
+            found.map(|frame| frame.t_s)
+        };
+        sequence.first_slip_s = when(&|left, right| left != SlipState::None || right != SlipState::None);
+        sequence.gross_slip_s = when(&|left, right| left == SlipState::Gross && right == SlipState::Gross);
+        let moving = |press: &Label| MovingFingerLabel {
+            sensor: press.sensor.clone(),
+            camera: press.camera,
+            png16: press.png16,
+        };
+        Self {
+            left: moving(&left),
+            right: moving(&right),
+            schema_version: left.schema_version,
+            generator: left.generator,
+            key: left.key,
+            index: left.index,
+            seed: left.seed,
+            attempt: left.attempt,
+            split: left.split,
+            object: left.object,
+            texture: left.texture,
+            fidelity: left.fidelity,
+            gelpad_model: left.gelpad_model,
+            optics_model: left.optics_model,
+            sequence,
+            frames,
+        }
+    }
+
+    /// Both fingers, with their names.
+    pub fn fingers(&self) -> [(&'static str, &MovingFingerLabel); 2] {
+        [("left", &self.left), ("right", &self.right)]
+    }
+
+    /// One label for what counts whole samples: that of each finger's sequence, merged; `None` without frames.
+    pub fn summary(&self) -> Option<Label> {
+        let of_finger = |moving: &MovingFingerLabel, own: fn(&GripFrameLabel) -> &FrameLabel| {
+            let common = CommonLabel {
+                schema_version: self.schema_version,
+                generator: self.generator.clone(),
+                key: self.key.clone(),
+                index: self.index,
+                seed: self.seed,
+                attempt: self.attempt,
+                split: self.split,
+                object: self.object.clone(),
+                texture: self.texture.clone(),
+                sensor: moving.sensor.clone(),
+                camera: moving.camera,
+                fidelity: self.fidelity.clone(),
+                gelpad_model: self.gelpad_model.clone(),
+                optics_model: self.optics_model.clone(),
+                png16: moving.png16,
+                sequence: SequenceInfo::default(),
+            };
+            SequenceLabel { common, frames: self.frames.iter().map(own).cloned().collect() }.summary()
+        };
+        Some(merged(of_finger(&self.left, |frame| &frame.left)?, of_finger(&self.right, |frame| &frame.right)?))
     }
 }

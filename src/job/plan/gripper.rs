@@ -5,18 +5,26 @@ use super::sensors::support;
 use super::{OtherSensor, Scope, chosen_models, fill, gel, ranges};
 use crate::core::gelpad;
 use crate::files::diagnostic::Diagnostics;
+use crate::files::sensor::quantity::Quantity;
 use crate::job::config::Job;
 use crate::job::config::document::Document;
 use crate::job::config::gripper::Gripper;
 use crate::job::config::output::Container;
 use crate::job::config::scene::At;
+use crate::job::config::sequence::Sequence;
 
 /// `[gripper]`, and what stands beside it. `right` is the job of the right finger, where that has a sensor of its own; the
 /// thickness of gelpads is only sure if `sensor_known`.
 pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<&Job>, sensor_known: bool) {
-    if job.sequence.is_some() {
-        let message = "a gripper's samples are single grips: sequences of two fingers are not simulated";
-        check.error("sequence", message, "leave [sequence] out, or leave [gripper] out");
+    if let Some(sequence) = &job.sequence {
+        finger(check, job);
+        phases(check, job, sequence, right, sensor_known);
+        for (key, _) in gripper.closings().into_iter().filter(|(_, closing)| closing.is_some()) {
+            let help = format!("leave it out: each [[sequence.phase]] may have {key}");
+            check.error(&format!("gripper.{key}"), "the phases of a sequence say how far the fingers close", help);
+        }
+        folder(check, job);
+        return;
     }
     if job.indentation.depth_mm.is_some() {
         let help = "leave it out: squeeze_mm under [gripper] is the depth of both fingers together";
@@ -31,25 +39,11 @@ pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<
         let help = "name a level, such as fidelity = \"standard\"";
         check.error("fidelity", "the level of a gripper is not chosen by an error or a time", help);
     }
-    if job.output.container == Container::Folder {
-        let message = "a row of metadata.jsonl has one tactile image, and a grip has two";
-        check.error("output.container", message, "leave it out: a tar holds both fingers");
-    }
+    folder(check, job);
     finger(check, job);
 
-    let written: Vec<&str> =
-        gripper.closings().into_iter().filter_map(|(key, quantity)| quantity.as_ref().map(|_| key)).collect();
-    match written.as_slice() {
-        [] => {
-            check.missing("gripper.width_mm", "for example force_n = [1.0, 5.0], squeeze_mm = 1.0 or width_mm = 20.0")
-        }
-        [_] => {}
-        [first, others @ ..] => {
-            for other in others {
-                let message = format!("both `{first}` and `{other}` say how far the fingers close");
-                check.error(&format!("gripper.{other}"), message, "keep one of them");
-            }
-        }
+    if !one_of(check, &gripper.closings(), |key| format!("gripper.{key}")) {
+        check.missing("gripper.force_n", "for example force_n = [0.5, 2.0], squeeze_mm = 1.0 or width_mm = 20.0");
     }
     if let Some(width) = &gripper.width_mm {
         check.quantity("gripper.width_mm", width, 0.0..=1e4, "mm");
@@ -58,15 +52,64 @@ pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<
         check.quantity("gripper.force_n", force, 1e-6..=1e6, "N");
     }
     if let Some(squeeze) = &gripper.squeeze_mm {
-        let thinnest = |job: &Job| support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm)[0];
-        let both = thinnest(job) + thinnest(right.unwrap_or(job));
-        let known = sensor_known && check.sound("sensor.gelpad_thickness_mm") && check.sound("gripper.right");
-        let most = if known && check.sound("sensor.unit") { both } else { 2e3 };
-        check.quantity("gripper.squeeze_mm", squeeze, 0.0..=most, "mm, the thicknesses of both gelpads");
-        if squeeze.support().1 == most && check.sound("gripper.squeeze_mm") {
-            let message = format!("squeeze_mm may be {most}, which presses both pads flat to their shells");
-            check.error("gripper.squeeze_mm", message, format!("stay below {most} mm"));
+        squeezed(check, "gripper.squeeze_mm", squeeze, 0.0, thicknesses(check, job, right, sensor_known));
+    }
+}
+
+/// The phases of a sequence of a gripper, beyond what those of any sequence are.
+fn phases(check: &mut Check<'_>, job: &Job, sequence: &Sequence, right: Option<&Job>, sensor_known: bool) {
+    let most_mm = thicknesses(check, job, right, sensor_known);
+    for (k, phase) in sequence.phase.iter().enumerate() {
+        let path = |key: &str| format!("sequence.phase.{k}.{key}");
+        if phase.depth_mm.is_some() {
+            let help = "write squeeze_mm, the depth of both fingers together, width_mm or force_n";
+            check.error(&path("depth_mm"), "a gripper's fingers are pressed equally, whatever their depths", help);
         }
+        if phase.tilt_deg.support() != (0.0, 0.0) {
+            let message = "an object between two fingers does not roll over one of them";
+            check.error(&path("tilt_deg"), message, "leave it out, or leave [gripper] out");
+        }
+        let closings = [("force_n", &phase.force_n), ("width_mm", &phase.width_mm), ("squeeze_mm", &phase.squeeze_mm)];
+        one_of(check, &closings, |key| path(key));
+        if let Some(width) = &phase.width_mm {
+            check.quantity(&path("width_mm"), width, 0.0..=1e4, "mm");
+        }
+        if let Some(squeeze) = &phase.squeeze_mm {
+            squeezed(check, &path("squeeze_mm"), squeeze, -1e3, most_mm);
+        }
+    }
+}
+
+/// Refuses all but the first of what was written of the keys that say how far fingers close; true if one was.
+fn one_of(check: &mut Check<'_>, closings: &[(&str, &Option<Quantity>)], path: impl Fn(&str) -> String) -> bool {
+    let mut written = closings.iter().filter(|(_, closing)| closing.is_some()).map(|(key, _)| *key);
+    let Some(first) = written.next() else { return false };
+    for other in written {
+        let message = format!("both `{first}` and `{other}` say how far the fingers close");
+        check.error(&path(other), message, "keep one of them");
+    }
+    true
+}
+
+/// The thicknesses of both gelpads together, the smallest that may be drawn, mm; more than any where they are not known.
+fn thicknesses(check: &Check<'_>, job: &Job, right: Option<&Job>, sensor_known: bool) -> f64 {
+    let thinnest = |job: &Job| support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm)[0];
+    let sound = ["sensor.gelpad_thickness_mm", "sensor.unit", "gripper.right"].iter().all(|path| check.sound(path));
+    if sensor_known && sound { thinnest(job) + thinnest(right.unwrap_or(job)) } else { 2e3 }
+}
+
+fn squeezed(check: &mut Check<'_>, path: &str, squeeze: &Quantity, least_mm: f64, most_mm: f64) {
+    check.quantity(path, squeeze, least_mm..=most_mm, "mm, the thicknesses of both gelpads");
+    if squeeze.support().1 == most_mm && check.sound(path) {
+        let message = format!("squeeze_mm may be {most_mm}, which presses both pads flat to their shells");
+        check.error(path, message, format!("stay below {most_mm} mm"));
+    }
+}
+
+fn folder(check: &mut Check<'_>, job: &Job) {
+    if job.output.container == Container::Folder {
+        let message = "a row of metadata.jsonl has one tactile image, and a grip has two";
+        check.error("output.container", message, "leave it out: a tar holds both fingers");
     }
 }
 

@@ -17,7 +17,10 @@ const MOST_PHASES: usize = 1000;
 /// `[sequence]`, and what stands beside it.
 pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known: bool) {
     if job.indentation.depth_mm.is_some() {
-        let help = "leave it out: each [[sequence.phase]] says depth_mm or force_n";
+        let help = match job.gripper {
+            None => "leave it out: each [[sequence.phase]] says depth_mm or force_n",
+            Some(_) => "leave it out: each [[sequence.phase]] says squeeze_mm, width_mm or force_n",
+        };
         check.error("indentation.depth_mm", "the phases of a sequence say how deep the object is", help);
     }
     if job.indentation.at != At::Lowest {
@@ -86,6 +89,12 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
             check.quantity(&path("force_n"), force, 1e-6..=1e6, "N");
             if phase.depth_mm.is_some() {
                 check.error(&path("force_n"), "both `depth_mm` and `force_n` say how deep", "keep one of them");
+            }
+        }
+        for (key, closing) in [("width_mm", &phase.width_mm), ("squeeze_mm", &phase.squeeze_mm)] {
+            if closing.is_some() && job.gripper.is_none() {
+                let message = format!("`{key}` is of two fingers, and this job has one");
+                check.error(&path(key), message, "write depth_mm or force_n; or add a [gripper] table");
             }
         }
         check.quantity(&path("x_mm"), &phase.x_mm, -1e3..=1e3, "mm");

@@ -12,7 +12,7 @@ use crate::core::pose::Pose;
 use crate::core::simulator::Press;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::output::OnUnhealthy;
-use crate::job::config::sequence::{Sequence, SequenceFriction};
+use crate::job::config::sequence::{Phase, Sequence, SequenceFriction};
 use crate::job::force::{DEEPEST, depth_of};
 use crate::job::label::Label;
 use crate::job::plan::Plan;
@@ -21,7 +21,7 @@ use crate::job::scene::Scene;
 
 pub mod label;
 pub mod motion;
-mod timeline;
+pub(in crate::job) mod timeline;
 
 use label::{FrameLabel, SequenceInfo, SequenceLabel};
 use motion::{DrawnPhase, Goal, Mover};
@@ -31,12 +31,12 @@ use timeline::{End, Timeline};
 const FORCE_TOLERANCE: f64 = 2e-3;
 
 /// Pixels along the longer side of the view of which the contact rolls at most one in a step.
-const ROLLING_PX: f64 = 160.0;
+pub(in crate::job) const ROLLING_PX: f64 = 160.0;
 
 /// A sequence that may go into the dataset.
-pub struct Accepted {
+pub struct Accepted<L = SequenceLabel> {
     /// Its label.
-    pub label: SequenceLabel,
+    pub label: L,
     /// The same in one.
     pub summary: Label,
     /// What was drawn before it and rejected.
@@ -52,13 +52,22 @@ pub struct Accepted {
 pub fn accept<E: From<Unfit>>(
     plan: &Plan,
     index: u64,
-    mut each: impl FnMut(Shown) -> Result<(), E>,
+    each: impl FnMut(Shown) -> Result<(), E>,
 ) -> Result<Accepted, E> {
+    accept_by(plan, each, |attempt, each| render(plan, index, attempt, each))
+}
+
+/// The same of what `render` renders of the draw after so many rejected ones, and shows frame by frame.
+pub fn accept_by<S, L, E: From<Unfit>>(
+    plan: &Plan,
+    mut each: impl FnMut(Shown<S>) -> Result<(), E>,
+    render: impl Fn(u32, &mut dyn FnMut(S, u32) -> Result<(), E>) -> Result<Accepted<L>, E>,
+) -> Result<Accepted<L>, E> {
     let mut rejected: Vec<Label> = Vec::new();
     loop {
         let attempt = rejected.len() as u32;
         each(Shown::Begin)?;
-        let mut done = render(plan, index, attempt, |sample, number| each(Shown::Frame(Box::new(sample), number)))?;
+        let mut done = render(attempt, &mut |frame, number| each(Shown::Frame(Box::new(frame), number)))?;
         let sound = done.summary.health.healthy || plan.output().on_unhealthy == OnUnhealthy::Keep;
         if sound {
             done.rejected = rejected;
@@ -72,11 +81,11 @@ pub fn accept<E: From<Unfit>>(
 }
 
 /// What is shown of a sequence while it is rendered.
-pub enum Shown {
+pub enum Shown<S = Sample> {
     /// A draw begins; what was shown before is rejected.
     Begin,
     /// A frame and its number. Its label is that of a press.
-    Frame(Box<Sample>, u32),
+    Frame(Box<S>, u32),
 }
 
 /// A sequence as it was drawn.
@@ -91,34 +100,56 @@ struct Drawn {
 
 impl Drawn {
     fn new(plan: &Plan, sequence: &Sequence, index: u64, attempt: u32) -> Self {
-        let redrawn = rng::redrawn(index, attempt);
-        let draw = |phase: usize, name: &str, quantity: &Quantity| {
-            quantity.sample(&mut rng::stream(plan.seed(), &format!("phase {phase} {name}"), redrawn))
-        };
-        let phases = sequence.phase.iter().enumerate().map(|(k, phase)| DrawnPhase {
-            name: phase.name.clone().unwrap_or_default(),
-            duration_s: draw(k, "duration", &phase.duration_s),
-            goal: match (&phase.depth_mm, &phase.force_n) {
-                (Some(depth), _) => Goal::Depth(draw(k, "depth", depth)),
-                (None, Some(force)) => Goal::Force(draw(k, "force", force)),
-                (None, None) => Goal::Stay,
-            },
-            shift_mm: [draw(k, "x", &phase.x_mm), draw(k, "y", &phase.y_mm)],
-            twist_deg: draw(k, "twist", &phase.twist_deg),
-            tilt_deg: draw(k, "tilt", &phase.tilt_deg),
-            tilt_azimuth_deg: draw(k, "tilt azimuth", &phase.tilt_azimuth_deg),
-            profile: phase.profile,
+        let draw = Drawer { plan, redrawn: rng::redrawn(index, attempt) };
+        let phases = draw.phases(sequence, |k, phase| match (&phase.depth_mm, &phase.force_n) {
+            (Some(depth), _) => Goal::Depth(draw.of_phase(k, "depth", depth)),
+            (None, Some(force)) => Goal::Force(draw.of_phase(k, "force", force)),
+            (None, None) => Goal::Stay,
         });
+        let scene = Scene::draw(plan, index, attempt);
+        let friction = draw.friction(sequence, &scene);
+        let object = scene.clusters.clone().expect("an object is drawn");
+        Self { phases, friction, frame_rate_hz: sequence.frame_rate_hz, object, scene }
+    }
+}
+
+/// Draws the phases of a sequence.
+pub(in crate::job) struct Drawer<'a> {
+    pub plan: &'a Plan,
+    /// Number of the streams.
+    pub redrawn: u64,
+}
+
+impl Drawer<'_> {
+    /// A quantity of phase `number`.
+    pub fn of_phase(&self, number: usize, name: &str, quantity: &Quantity) -> f64 {
+        quantity.sample(&mut rng::stream(self.plan.seed(), &format!("phase {number} {name}"), self.redrawn))
+    }
+
+    /// The phases; `goal` draws what each comes to.
+    pub fn phases(&self, sequence: &Sequence, goal: impl Fn(usize, &Phase) -> Goal) -> Vec<DrawnPhase> {
+        let drawn = |(k, phase): (usize, &Phase)| DrawnPhase {
+            name: phase.name.clone().unwrap_or_default(),
+            duration_s: self.of_phase(k, "duration", &phase.duration_s),
+            goal: goal(k, phase),
+            shift_mm: [self.of_phase(k, "x", &phase.x_mm), self.of_phase(k, "y", &phase.y_mm)],
+            twist_deg: self.of_phase(k, "twist", &phase.twist_deg),
+            tilt_deg: self.of_phase(k, "tilt", &phase.tilt_deg),
+            tilt_azimuth_deg: self.of_phase(k, "tilt azimuth", &phase.tilt_azimuth_deg),
+            profile: phase.profile,
+        };
+        sequence.phase.iter().enumerate().map(drawn).collect()
+    }
+
+    /// What holds a pad to the object.
+    pub fn friction(&self, sequence: &Sequence, scene: &Scene) -> Friction {
         let friction = match &sequence.friction {
             SequenceFriction::Stick => Friction::Stick,
             SequenceFriction::Coefficient(quantity) => Friction::Coulomb {
-                coefficient: quantity.sample(&mut rng::stream(plan.seed(), "sequence friction", redrawn)),
+                coefficient: quantity.sample(&mut rng::stream(self.plan.seed(), "sequence friction", self.redrawn)),
             },
         };
-        let scene = Scene::draw(plan, index, attempt);
-        let friction = scene.material.friction.unwrap_or(friction);
-        let object = scene.clusters.clone().expect("an object is drawn");
-        Self { phases: phases.collect(), friction, frame_rate_hz: sequence.frame_rate_hz, object, scene }
+        scene.material.friction.unwrap_or(friction)
     }
 }
 
@@ -203,7 +234,7 @@ pub fn render<E>(
 }
 
 /// A frame's press, with the texture where it lay at the start.
-fn pressed(plan: &Plan, scene: &Scene, laid: Laid) -> Press {
+pub(in crate::job) fn pressed(plan: &Plan, scene: &Scene, laid: Laid) -> Press {
     let press = scene.press(plan);
     Press { texture: press.texture.map(|texture| texture.laid_out(laid)), ..press }
 }

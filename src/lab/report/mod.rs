@@ -29,7 +29,6 @@ use crate::dataset::versioned::Versioned;
 use crate::files::input;
 use crate::files::png;
 use crate::job::config::document::MOST_READ;
-use crate::job::gripper::FINGERS;
 use crate::job::label::key;
 use crate::job::layout::{Layout, Shard, Split};
 use crate::lab::preview::Tile;
@@ -141,9 +140,6 @@ fn spread(layout: &Layout, shards: &[Shard], count: u64) -> BTreeSet<u64> {
     picks.collect()
 }
 
-/// The finger of a grip whose brightness is looked at.
-const FIRST_FINGER: &str = FINGERS[0];
-
 /// Gathers what one shard holds.
 fn gather_shard(recorded: &Recorded, shard: &Shard, picks: &Picks) -> Result<Gathered, Refused> {
     let paths = recorded.paths(shard);
@@ -181,14 +177,14 @@ fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gath
     let picked = |picks: &BTreeSet<u64>, key: &str| key.parse().is_ok_and(|index| picks.contains(&index));
     let wanted = |head: Head| {
         // The files of all frames are of one kind; those of two fingers are of two.
-        let (frame, suffix) = labels::split(head.suffix);
-        let is_finger = frame.is_some_and(|frame| FINGERS.contains(&frame));
-        let kind = if frame.is_some() && !is_finger { format!("f*.{suffix}") } else { head.suffix.to_owned() };
+        let labels::Suffix { frame, finger, layer } = labels::split(head.suffix);
+        let of_finger = finger.map_or(String::new(), |finger| format!("{finger}."));
+        let kind = if frame.is_some() { format!("f*.{of_finger}{layer}") } else { head.suffix.to_owned() };
         let (number, bytes): &mut (u64, u64) = counted(&mut files, &kind);
         *number += 1;
         *bytes += head.bytes;
         head.suffix == "json"
-            || matches!((frame, suffix), (None | Some("f0000" | FIRST_FINGER), "tactile.png"))
+            || matches!((frame, finger, layer), (None | Some("f0000"), None | Some("left"), "tactile.png"))
                 && picked(&picks.brightness, head.key)
             || picked(&picks.sheet, head.key)
     };
@@ -218,7 +214,7 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
     let label = SampleLabel::read(bytes).map_err(|error| format!("{key}.json: {error}"))?;
     gathered.count(split, label.summary());
     let index = key.parse::<u64>();
-    if let Some(sequence) = label.sequence() {
+    if let SampleLabel::Sequence(sequence, _) = &label {
         let shown = index.as_ref().is_ok_and(|index| picks.sheet.contains(index));
         gathered.sequences.count(split, sequence, shown);
     }
@@ -228,6 +224,7 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
             SampleLabel::Press(_) => "tactile.png",
             SampleLabel::Sequence(..) => "f0000.tactile.png",
             SampleLabel::Grip(..) => "left.tactile.png",
+            SampleLabel::GripSequence(..) => "f0000.left.tactile.png",
         };
         let png = sample.member(first).ok_or_else(|| format!("{key}.{first} is missing"))?;
         let image = png::decode_background(png).map_err(|reason| format!("{key}.{first}: {reason}"))?;
