@@ -41,6 +41,8 @@ pub enum OutputLayer {
     Pins,
     /// Points of the pad's surface, one for each pixel, mm in the sensor's frame.
     Points,
+    /// The image without any contact as the sample's own camera takes it at another moment, noise included.
+    Untouched,
 }
 
 /// What is to be known of a layer to write, read, check and describe it.
@@ -81,7 +83,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 13] = [
+const TABLE: [LayerSpec; 14] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -178,6 +180,13 @@ const TABLE: [LayerSpec; 13] = [
         },
         unit: Some("mm"),
         meaning: "the point of the pad's surface that each pixel shows, in the sensor's frame; 0, 0, 0 where it shows no gel",
+    },
+    LayerSpec {
+        layer: OutputLayer::Untouched,
+        name: "untouched",
+        form: Form::Rgb,
+        unit: None,
+        meaning: "the image without contact by the sample's own camera at another moment, with noise of its own, 8-bit RGB",
     },
 ];
 
@@ -389,13 +398,43 @@ mod tests {
         let bytes = |layer: OutputLayer, ending| layer.spec().form.bytes_per_px(ending, Pixel::Half);
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "exr")),
-            [Some(2), Some(2), None, Some(6), Some(4), Some(2), None, None, Some(12), None, Some(4), None, Some(12)]
+            [
+                Some(2),
+                Some(2),
+                None,
+                Some(6),
+                Some(4),
+                Some(2),
+                None,
+                None,
+                Some(12),
+                None,
+                Some(4),
+                None,
+                Some(12),
+                None
+            ]
         );
         assert_eq!(
             OutputLayer::ALL.map(|layer| bytes(layer, "npy")),
-            [Some(4), Some(4), None, Some(12), Some(4), Some(4), None, None, Some(24), None, Some(8), None, Some(12)]
+            [
+                Some(4),
+                Some(4),
+                None,
+                Some(12),
+                Some(4),
+                Some(4),
+                None,
+                None,
+                Some(24),
+                None,
+                Some(8),
+                None,
+                Some(12),
+                None
+            ]
         );
-        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None, None];
+        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None, None, Some(3)];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);
