@@ -23,6 +23,8 @@ pub mod rows;
 /// One sample as a sheet shows it.
 pub struct Tile {
     panels: Vec<RgbImage>,
+    /// How many of them, from the first on, are tactile images.
+    tactile: usize,
     caption: String,
 }
 
@@ -42,7 +44,7 @@ impl Tile {
         let depth = Grid { width, height, data: impression.depth_mm() };
         let mask = Grid { width, height, data: impression.contact_mask() };
         let panels = panels(tactile, Some(&depth), Some(&mask));
-        Self { panels, caption: caption(&label) }
+        Self { panels, tactile: 1, caption: caption(&label) }
     }
 
     /// Shows a sample of a dataset from its files.
@@ -56,7 +58,8 @@ impl Tile {
             let shown = count.min(FRAMES);
             // The first, the last, and some between.
             let panels = (0..shown).map(|k| tactile(files, k * (count - 1) / (shown - 1).max(1)));
-            return Ok(Self { panels: panels.collect::<Result<_, _>>()?, caption: caption(label.summary()) });
+            let panels = panels.collect::<Result<_, _>>()?;
+            return Ok(Self { panels, tactile: shown, caption: caption(label.summary()) });
         }
         let label = label.summary();
         let tactile = png::decode_rgb(needed("tactile.png")?).map_err(|reason| named("tactile.png", reason))?;
@@ -67,7 +70,8 @@ impl Tile {
             height: grey.height() as usize,
             data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
         });
-        Ok(Self { panels: panels(tactile, depth.as_ref(), contact.as_ref()), caption: caption(label) })
+        let panels = panels(tactile, depth.as_ref(), contact.as_ref());
+        Ok(Self { panels, tactile: 1, caption: caption(label) })
     }
 
     /// Class, depth and number.
@@ -77,17 +81,26 @@ impl Tile {
 
     /// The panels beside each other, each made `panel_width` px wide at the most.
     pub fn strip(&self, panel_width: u32) -> RgbImage {
-        let panels = scaled(&self.panels, panel_width);
-        let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
-        let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
-        let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
-        let mut left = 0;
-        for panel in &panels {
-            imageops::replace(&mut strip, panel, left, 0);
-            left += i64::from(panel.width()) + 2;
-        }
-        strip
+        beside(&scaled(&self.panels, panel_width))
     }
+
+    /// The same of the tactile images alone: one of a press, the frames of a sequence.
+    pub fn tactile(&self, panel_width: u32) -> RgbImage {
+        beside(&scaled(&self.panels[..self.tactile], panel_width))
+    }
+}
+
+/// Panels in a row.
+fn beside(panels: &[RgbImage]) -> RgbImage {
+    let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
+    let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
+    let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
+    let mut left = 0;
+    for panel in panels {
+        imageops::replace(&mut strip, panel, left, 0);
+        left += i64::from(panel.width()) + 2;
+    }
+    strip
 }
 
 /// The panels that there are: tactile, depth (mm), contact (255 where the pad touches).
