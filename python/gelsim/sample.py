@@ -58,6 +58,8 @@ class Sample(TypedDict, total=False):
     """(H, W, 2): motion of the pad's surface to the right and down since it was untouched, mm."""
     points: NDArray[np.float32]
     """(H, W, 3): the point of the pad's surface that each pixel shows, mm in the sensor's frame."""
+    untouched: NDArray[np.uint8]
+    """(H, W, 3): the image without contact by the sample's own camera at another moment, with noise of its own."""
     frames: list[Sample]
     """Of a sequence: its frames, each with `tactile` and the layers; the sequence itself has `frames` and `label` only."""
     left: Sample
@@ -87,4 +89,5 @@ class Batch(TypedDict, total=False):
     lamps: NDArray[np.float32]
     flow: NDArray[np.float32]
     points: NDArray[np.float32]
+    untouched: NDArray[np.uint8]
     label: list[dict[str, Any]]

@@ -5,10 +5,10 @@
 use std::sync::{Arc, OnceLock};
 
 use crate::core::base::clock::{Clock, Seconds};
-use crate::core::base::grid::Grid;
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::view::View;
-use crate::core::camera::markers::MarkerPattern;
+use crate::core::camera::markers::{MarkerPattern, MarkerPositions};
 use crate::core::camera::pins::Pins;
 use crate::core::camera::{Camera, CameraParams, Image};
 use crate::core::curved::sequence::MovingObject;
@@ -670,6 +670,15 @@ impl Simulator {
     /// The image without contact, markers included.
     pub fn untouched(&self) -> &Image {
         &self.camera.untouched
+    }
+
+    /// The untouched pad as the camera of a press took it at another moment: its lens, its gains and its print, and noise of its
+    /// own. Pins are those of a unit without differences.
+    pub fn untouched_beside(&self, impression: &Impression) -> Image {
+        let nothing = Light { region: Rect::whole(0, 0), planes: Default::default() };
+        let markers = impression.markers.as_ref().map(MarkerPositions::at_rest);
+        let camera = impression.camera.at_another_moment();
+        self.camera.expose(nothing, None, markers.as_ref(), &camera, &mut EffectLog::new(self.policy))
     }
 
     /// The gelpad alone: contacts without light.

@@ -62,6 +62,7 @@ pub fn content<'a>(sample: &'a Sample, layer: OutputLayer) -> Content<'a> {
         OutputLayer::Instance => Content::Bytes(sample.instances().into()),
         OutputLayer::Contact => Content::Bytes(impression.contact_mask().into()),
         OutputLayer::Reference => Content::Bytes((&sample.simulator.untouched().rgb).into()),
+        OutputLayer::Untouched => Content::Bytes(sample.simulator.untouched_beside(impression).rgb.into()),
         OutputLayer::Markers => {
             let (rest_px, moved_px) = impression.marker_positions().into_iter().unzip();
             Content::Markers(Positions { rest_px, moved_px, ..Positions::default() })

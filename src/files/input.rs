@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 
+use super::spelling::nearest;
+
 /// Largest image or array, bytes.
 pub const MOST_IMAGE_BYTES: u64 = 1 << 30;
 /// Largest mesh, bytes.
@@ -49,6 +51,21 @@ fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
         return Err(io::Error::other("it is not a regular file"));
     }
     Ok((file, there.len()))
+}
+
+/// The name of a file beside the place of one that is not there, which may have been meant: another case, an ending left out,
+/// a slip. Only of files that are `wanted`.
+pub fn meant(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Option<String> {
+    /// A folder with more is no place where a person overlooks a name.
+    const MOST: usize = 10_000;
+    let name = missing.file_name()?.to_str()?;
+    let folder = missing.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
+    let entries = folder.read_dir().ok()?.take(MOST).filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut names: Vec<String> = entries.filter(|name| wanted(Path::new(name))).collect();
+    names.sort();
+    let stem = |found: &&String| Path::new(found.as_str()).file_stem().is_some_and(|stem| stem == name);
+    let alike = names.iter().find(|found| found.eq_ignore_ascii_case(name)).or_else(|| names.iter().find(stem));
+    alike.map(String::as_str).or_else(|| nearest(name, names.iter().map(String::as_str))).map(str::to_owned)
 }
 
 /// True of a regular file, or a link to one. What the system does not tell of counts as one, too: who reads it hears why,

@@ -43,6 +43,8 @@ pub enum OutputLayer {
     Points,
     /// The number of the object that the pad touches, counted from 1 in the order of the label's `objects`, 0 elsewhere.
     Instance,
+    /// The image without any contact as the sample's own camera takes it at another moment, noise included.
+    Untouched,
 }
 
 /// What is to be known of a layer to write, read, check and describe it.
@@ -83,7 +85,7 @@ pub enum Form {
 }
 
 /// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 14] = [
+const TABLE: [LayerSpec; 15] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -188,6 +190,13 @@ const TABLE: [LayerSpec; 14] = [
         unit: None,
         meaning: "8-bit grey, the number of the object that the pad touches, counted from 1 in the label's `objects`; 0 where \
                   it touches none",
+    },
+    LayerSpec {
+        layer: OutputLayer::Untouched,
+        name: "untouched",
+        form: Form::Rgb,
+        unit: None,
+        meaning: "the image without contact by the sample's own camera at another moment, with noise of its own, 8-bit RGB",
     },
 ];
 
@@ -413,6 +422,7 @@ mod tests {
                 Some(4),
                 None,
                 Some(12),
+                None,
                 None
             ]
         );
@@ -432,10 +442,12 @@ mod tests {
                 Some(8),
                 None,
                 Some(12),
+                None,
                 None
             ]
         );
-        let png = [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None, None, Some(1)];
+        let png =
+            [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None, None, Some(1), Some(3)];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

@@ -26,6 +26,8 @@ pub mod rows;
 /// One sample as a sheet shows it.
 pub struct Tile {
     panels: Vec<RgbImage>,
+    /// Which of them are tactile images.
+    tactile: Vec<usize>,
     caption: String,
 }
 
@@ -45,7 +47,7 @@ impl Tile {
         let depth = Grid { width, height, data: impression.depth_mm() };
         let mask = Grid { width, height, data: impression.contact_mask() };
         let panels = panels(tactile, Some(&depth), Some(&mask));
-        Self { panels, caption: caption(&label) }
+        Self { panels, tactile: vec![0], caption: caption(&label) }
     }
 
     /// Shows a sample of a dataset from its files.
@@ -66,16 +68,17 @@ impl Tile {
                     panels.push(tactile(files, k * (count as usize - 1) / (shown - 1).max(1), *finger)?);
                 }
             }
-            return Ok(Self { panels, caption: caption(summary) });
+            return Ok(Self { tactile: (0..panels.len()).collect(), panels, caption: caption(summary) });
         }
         if let SampleLabel::Grip(grip, _) = &label {
-            let mut both = Vec::new();
+            let (mut both, mut tactile) = (Vec::new(), Vec::new());
             for (name, finger) in grip.fingers() {
+                tactile.push(both.len());
                 both.extend(Self::read_panels(&files.of_finger(name), &finger.png16)?);
             }
-            return Ok(Self { panels: both, caption: grip_caption(grip) });
+            return Ok(Self { panels: both, tactile, caption: grip_caption(grip) });
         }
-        Ok(Self { panels: Self::read_panels(files, &summary.png16)?, caption: caption(summary) })
+        Ok(Self { panels: Self::read_panels(files, &summary.png16)?, tactile: vec![0], caption: caption(summary) })
     }
 
     /// The panels of one press, from its files.
@@ -100,17 +103,27 @@ impl Tile {
 
     /// The panels beside each other, each made `panel_width` px wide at the most.
     pub fn strip(&self, panel_width: u32) -> RgbImage {
-        let panels = scaled(&self.panels, panel_width);
-        let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
-        let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
-        let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
-        let mut left = 0;
-        for panel in &panels {
-            imageops::replace(&mut strip, panel, left, 0);
-            left += i64::from(panel.width()) + 2;
-        }
-        strip
+        beside(&scaled(&self.panels, panel_width))
     }
+
+    /// The same of the tactile images alone: one of a press, the frames of a sequence.
+    pub fn tactile(&self, panel_width: u32) -> RgbImage {
+        let tactile: Vec<RgbImage> = self.tactile.iter().map(|panel| self.panels[*panel].clone()).collect();
+        beside(&scaled(&tactile, panel_width))
+    }
+}
+
+/// Panels in a row.
+fn beside(panels: &[RgbImage]) -> RgbImage {
+    let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
+    let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
+    let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
+    let mut left = 0;
+    for panel in panels {
+        imageops::replace(&mut strip, panel, left, 0);
+        left += i64::from(panel.width()) + 2;
+    }
+    strip
 }
 
 /// The panels that there are: tactile, depth (mm), contact (255 where the pad touches).
@@ -145,7 +158,7 @@ fn film_frame(files: &Files, number: usize, both: bool) -> Result<RgbImage, Stri
         return tactile(files, number, None);
     }
     let panels = vec![tactile(files, number, Some("left"))?, tactile(files, number, Some("right"))?];
-    Ok(Tile { panels, caption: String::new() }.strip(u32::MAX))
+    Ok(beside(&panels))
 }
 
 /// All frames of a sequence as an animated PNG, at the speed at which they were taken.

@@ -63,6 +63,7 @@ fn a_mug_in_metres_is_warned_of_and_strict_ends_with_1() {
 fn a_file_that_cannot_be_used_does_not_keep_the_others_from_being_inspected() {
     let folder = Folder::new();
     folder.write("bad.obj", "v 0 0 0\nf 1 2 3\n");
+    folder.write("notes.txt", "a mug\n");
     folder.write("a b\n.stl", "solid\nendsolid\n");
     let assert = folder.gelsim("inspect bad.obj no.stl cube.obj notes.txt").arg("a b\n.stl").assert().code(1);
     let text = String::from_utf8_lossy(&assert.get_output().stdout);
@@ -103,6 +104,41 @@ fn json_holds_the_same_for_tools() {
     let metres = &mug["mesh"]["readings"][2];
     assert_eq!((&metres["unit"], &metres["plausible"]), (&Value::from("m"), &Value::from(true)));
     assert_eq!((&missing["mesh"], &missing["findings"][0]["severity"]), (&Value::Null, &Value::from("error")));
+}
+
+#[test]
+fn the_side_that_auto_takes_is_the_one_that_a_job_presses() {
+    let folder = Folder::new();
+    for (mesh, face) in [("sphere", "-z"), ("gear", "-z"), ("key", "-z"), ("coin", "+z")] {
+        let bundled = repository().join("objects").join(format!("{mesh}.obj"));
+        // Turned over and on its side, too: x to y, y to z, z to x.
+        let text = std::fs::read_to_string(bundled).expect("a bundled mesh");
+        let turned = |line: &str| match line.strip_prefix("v ").map(|rest| rest.split(' ').collect::<Vec<_>>()) {
+            Some(v) => format!("v {} {} {}\n", v[2], v[0], v[1]),
+            None => format!("{line}\n"),
+        };
+        folder.write("turned.obj", text.lines().map(turned).collect::<String>());
+        folder.write("plain.obj", text);
+        for name in ["plain", "turned"] {
+            let (json, _) = stdout(&folder, &format!("inspect {name}.obj --json --sensor gelsight-mini"), 0);
+            let report: Value = serde_json::from_str(&json).expect("JSON");
+            let auto = report["meshes"][0]["mesh"]["auto_face"].as_str().expect("a side").to_owned();
+            let job = format!(
+                "dataset.samples = 1\nsensor = {{ preset = \"gelsight-mini\", resolution_px = [48, 36] }}\npose.face = \"auto\"\n\
+                 indentation.depth_mm = 0.2\nobject = [{{ path = \"{name}.obj\" }}]\n"
+            );
+            folder.write("auto.toml", job);
+            let (said, _) = stdout(&folder, "plan auto.toml --quiet", 0);
+            assert!(
+                said.contains(&format!("presses the sides with the most relief: {auto} of {name}")),
+                "{auto}: {said}"
+            );
+            let (table, _) = stdout(&folder, &format!("inspect {name}.obj --sensor gelsight-mini"), 0);
+            let marked: Vec<&str> = table.lines().filter(|line| line.ends_with("<- face = \"auto\"")).collect();
+            assert!(marked.len() == 1 && marked[0].trim_start().starts_with(&auto), "{table}");
+            assert!(name == "turned" || auto == face, "{mesh}: {auto}");
+        }
+    }
 }
 
 #[test]

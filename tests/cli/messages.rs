@@ -207,7 +207,15 @@ fn an_unknown_distribution_is_refused_with_the_ones_there_are() {
 
 #[test]
 fn a_file_that_is_not_there_is_named() {
-    one_mistake("\"cone.obj\"", "«\"cones.obj\"»", "cones.obj does not exist", "relative to the file");
+    let missing = |written: &str, help: &str| {
+        let title = format!("{written} does not exist");
+        one_mistake("\"cone.obj\"", &format!("«\"{written}\"»"), &title, help);
+    };
+    missing("cones.obj", "did you mean cone.obj? paths are relative to the file");
+    for written in ["Cone.OBJ", "cone"] {
+        missing(written, "did you mean cone.obj?");
+    }
+    missing("teapot.obj", "paths are relative to the file");
     one_mistake("\"cone.obj\"", "«\".\"»", "is a folder", "FOLDER/*.stl");
     one_mistake(
         "\"cone.obj\"",
@@ -707,7 +715,9 @@ fn mistakes_in_job_command_line_and_sensor_file_are_reported_together() {
 #[test]
 fn a_job_that_is_no_text_or_not_there_is_refused() {
     let folder = Folder::new();
-    assert!(folder.fail("generate nothing.toml", 2).contains("nothing.toml: cannot read the job"));
+    let said = folder.fail("generate nothing.toml", 2);
+    assert!(said.contains("nothing.toml: cannot read the job") && said.contains("gelsim init FILE.toml"), "{said}");
+    assert!(folder.fail("generate jobs.toml", 2).contains("did you mean job.toml?"));
     folder.write("job.toml", b"name = \"\xff\"");
     assert!(folder.fail("generate job.toml", 2).contains("job.toml: not UTF-8 at byte 8"));
 }

@@ -121,6 +121,53 @@ fn noise_has_the_variance_that_is_asked_for() {
 }
 
 #[test]
+fn the_untouched_pad_at_another_moment_differs_by_noise_of_its_own() {
+    // Where the press changes no light two frames differ by the noise of both, which have nothing in common.
+    for (lines, of_one) in [
+        ("camera.read_noise_levels = 3.0", 9.0),
+        ("camera = { read_noise_levels = 2.0, shot_noise_levels = 5.0, exposure = 1.5 }", 4.0 + 0.6 * 25.0),
+    ] {
+        let exposure =
+            lines.split("exposure").nth(1).map_or(String::new(), |rest| format!("camera = {{ exposure{rest}"));
+        let (noiseless, rest) =
+            (image(PRESS, &format!("{EVEN}{exposure}")), image(UNTOUCHED, &format!("{EVEN}{exposure}")));
+        let (_, sample) = sample(PRESS, &format!("{EVEN}{lines}"));
+        let before = sample.simulator.untouched_beside(&sample.impression).rgb;
+        let away = (0..rest.len()).filter(|at| noiseless[*at] == rest[*at]);
+        let differences: Vec<f64> =
+            away.map(|at| f64::from(sample.impression.image.rgb[at]) - f64::from(before[at])).collect();
+        let count = differences.len() as f64;
+        let mean = differences.iter().sum::<f64>() / count;
+        let variance = differences.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+        // Each is rounded to whole levels.
+        let expected = 2.0 * (of_one + 1.0 / 12.0);
+        assert!(count > 5000.0 && mean.abs() < 5.0 * (expected / count).sqrt(), "{mean} over {count}");
+        assert!((variance / expected - 1.0).abs() < 5.0 * (2.0 / count).sqrt(), "{variance} for {expected}, {lines}");
+        assert_eq!(before, sample.simulator.untouched_beside(&sample.impression).rgb);
+    }
+}
+
+#[test]
+fn the_untouched_pad_at_another_moment_is_what_the_samples_camera_shows_of_it() {
+    for lines in [
+        "",
+        "camera = { exposure = [0.5, 1.4], red_gain = [0.9, 1.1] }",
+        "camera = { distortion_k1 = [-0.2, 0.2], vignette = [0.1, 0.4], defocus_mm = [0.02, 0.1] }",
+        "markers = { pitch_mm = [1.5, 2.5] }\ncamera = { distortion_k1 = [-0.2, 0.2], exposure = 0.8 }",
+        "camera.speckle_levels = 5.0",
+    ] {
+        let (_, pressed) = sample(PRESS, lines);
+        let shown = pressed.simulator.untouched_beside(&pressed.impression).rgb;
+        assert_eq!(shown, image(UNTOUCHED, lines), "{lines}");
+        assert_ne!(shown, pressed.impression.image.rgb, "{lines}");
+        assert!(!lines.is_empty() || shown == pressed.simulator.untouched().rgb);
+    }
+    // What a press that touches nothing shows is another frame.
+    let (_, nothing) = sample(UNTOUCHED, "camera.read_noise_levels = 3.0");
+    assert_ne!(nothing.simulator.untouched_beside(&nothing.impression).rgb, nothing.impression.image.rgb);
+}
+
+#[test]
 fn defocus_keeps_the_light_and_smooths_it() {
     let (sharp, soft) = (image(PRESS, ""), image(PRESS, "camera.defocus_mm = 0.4"));
     assert!((mean(&sharp) - mean(&soft)).abs() < 0.1, "{} and {}", mean(&sharp), mean(&soft));

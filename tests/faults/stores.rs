@@ -345,7 +345,7 @@ fn a_dataset_in_a_store_is_described_if_it_is_whole() {
         assert!(*store.objects.lock().expect("no panic") == *broken, "nothing is changed");
     }
     let nothing = finalize_in(&Memory::default(), &folder.path("staging"), CheckLevel::Sizes);
-    let said = in_words(nothing.err().expect("no dataset").into());
+    let said = in_words(nothing.expect_err("no dataset").into());
     assert!(said.contains("s3://bucket/presses is no dataset"), "{said}");
 }
 

@@ -23,7 +23,7 @@ import gelsim
 import numpy as np
 from snippet import snippets
 
-LAYERS = ["depth", "surface", "contact", "normal", "pressure", "gap", "markers", "reference", "flow"]
+LAYERS = ["depth", "surface", "contact", "normal", "pressure", "gap", "markers", "reference", "flow", "untouched"]
 
 # As mixed as samples get: contact and none, relief, markers that move, a lens.
 PRESSES = """

@@ -57,7 +57,9 @@ with tempfile.TemporaryDirectory() as folder:
     text = open(page, encoding="utf-8").read()
     links = Links()
     links.feed(text)
-    assert links.found and all(link.startswith("data:image/png;base64,") for link in links.found)
+    within = [link for link in links.found if link.startswith("#")]
+    assert within and all(f'id="{link[1:]}"' in text for link in within)
+    assert all(link.startswith("data:image/png;base64,") for link in set(links.found) - set(within))
     assert "url(" not in text and "@import" not in text
 
     for width, height in [(1200, 6000), (390, 12000)]:
@@ -70,4 +72,10 @@ with tempfile.TemporaryDirectory() as folder:
             assert (picture == split).all(axis=2).sum() > 100, f"too little of the colour {split}"
         # Nothing is wider than the window: the right margin is white all the way down.
         assert (picture[:, -4:] == 255).all(), f"something reaches over the border at {width} px"
+    # A click on a sample shows it over the whole window, on dark.
+    sample = next(link for link in within if not link.startswith("#of-"))
+    picture = render(f"{page}{sample}", 1201, 800, folder)
+    corners = picture[[4, 4, -5, -5], [4, -5, 4, -5]]
+    middle = picture[300:500, 500:700].reshape(-1, 3)
+    assert (corners < 80).all() and len(numpy.unique(middle, axis=0)) > 100, "no large image of a sample"
     print(f"report of {len(text)} bytes rendered at 1200 and 390 px: whole, without network, silent")

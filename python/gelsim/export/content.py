@@ -29,6 +29,7 @@ UNITS = {
     "slip": "128 where the pad sticks to the object, 255 where it slips",
     "flow": "mm, motion of the pad's surface to the right and down",
     "points": "mm in the sensor's frame, X, Y, Z of the pad's surface",
+    "untouched": "8-bit RGB: the image without contact at another moment, with noise of its own",
     "markers/rest_px": "px; the first pixel's centre is at (0.5, 0.5)",
     "markers/moved_px": "px; the first pixel's centre is at (0.5, 0.5)",
     "pins/rest_px": "px; the first pixel's centre is at (0.5, 0.5)",

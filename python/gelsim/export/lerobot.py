@@ -21,7 +21,7 @@ from gelsim.needed import need
 VERSION = "v3.0"
 FILES_IN_CHUNK = 1000
 ROWS_IN_GROUP = 100
-PIXELS = ["tactile", "reference", "contact", "instance", "slip"]
+PIXELS = ["tactile", "reference", "untouched", "contact", "instance", "slip"]
 """Layers of 8 bits; the others are in the label or left out."""
 
 

@@ -69,6 +69,11 @@ pub struct MarkerPositions {
 }
 
 impl MarkerPositions {
+    /// The same where nothing carried them.
+    pub fn at_rest(&self) -> Self {
+        Self { moved_px: self.rest_px.clone(), ..self.clone() }
+    }
+
     /// Where the dots that rest or lie in view are in the image, at rest and moved, px: the first pixel's centre is at
     /// (0.5, 0.5).
     pub fn in_view<'a>(

@@ -6,6 +6,7 @@ use super::lens::Lens;
 use super::noise::{self, Noise};
 use super::{Planes, defocus, vignette};
 use crate::core::base::grid::Rect;
+use crate::core::base::rng;
 use crate::core::base::view::View;
 use crate::core::effects::{Effect, EffectPolicy};
 
@@ -60,6 +61,11 @@ impl Default for CameraParams {
 }
 
 impl CameraParams {
+    /// The same at another moment: what is noise is other noise, all else stays. Which is fixed by the key, too.
+    pub fn at_another_moment(self) -> Self {
+        Self { noise_key: rng::stream(self.noise_key, "another moment", 0).bits(), ..self }
+    }
+
     /// The same without an effect that is to be left out.
     pub fn under(self, policy: EffectPolicy) -> Self {
         match policy {

@@ -138,7 +138,10 @@ impl FileRead<'_> {
 
 fn read_file(path: &Path, reading: Reading) -> Result<(FileRead<'_>, Raw), MeshFileError> {
     let in_file = |error: MeshFileError| error.in_file(path);
-    let format = Format::from_path(path).ok_or_else(|| in_file(MeshFileProblem::UnknownExtension.into()))?;
+    let format = Format::from_path(path).ok_or_else(|| match path.metadata() {
+        Err(error) => in_file(MeshFileProblem::Unreadable(error).into()),
+        Ok(_) => in_file(MeshFileProblem::UnknownExtension.into()),
+    })?;
     let bytes = input::read(path, input::MOST_MESH_BYTES)
         .map_err(|error| in_file(MeshFileProblem::Unreadable(error).into()))?;
     let mut others = Others::beside(Some(path));

@@ -42,7 +42,7 @@ impl Address {
             return Some(Err(format!("{scheme}:// is no store that is known: {}", known.join(", "))));
         };
         if scheme == "file" {
-            let absolute = rest.starts_with('/') && rest.trim_matches('/') != "";
+            let absolute = rest.starts_with('/') && !rest.trim_matches('/').is_empty();
             let wrong = "write a file:// address with three slashes and the whole path: file:///data/presses";
             return Some(if absolute { Ok(Self::new(scheme, "", rest)) } else { Err(String::from(wrong)) });
         }

@@ -228,6 +228,14 @@ pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> R
         let message = format!("{name}: cannot read the job: {error}");
         match path.is_dir() {
             true => user_error(message, "name the job file, which ends in .toml"),
+            false if error.kind() == io::ErrorKind::NotFound => {
+                let jobs = |path: &Path| path.extension().is_some_and(|ending| ending == "toml");
+                let help = match input::meant(path, jobs) {
+                    Some(name) => format!("did you mean {}?", path.with_file_name(name).display()),
+                    None => String::from("gelsim init FILE.toml writes a job to start from"),
+                };
+                user_error(message, help)
+            }
             false => Report::message(message),
         }
     })?;

@@ -29,7 +29,7 @@ use crate::job::layout::Layout;
 pub mod check;
 mod curved;
 pub mod draw;
-mod faces;
+pub mod faces;
 mod files;
 pub mod frames;
 mod gel;

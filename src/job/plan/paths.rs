@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use glob::Pattern;
 
 use super::check::Check;
-use crate::files::input::{matching, may_be_file};
+use crate::files::input::{matching, may_be_file, meant};
+use crate::files::mesh::{Format, is_height_map};
 use crate::job::layout::Split;
 
 /// The files that `written` names: itself if it exists, else as a pattern; `help` is for who names none. After a mistake,
@@ -64,7 +65,10 @@ fn why_not(folder: &Path, written: &str, help: &str) -> String {
     let plain = |above: &&&Path| !above.to_string_lossy().contains(['*', '?', '[']);
     match above.iter().rev().filter(plain).find(|above| !folder.join(above).exists()) {
         Some(missing) => format!("there is no folder {}; {help}", folder.join(missing).display()),
-        None => help.to_owned(),
+        None => match meant(&folder.join(written), |path| Format::from_path(path).is_some() || is_height_map(path)) {
+            Some(name) => format!("did you mean {}? {help}", Path::new(written).with_file_name(name).display()),
+            None => help.to_owned(),
+        },
     }
 }
 

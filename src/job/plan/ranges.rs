@@ -352,6 +352,16 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
                 let message = format!("the gelpad model `{}` knows no motion of the pad in its plane", gelpad.name());
                 check.error(&path, message, "leave `flow` out, or choose a model that solves the contact");
             }
+            OutputLayer::Untouched
+                if job
+                    .sensor
+                    .pins
+                    .as_ref()
+                    .is_some_and(|pins| pins.size_jitter > 0.0 || pins.place_jitter_mm > 0.0) =>
+            {
+                let help = "leave `untouched` out, or set size_jitter and place_jitter_mm in [sensor.pins] to 0";
+                check.error(&path, "the pins of this sensor differ from sample to sample, untouched ones, too", help);
+            }
             OutputLayer::Slip if job.sequence.is_none() => {
                 check.error(&path, "a single press has no slip", "leave `slip` out, or add a [sequence] table")
             }

@@ -17,6 +17,8 @@ use crate::files::mesh;
 use crate::files::mesh::{Given, Loaded};
 use crate::files::sensor::{PRESETS, Sensor};
 use crate::job::config::object::{Unit, is_plausible};
+use crate::job::config::scene::Face;
+use crate::job::plan::faces;
 use crate::lab::inspect::surface::{Surface, survey};
 
 pub mod findings;
@@ -97,6 +99,8 @@ pub struct MeshFacts {
     pub rows_per_capture: f64,
     /// The six sides as captured; none if the mesh is too large, too small or too slow for that, or is one of a set.
     pub sides: Vec<Side>,
+    /// The side that `face = "auto"` presses, the one with the most relief; null where the sides were not captured.
+    pub auto_face: Option<Face>,
 }
 
 /// A mesh's size if its coordinates were in a unit.
@@ -161,6 +165,14 @@ impl MeshFacts {
         let is_captured = look == Look::Close
             && (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm)
             && rows_per_capture <= sides::MOST_ROWS;
+        let (sides, auto_face) = match is_captured {
+            true => {
+                let object = Clusters::new(&mesh);
+                let auto = Face::of(faces::richest(&object, pad.thickness_mm));
+                (sides::sides(&object, size_mm, pad), Some(auto))
+            }
+            false => (Vec::new(), None),
+        };
         Self {
             given,
             sha256,
@@ -174,7 +186,8 @@ impl MeshFacts {
             cleaned,
             surface: survey(&mesh, 2.0 * pad.pixel_mm()),
             rows_per_capture,
-            sides: if is_captured { sides::sides(&Clusters::new(&mesh), size_mm, pad) } else { Vec::new() },
+            sides,
+            auto_face,
         }
     }
 

@@ -113,9 +113,10 @@ fn sides(facts: &MeshFacts, pad: &SensorPad) -> String {
             Some(_) => "bounds",
             None => "-",
         };
+        let auto = if facts.auto_face == Some(side.face) { "  <- face = \"auto\"" } else { "" };
         let _ = writeln!(
             text,
-            "  {:<4} {:>17} {:>15} {:>6} {:>7}  {relief:<13} {:>15} {:>6}  {anchor}",
+            "  {:<4} {:>17} {:>15} {:>6} {:>7}  {relief:<13} {:>15} {:>6}  {anchor}{auto}",
             side.face.name(),
             format!("{x} x {y}"),
             format!("{u} x {v}"),

@@ -63,6 +63,18 @@ pub fn figures(figures: &str) -> String {
     format!("<div class=\"figures\">\n{figures}</div>\n")
 }
 
+/// A PNG file of this width and height, px; `caption` is HTML.
+pub fn image(png: &[u8], (width, height): (u32, u32), caption: &str) -> String {
+    format!("<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{caption}\"/>", uri(png))
+}
+
+/// HTML that a click opens over the whole window, and another one closes; `name` is the page's only one of its kind.
+pub fn opens(name: &str, small: &str, large: &str) -> String {
+    format!(
+        "<a id=\"of-{name}\" href=\"#{name}\">{small}</a>\n<a class=\"large\" id=\"{name}\" href=\"#of-{name}\">{large}</a>"
+    )
+}
+
 /// A PNG file as the address of itself.
 pub fn uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", base64(png))
@@ -117,6 +129,8 @@ figure { display: inline-block; margin: 0 12px 16px 0; vertical-align: top } fig
 .figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(330px, 100%), 1fr)); gap: 16px 20px }
 .figures { margin: 12px 0 } .figures figure { margin: 0 }
 svg, img { max-width: 100%; height: auto }
+.large { display: none } .large:target { display: flex; align-items: center; justify-content: center; position: fixed; inset: 0 }
+.large { z-index: 1; background: rgba(0, 0, 0, 0.85) } .large img { max-height: 98vh; width: auto; max-width: 98vw; object-fit: contain }
 section { margin: 0 0 20px } section p { margin: 2px 0; font-size: 13px } section svg { margin-right: 8px }
 .bad { color: #a01e28 } .note { font-size: 13px; color: #555 }
 .cards { display: flex; flex-wrap: wrap; gap: 10px; margin: 16px 0 }

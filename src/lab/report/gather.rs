@@ -3,8 +3,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use image::RgbImage;
-
 use super::histogram::{Histogram, PerSplit};
 use super::places::Places;
 use super::quantities::QUANTITIES;
@@ -86,10 +84,8 @@ pub struct Picture {
     pub index: u64,
     /// Its split.
     pub split: Split,
-    /// Tactile image and layers beside each other.
-    pub strip: RgbImage,
-    /// What stands below.
-    pub caption: String,
+    /// Its images.
+    pub tile: Tile,
 }
 
 /// Reasons of one kind, told apart by their words; how often each was given, and the first few keys.
@@ -241,10 +237,8 @@ impl Gathered {
     }
 
     /// Shows a sample on the contact sheet.
-    pub fn show(&mut self, index: u64, split: Split, tile: &Tile) {
-        /// Width of a panel of the sheet, px.
-        const PANEL: u32 = 108;
-        self.tiles.push(Picture { index, split, strip: tile.strip(PANEL), caption: tile.caption().to_owned() });
+    pub fn show(&mut self, index: u64, split: Split, tile: Tile) {
+        self.tiles.push(Picture { index, split, tile });
     }
 
     /// Adds what is known of other shards, which come after these.

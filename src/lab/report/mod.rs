@@ -232,7 +232,7 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
         gathered.brightness.count(split, sum as f64 / (image.len().max(1)) as f64);
     }
     if picks.sheet.contains(&index) {
-        gathered.show(index, split, &Tile::read(sample)?);
+        gathered.show(index, split, Tile::read(sample)?);
     }
     Ok(())
 }
@@ -279,7 +279,7 @@ mod tests {
         let (forth, back) = (sum(&mut shards.iter()), sum(&mut shards.iter().rev()));
         let counts = |sum: &Gathered| {
             let bars: Vec<_> = sum.histograms.iter().chain([&sum.brightness]).map(|one| one.bars(20)).collect();
-            let tiles: Vec<_> = sum.tiles.iter().map(|tile| (tile.index, tile.strip.clone())).collect();
+            let tiles: Vec<_> = sum.tiles.iter().map(|tile| (tile.index, tile.tile.strip(108))).collect();
             let totals = (sum.totals.shards, sum.totals.samples, sum.totals.bytes);
             let told = format!("{:?} {:?} {:?} {totals:?}", sum.classes, sum.objects, sum.reasons);
             (told, bars, tiles, sum.files.clone(), (sum.samples, sum.in_contact), sum.places.svg("t", 300.0))

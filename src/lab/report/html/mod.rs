@@ -7,13 +7,15 @@ mod tables;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
+use rayon::prelude::*;
+
 use crate::lab::numbers::{HumanBytes, HumanCount};
 
-use super::gather::Gathered;
+use super::gather::{Gathered, Picture};
 use super::histogram::PerSplit;
 use super::{Dataset, Missing};
 use crate::files::figures::{counted, figure, percent};
-use crate::files::png::encode_small;
+use crate::files::png::{encode_rgb, encode_small};
 use crate::job::layout::Split;
 use crate::lab::page::ink::Colour;
 use crate::lab::page::{self, escaped, escaped_lines};
@@ -22,6 +24,11 @@ use crate::lab::page::{self, escaped, escaped_lines};
 const MOST_LISTED: usize = 40;
 /// Rows of a table of classes or objects; the rest are counted.
 const MOST_ROWS: usize = 200;
+
+/// Width of a panel of the contact sheet, px.
+const PANEL: u32 = 108;
+/// Bytes of the large images of all samples on the contact sheet: with more they are shown smaller.
+const MOST_LARGE_BYTES: usize = 8 << 20;
 
 /// Names and colours of the splits.
 const SPLITS: [(&str, Colour); Split::ALL.len()] =
@@ -200,25 +207,47 @@ fn sheet(gathered: &Gathered) -> String {
     }
     let html = String::from(
         "<h2>Samples</h2>\n<p class=\"note\">Tactile image, then depth and contact where the dataset has them. Depth is \
-         brightest at the deepest point of each sample.</p>\n",
+         brightest at the deepest point of each sample. A click shows the tactile image large, another one closes it.</p>\n",
     );
     let html = match gathered.sequences.frames {
         0 => html,
-        _ => {
-            String::from("<h2>Samples</h2>\n<p class=\"note\">Some frames of each sequence, from first to last.</p>\n")
-        }
+        _ => String::from(
+            "<h2>Samples</h2>\n<p class=\"note\">Some frames of each sequence, from first to last. A click shows \
+                 them large, another one closes them.</p>\n",
+        ),
     };
     let mut figures = String::new();
-    for tile in &gathered.tiles {
-        let (width, height) = tile.strip.dimensions();
-        let caption = escaped(&tile.caption);
-        let image = format!(
-            "<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{caption}\"/>",
-            page::uri(&encode_small(&tile.strip))
-        );
-        figures += &page::figure(&image, &format!("{} {caption}", keyed(tile.split)));
+    for (Picture { index, split, tile }, large) in gathered.tiles.iter().zip(large(&gathered.tiles)) {
+        let caption = escaped(tile.caption());
+        let strip = tile.strip(PANEL);
+        let [small, large] = [page::image(&encode_small(&strip), strip.dimensions(), &caption), large(&caption)];
+        let image = page::opens(&format!("sample-{index}"), &small, &large);
+        figures += &page::figure(&image, &format!("{} {caption}", keyed(*split)));
     }
     html + &page::figures(&figures)
+}
+
+/// The tactile images of all samples as large as they are, or as they may be for the page to stay small; each awaits its
+/// caption.
+fn large(tiles: &[Picture]) -> Vec<impl Fn(&str) -> String> {
+    let mut panel_width = u32::MAX;
+    loop {
+        let encoded: Vec<(Vec<u8>, (u32, u32))> = tiles
+            .par_iter()
+            .map(|Picture { tile, .. }| {
+                let image = tile.tactile(panel_width);
+                let (width, height) = image.dimensions();
+                (encode_rgb(width as usize, height as usize, &image), (width, height))
+            })
+            .collect();
+        let bytes: usize = encoded.iter().map(|(png, _)| png.len()).sum();
+        let widest = encoded.iter().map(|(_, (width, _))| *width).max().unwrap_or(1);
+        if bytes <= MOST_LARGE_BYTES || panel_width <= PANEL {
+            let each = |(png, size): (Vec<u8>, _)| move |caption: &str| page::image(&png, size, caption);
+            return encoded.into_iter().map(each).collect();
+        }
+        panel_width = (panel_width.min(widest) / 2).max(PANEL);
+    }
 }
 
 /// The name of a split beside a square of its colour.
