@@ -32,5 +32,6 @@ mod report;
 mod resume;
 mod schema;
 mod sequences;
+mod several;
 mod tradeoff;
 mod verify;
