@@ -349,6 +349,48 @@ fn numbers_out_of_their_range_are_refused_with_the_range() {
 }
 
 #[test]
+fn several_objects_are_refused_where_there_can_be_none_or_only_one() {
+    let scene = |count: &str| format!("[scene]\nobjects_per_sample = {count}\n\n[sensor]");
+    let count = |count: &str, title: &str, help: &str| one_mistake("[sensor]", &scene(count), title, help);
+    count("«0»", "objects_per_sample = 0 is out of range", "allowed: 1 to 32");
+    count("«[1, 33]»", "objects_per_sample = [1, 33] is out of range", "allowed: 1 to 32");
+    count("«[3, 1]»", "inverted range: 3 is above 1", "smaller number first");
+    count("«1.5»", "expected a whole number such as 2, or a range of them such as [1, 3], found 1.5", "");
+    count("[1, «2.5»]", "expected a whole number from 0 up, found 2.5", "");
+    count("«-1»", "expected a whole number such as 2", "");
+    count("«\"two\"»", "expected a whole number such as 2", "");
+    let with = |from: &str, to: &str, title: &str, help: &str| {
+        let job = edited(JOB, &[("[sensor]", &scene("[1, 2]")), (from, to)]);
+        refused_at_marks(&Folder::new(), &job, "", &[(title, help)]);
+        // A single object may have all that.
+        let alone = edited(&job, &[("[1, 2]", "1")]).replace(['«', '»'], "");
+        Folder::with_job(&alone).succeed("plan job.toml");
+    };
+    let own = |key: &str, title: &str, help: &str| {
+        with("class = \"pointed\"", &format!("class = \"pointed\"\n{key}"), title, help);
+    };
+    own("youngs_modulus_kpa = «300.0»", "the objects of one press are one rigid body", "objects_per_sample = 1");
+    own("«texture» = { amplitude_mm = 0.1 }", "one texture lies over all objects of a press", "for [texture]");
+    with(
+        "no_contact = 0.25",
+        "no_contact = 0.25\nat = «\"axis\"»",
+        "the depth is measured on the sensor's axis",
+        "leave it out",
+    );
+    let constant = "x_mm = «1.0»\n";
+    let job = edited(
+        JOB,
+        &[
+            ("[sensor]", &scene("2")),
+            ("x_mm = { normal = { mean = 0.0, std = 1.0, min = -3.0, max = 3.0 } }\n", constant),
+            ("y_mm = [-2.0, 2.0]\n", ""),
+        ],
+    );
+    let same = "all objects of a press would be at the same place";
+    refused_at_marks(&Folder::new(), &job, "", &[(same, "spread them")]);
+}
+
+#[test]
 fn the_largest_numbers_of_their_range_are_accepted() {
     let job = edited(JOB, &[("seed = 7", "seed = 9007199254740991"), ("samples = 8", "samples = 1")]);
     Folder::with_job(&job).succeed("generate job.toml --set sensor.resolution_px=[8192,1] --set sensor.field_of_view_mm=[1000,1] --set pose.yaw_deg=3600");

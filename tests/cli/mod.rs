@@ -33,5 +33,6 @@ mod report;
 mod resume;
 mod schema;
 mod sequences;
+mod several;
 mod tradeoff;
 mod verify;

@@ -103,11 +103,13 @@ fn scene() -> impl Strategy<Value = String> {
     let anchor = one_of(&["bounds", "origin", "contact"]);
     let angles = (quantity(-3600.0, 3600.0), quantity(-90.0, 90.0), quantity(-3600.0, 3600.0));
     let place = (quantity(-20.0, 20.0), quantity(-1e4, 1e4));
-    let press = (quantity(0.0, 2.0), number(0.0..=1.0));
+    let press = (quantity(0.0, 2.0), number(0.0..=1.0), 1..=4_u32);
     (face, anchor, angles, place, press).prop_map(
-        |(face, anchor, (yaw, tilt, azimuth), (x, y), (depth, no_contact))| {
+        |(face, anchor, (yaw, tilt, azimuth), (x, y), (depth, no_contact, most))| {
+            // Several objects at one place are refused.
+            let y = if most > 1 { String::from("[-8.0, 9.0]") } else { y };
             format!(
-                "[pose]\nface = \"{face}\"\nanchor = \"{anchor}\"\nyaw_deg = {yaw}\ntilt_deg = {tilt}\n\
+                "[scene]\nobjects_per_sample = [1, {most}]\n[pose]\nface = \"{face}\"\nanchor = \"{anchor}\"\nyaw_deg = {yaw}\ntilt_deg = {tilt}\n\
              tilt_azimuth_deg = {azimuth}\nx_mm = {x}\ny_mm = {y}\n\
              [indentation]\ndepth_mm = {depth}\nno_contact = {no_contact}\n"
             )
@@ -136,7 +138,8 @@ fn gelpad() -> impl Strategy<Value = String> {
 
 fn models_and_output() -> impl Strategy<Value = String> {
     let light = (number(0.0..=1.0), number(0.0..=10.0), number(0.0..=10.0), number(0.0..=1000.0), number(0.0..=1.0));
-    let layers = proptest::sample::subsequence(vec!["depth", "surface", "contact", "normal", "reference"], 0..=5);
+    let layers =
+        proptest::sample::subsequence(vec!["depth", "surface", "contact", "normal", "reference", "instance"], 0..=6);
     let storage = (one_of(&["half", "float"]), one_of(&["none", "rle", "zip"]));
     (gelpad(), light, layers, storage).prop_map(|(gelpad, light, mut layers, (pixel, compression))| {
         let (ambient, diffuse, specular, shininess, darkening) = light;

@@ -109,7 +109,7 @@ def lerobot(dataset, out):
         assert (row["index"], row["frame_index"]) == (index, number)
         assert samples[row["episode_index"]] is sample and row["timestamp"] == np.float32(number / info["fps"])
         assert dataset.classes[row["task_index"]] == sample["label"]["object"]["class"]
-        for name in ["tactile", "contact", "reference", "untouched", "slip"]:
+        for name in ["tactile", "contact", "instance", "reference", "untouched", "slip"]:
             assert (f"observation.images.{name}" in row) == (name in frame)
             if name in frame:
                 image = np.asarray(Image.open(io.BytesIO(row[f"observation.images.{name}"]["bytes"])))

@@ -123,4 +123,19 @@ with tempfile.TemporaryDirectory() as root:
                 samples.same_layers(form, exact[key], sample)
                 labels = [{**each[key]["json"], "png16": None} for each in (exact, other)]
                 assert labels[0] == labels[1], key
+    # Several objects in a press: lists of one to three.
+    scene = root / "scene.toml"
+    places = "[pose]\nx_mm = [-6.0, 6.0]\ny_mm = [-4.0, 4.0]\n"
+    scene.write_text("[scene]\nobjects_per_sample = [1, 3]\n" + MIXED.replace("[pose]\n", places).replace(
+        '"reference"]', '"instance"]').replace(".obj\"\n", ".obj\"\nscale = 0.3\n"))
+    for container in ["tar", "folder"]:
+        out = root / f"scene-{container}"
+        generate(out, scene, "--set", f'output.container="{container}"')
+        several = check(out, workers=container == "folder")
+        counts = {len(sample["json"]["objects"]) for sample in several.values()}
+        assert counts == {1, 2, 3}, counts
+        for key, sample in several.items():
+            contact, instance = sample["contact.png"], sample["instance.png"]
+            assert ((contact > 0) == (instance > 0)).all(), key
+            assert instance.max() <= len(sample["json"]["objects"]), key
 print("every container and format is read by webdataset, datasets" + (", torch and wids" if torch else ""))
