@@ -63,9 +63,15 @@ pub fn meant(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Option<String> {
     let entries = folder.read_dir().ok()?.take(MOST).filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     let mut names: Vec<String> = entries.filter(|name| wanted(Path::new(name))).collect();
     names.sort();
-    let stem = |found: &&String| Path::new(found.as_str()).file_stem().is_some_and(|stem| stem == name);
-    let alike = names.iter().find(|found| found.eq_ignore_ascii_case(name)).or_else(|| names.iter().find(stem));
-    alike.map(String::as_str).or_else(|| nearest(name, names.iter().map(String::as_str))).map(str::to_owned)
+    let stem = |name: &str| Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let alike = names.iter().find(|found| found.eq_ignore_ascii_case(name));
+    if let Some(alike) = alike.or_else(|| names.iter().find(|found| stem(found) == name)) {
+        return Some(alike.clone());
+    }
+    // Endings are long and alike.
+    let stems: Vec<String> = names.iter().map(|found| stem(found)).collect();
+    let nearest = nearest(&stem(name), stems.iter().map(String::as_str))?;
+    stems.iter().position(|stem| stem == nearest).map(|at| names[at].clone())
 }
 
 /// True of a regular file, or a link to one. What the system does not tell of counts as one, too: who reads it hears why,
