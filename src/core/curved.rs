@@ -218,7 +218,7 @@ impl Curved {
         effects: &mut EffectLog,
     ) -> CurvedPress {
         let PressedGel { indenter, plane, texture, shear, unit_key, pad, in_plane, held, material } = *press;
-        let Shape::Mesh(object) = &indenter.shape else { panic!("only meshes are pressed into a curved gel") };
+        let object = indenter.shape.clusters().expect("heights over a plane are not pressed into a curved gel");
         let mut clock = Clock::start();
         let unseen_mm = if let Pad::Elastic(pad) = pad { pad.unseen_mm() } else { 0.0 };
         let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
@@ -280,6 +280,9 @@ impl Curved {
             contact.force_n = Some(force_n);
             contact.whole.total_force_n = Some(force_n);
         }
+        if let Shape::Seen(seen) = &indenter.shape {
+            contact.whole = Whole::framed(&mut contact, seen.is_cut);
+        }
         seconds.gelpad += clock.lap();
 
         for effect in [Effect::Supersampling, Effect::Grain, Effect::Shadows] {
@@ -311,6 +314,7 @@ impl Curved {
             Seen::Skin(skin, picture) => (None, shaded(skin, picture, &map, &contact, &self.view, effects)),
         };
         seconds.optics += clock.lap();
+        let wrench = wrench.filter(|_| contact.force_n.is_some());
         CurvedPress { depth, contact, map, pins, wrench, slid, light, above_mm: window.above_mm }
     }
 
@@ -368,6 +372,9 @@ impl Curved {
     /// Where the object comes closest to the gel's axis: the point of the gel that is on the way, and how far the object reaches
     /// below it, mm. On a mesh where it reaches deepest.
     fn deepest(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Site, f64) {
+        if object.is_empty() {
+            return (self.shape.tip(), f64::NEG_INFINITY);
+        }
         if let GelShape::Mesh(surface) = &self.shape {
             let (point_mm, normal, reaches_mm) = touch::deepest(surface, object, pose, DEEP * thickness_mm);
             return (Site { normal, below_mm: 0.0, point_mm }, reaches_mm);

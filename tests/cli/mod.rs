@@ -20,6 +20,7 @@ mod gelsight;
 mod generate;
 mod grow;
 mod health;
+mod inside;
 mod inspect;
 mod log;
 mod messages;
