@@ -64,7 +64,7 @@ fn frames_of_a_ball_give_what_generate_gives_of_it() {
     // The bundled ball has facets, and the pixels are 1 mm wide.
     let share = number(&label, "/contact/force_n") / number(&own, "/contact/force_n");
     assert!((0.85..1.02).contains(&share), "{share}");
-    assert!((number(&label, "/indentation_depth_mm") - 0.8).abs() < 0.03, "{label}");
+    assert!((number(&label, "/indentation_depth_mm") - 0.8).abs() < 0.05, "{label}");
     assert_eq!((&label["contact"]["total_force_n"], &label["health"]["unseen_px"]), (&Value::Null, &0.into()));
     assert!(number(&label, "/contact/force_vector_n/2") < 0.0);
     let free = json(&folder, "out/c.json");

@@ -173,21 +173,26 @@ fn a_pose_moves_nothing_but_what_is_laid_out_from_it() {
 /// Beside a finger a lens at its end sees one flank of a ball only.
 #[test]
 fn what_the_object_hides_is_counted_and_what_the_frame_cuts_takes_the_force_away() {
-    let sensor = sensor("geltip").with_resolution([160, 120]);
-    let simulator = simulator(&sensor);
-    let reader = FrameReader::new(CAMERA, &simulator, [160, 120]).expect("a camera");
+    let sensor = sensor("geltip");
+    let (simulator, size) = (simulator(&sensor), sensor.resolution_px);
+    let reader = FrameReader::new(CAMERA, &simulator, size).expect("a camera");
     let look = |at: [f64; 2]| {
         let middle = middle(&sensor, 4.0, 0.8, at);
-        let seen = reader.read(frame(&sensor.projection(), [160, 120], Along::Axis, middle, 4.0)).expect("a frame");
+        let seen = reader.read(frame(&sensor.projection(), size, Along::Axis, middle, 4.0)).expect("a frame");
         let (found, unseen_px) = pressed(&simulator, seen, Pose::IDENTITY);
         (found, unseen_px, pressed_ball(&simulator, 4.0, middle))
     };
-    let (found, unseen_px, whole) = look([24.0, 30.0]);
-    println!("on the wall: force {:.3}, {unseen_px} px hidden", force_n(&found) / force_n(&whole));
-    assert!(unseen_px > 10 && force_n(&found) < 0.95 * force_n(&whole));
-    assert!(!found.contact.whole.cut_by_view && found.contact.whole.total_force_n.is_none());
-    // The image's lower edge shows the wall here.
-    let (cut, _, _) = look([26.5, 90.0]);
+    let mut before = (0, 1.0);
+    for from_tip_mm in [14.0, 26.0] {
+        let (found, unseen_px, whole) = look([from_tip_mm, 30.0]);
+        let share = force_n(&found) / force_n(&whole);
+        println!("{from_tip_mm} mm from the tip: {unseen_px} px hidden, force {share:.3}");
+        assert!(unseen_px > before.0 && share < before.1, "{from_tip_mm}: {unseen_px} px, {share}");
+        assert!(!found.contact.whole.cut_by_view && found.contact.whole.total_force_n.is_none());
+        before = (unseen_px, share);
+    }
+    // The image's lower edge shows the wall here, 36.9 degrees from the axis.
+    let (cut, _, _) = look([36.7, 90.0]);
     assert!(cut.contact.whole.cut_by_view && cut.contact.force_n.is_none() && cut.wrench.is_none());
 }
 

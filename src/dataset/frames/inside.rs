@@ -83,7 +83,7 @@ impl InsideCamera {
         let [width, height] = size_px;
         if width * height > MOST_PX {
             let message = format!("it has {width}x{height} px, over {MOST_PX} in all");
-            return Err(Diagnostic::new(message).help("render smaller frames: 640x480 px locate a contact well"));
+            return Err(Diagnostic::new(message).help("render smaller frames"));
         }
         let looks = depth_lens(&camera, sensor, size_px)?;
         let ahead = looks.ahead();

@@ -14,7 +14,6 @@ use crate::core::optics::background::BackgroundImage;
 use crate::core::sensor as simulated;
 use crate::core::simulator::Simulator;
 use crate::files::sensor::Sensor;
-use crate::files::sensor::camera::CameraDistribution;
 use crate::files::sensor::markers::MarkerDistribution;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::plan::check::Check;
@@ -92,7 +91,8 @@ pub struct SensorProfile {
 impl SensorProfile {
     /// The background image that the sensor would render.
     pub fn rendered(&self) -> BackgroundImage {
-        let sensor = self.sensor.to_simulated(None, &CameraDistribution::default());
+        // On a gel that has a shape the picture is that of the sensor's own camera, its defocus included.
+        let sensor = self.sensor.to_simulated(None, &self.sensor.camera.clone().unwrap_or_default());
         rendered(sensor.with_resolution(self.view.resolution_px))
     }
 }
