@@ -1,6 +1,6 @@
 from collections.abc import Iterator, Sequence
 from os import PathLike
-from typing import Any, Optional, SupportsIndex, Union, final
+from typing import Any, Literal, Optional, SupportsIndex, Union, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +110,8 @@ class Sensor:
         layers: Sequence[str] = ...,
         index: int = 0,
         seed: int = 0,
+        along: Optional[Literal["axis", "ray"]] = None,
+        fov_y_deg: Optional[float] = None,
     ) -> dict[str, Any]:
         """Presses what a depth map (H, W) shows into the pad: a `Sample` with `tactile`, `layers` and `label`.
 
@@ -119,6 +121,10 @@ class Sensor:
         view is the sensor's. `index` and `seed` address what is random in the camera: map k is sample `index` + k.
         Raises UsageError for values that cannot be right, TypeError for other types; warns of depth that seems to be in
         metres.
+
+        On a sensor whose gel has a shape `depth_mm` is a depth frame of a camera where the sensor's lens is: distance from it,
+        mm, above 0, inf where nothing is, along the optical axis or, with `along="ray"`, along each pixel's ray. The camera
+        has the sensor's own lens, or with `fov_y_deg` a pinhole's of that angle between its upper and lower edge.
         """
 
     def __reduce__(self) -> tuple[object, ...]: ...

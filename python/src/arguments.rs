@@ -36,6 +36,11 @@ pub fn integer(name: &str, given: &Bound<'_, PyAny>, wanted: &str) -> PyResult<O
     }
 }
 
+/// Any number.
+pub fn number(name: &str, given: &Bound<'_, PyAny>) -> PyResult<f64> {
+    given.extract().map_err(|error| not(name, given, "a number", error))
+}
+
 /// True or false.
 pub fn flag(name: &str, given: Given<'_, '_>) -> PyResult<bool> {
     let Some(given) = given else { return Ok(false) };

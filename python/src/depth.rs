@@ -140,6 +140,16 @@ impl<'a> Depth<'a> {
         Grid { width, height, data }
     }
 
+    /// One map as it is.
+    pub fn values(&self, map: usize) -> Grid<f64> {
+        let [width, height] = self.resolution_px();
+        let data = match self {
+            Self::Single(view) => plane(view, map).iter().map(|mm| f64::from(*mm)).collect(),
+            Self::Double(view) => plane(view, map).iter().copied().collect(),
+        };
+        Grid { width, height, data }
+    }
+
     /// Maps that are looked at in one go.
     pub fn blocks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         let [width, height] = self.resolution_px();

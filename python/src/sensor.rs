@@ -1,12 +1,18 @@
-//! `gelsim.Sensor`: tactile images of depth maps that come as arrays.
+//! `gelsim.Sensor`: tactile images of depth maps that come as arrays; of depth frames, on a sensor whose gel has a shape.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use gelsim::core::camera::projection::LensModel;
 use gelsim::core::depth::height_map::HeightMap;
+use gelsim::core::depth::indenter::Shape;
 use gelsim::core::fidelity::Fidelity;
 use gelsim::core::pose::Pose;
+use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
+use gelsim::dataset::frames::reader::FrameReader;
+use gelsim::dataset::frames::run::sample;
+use gelsim::files::diagnostic::Diagnostic;
 use gelsim::files::sensor::PRESETS;
 use gelsim::job::config::Overrides;
 use gelsim::job::layers::OutputLayer;
@@ -42,7 +48,7 @@ pub struct Sensor {
     threads: Option<usize>,
     itself: gelsim::core::sensor::Sensor,
     /// The simulators that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.
-    simulators: Mutex<Vec<(Choice, Plan)>>,
+    simulators: Mutex<Vec<(Choice, Ready)>>,
 }
 
 /// What a simulator depends on beside the sensor.
@@ -50,6 +56,22 @@ pub struct Sensor {
 struct Choice {
     resolution_px: [usize; 2],
     fidelity: Option<Fidelity>,
+    /// Of a gel that has a shape: columns and rows of the frames, and what took them.
+    frames: Option<([usize; 2], Rays)>,
+}
+
+/// What takes depth frames inside a gel that has a shape.
+#[derive(Clone, Copy, PartialEq)]
+struct Rays {
+    along: Along,
+    fov_y_deg: Option<f64>,
+}
+
+/// A plan over a simulator, and what reads frames for it if its gel has a shape.
+#[derive(Clone)]
+struct Ready {
+    plan: Plan,
+    reader: Option<Arc<FrameReader>>,
 }
 
 /// Rebuilds a sensor in another process.
@@ -72,8 +94,8 @@ impl Sensor {
         let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?.sensor;
         let sensor = Self { source, set, threads, itself, simulators: Mutex::default() };
         let resolution_px = sensor.itself.resolution_px;
-        let plan = sensor.plan(py, Choice { resolution_px, fidelity: None })?;
-        Ok((sensor, plan))
+        let ready = sensor.ready(py, Choice { resolution_px, fidelity: None, frames: None })?;
+        Ok((sensor, ready.plan))
     }
 
     fn noted(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
@@ -83,15 +105,15 @@ impl Sensor {
     }
 
     /// A plan over the simulator of a choice, which is made where it is not one of those that were used last.
-    fn plan(&self, py: Python<'_>, choice: Choice) -> PyResult<Plan> {
+    fn ready(&self, py: Python<'_>, choice: Choice) -> PyResult<Ready> {
         let simulators = || self.simulators.lock().unwrap_or_else(PoisonError::into_inner);
         {
             let mut simulators = simulators();
             if let Some(place) = simulators.iter().position(|(known, _)| *known == choice) {
                 let used = simulators.remove(place);
-                let plan = used.1.clone();
+                let ready = used.1.clone();
                 simulators.push(used);
-                return Ok(plan);
+                return Ok(ready);
             }
         }
         let overrides = Overrides::of_flags(None, None, choice.fidelity, false, &self.set);
@@ -107,19 +129,101 @@ impl Sensor {
         let pool = pool(py, self.threads)?;
         let plan = py.detach(|| pool.install(|| frames.plan())).map_err(|report| usage(&report))?;
         let found = plan.simulator.view().resolution_px;
-        if found != choice.resolution_px {
+        let own_pixels = choice.frames.is_none_or(|(_, rays)| rays.fov_y_deg.is_none());
+        if found != choice.resolution_px && own_pixels {
             let ([width, height], [columns, rows]) = (found, choice.resolution_px);
             let message =
                 format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
             return Err(mistake(message, "leave sensor.resolution_px out: a map brings its own"));
         }
+        let reader = match choice.frames {
+            None => None,
+            Some((size_px, Rays { along, fov_y_deg })) => {
+                let projection =
+                    fov_y_deg.map_or(Projection::Orthographic, |fov_y_deg| Projection::Perspective { fov_y_deg });
+                let camera = DepthCamera { projection, along, ..FROM_LENS };
+                let reader = py.detach(|| FrameReader::new(camera, &plan.simulator, size_px));
+                let refused = |problem: Diagnostic| {
+                    let help = match along {
+                        Along::Axis if fov_y_deg.is_none() => {
+                            "give distances along each pixel's own ray: along=\"ray\""
+                        }
+                        _ => "give smaller frames, of the sensor's own lens",
+                    };
+                    mistake(problem.message, help)
+                };
+                Some(Arc::new(reader.map_err(refused)?))
+            }
+        };
+        let ready = Ready { plan, reader };
         let mut simulators = simulators();
         if simulators.len() == MOST_SIMULATORS {
             simulators.remove(0);
         }
-        simulators.push((choice, plan.clone()));
-        Ok(plan)
+        simulators.push((choice, ready.clone()));
+        Ok(ready)
     }
+
+    /// What took the frames of a sensor whose gel has a shape; none if it is flat.
+    fn rays(&self, along: Given<'_, '_>, fov_y_deg: Given<'_, '_>) -> PyResult<Option<Rays>> {
+        if self.itself.shape.is_none() {
+            return match along.or(fov_y_deg) {
+                None => Ok(None),
+                Some(_) => {
+                    let help =
+                        "leave `along` and `fov_y_deg` out: depth_mm is how far the object reaches below the pad";
+                    Err(mistake("this sensor is flat, and its maps have no rays", help))
+                }
+            };
+        }
+        let lines = [("axis", Along::Axis), ("ray", Along::Ray)];
+        let along = along.map(|along| named("line", &arguments::text("along", along)?, lines)).transpose()?;
+        let fov_y_deg = fov_y_deg.map(|fov| arguments::number("fov_y_deg", fov)).transpose()?;
+        if fov_y_deg.is_some_and(|fov| !(fov > 0.0 && fov <= 170.0)) {
+            return Err(mistake("fov_y_deg is out of range", "allowed: above 0, up to 170 degrees"));
+        }
+        if fov_y_deg.is_some() && self.itself.lens == LensModel::Orthographic {
+            let message = "the sensor's lens has parallel rays, and so no place for a perspective camera";
+            return Err(mistake(message, "leave fov_y_deg out"));
+        }
+        Ok(Some(Rays { along: along.unwrap_or_default(), fov_y_deg }))
+    }
+}
+
+/// A camera in the place of a lens, and millimetres.
+const FROM_LENS: DepthCamera = DepthCamera {
+    unit: Unit::Millimetre,
+    plane_mm: 0.0,
+    max_depth_mm: None,
+    background: None,
+    flip: [false; 2],
+    offset_px: [0.0; 2],
+    projection: Projection::Orthographic,
+    along: Along::Axis,
+};
+
+/// Frame `number` of an input pressed into a gel that has a shape, as sample `index`.
+fn render_seen(ready: &Ready, reader: &FrameReader, depth: &Depth<'_>, number: usize, index: u64) -> PyResult<Arrays> {
+    let plan = &ready.plan;
+    let rendered = catch_unwind(AssertUnwindSafe(|| {
+        let of_frame = |problem: Diagnostic, help: &str| {
+            let which = depth.batch().map_or_else(String::new, |_| format!("map {number}: "));
+            mistake(format!("{which}{}", problem.message), help)
+        };
+        let seen = reader.read(depth.values(number)).map_err(|problem| {
+            of_frame(problem, "depth_mm is the distance from the lens, above 0; where nothing is, write inf")
+        })?;
+        if let Some(problem) = seen.reach().mistake(&FROM_LENS) {
+            let help = "depth_mm is the distance from the lens in mm, along its axis unless along=\"ray\"";
+            return Err(of_frame(problem, help));
+        }
+        Ok(Arrays::new(plan, sample(plan, index, "depth_mm", seen, None)))
+    }));
+    rendered.unwrap_or_else(|panic| Err(bug(plan, number, index, &*panic)))
+}
+
+fn bug(plan: &Plan, number: usize, index: u64, panic: &(dyn Any + Send)) -> PyErr {
+    panicked(&format!("map {number} (sample {index}, seed {})", plan.seed()), panic)
 }
 
 /// Map `number` of an input pressed into the pad, as sample `index`.
@@ -132,15 +236,13 @@ fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult
             return Err(running("depth_mm has changed while it was rendered; give a copy: depth_mm.copy()"));
         }
         let indentation_depth_mm = map.indentation_depth_mm();
-        let frame = Frame { id: String::from("depth_mm"), class: String::new(), map: Arc::new(map) };
+        let frame =
+            Frame { id: String::from("depth_mm"), class: String::new(), shape: Shape::HeightMap(Arc::new(map)) };
         let (split, pressed, pose) = (Split::Train, Pressed::Frame(frame), Pose::IDENTITY);
         let scene = Scene::given(plan, index, 0, KnownPress { split, pressed, pose, indentation_depth_mm });
         Ok(Arrays::new(plan, press(plan, &scene)))
     }));
-    let bug = |panic: Box<dyn Any + Send>| {
-        Err(panicked(&format!("map {number} (sample {index}, seed {})", plan.seed()), &*panic))
-    };
-    rendered.unwrap_or_else(bug)
+    rendered.unwrap_or_else(|panic| Err(bug(plan, number, index, &*panic)))
 }
 
 #[pymethods]
@@ -168,11 +270,12 @@ impl Sensor {
         Self::noted(py, source, set, threads)
     }
 
-    /// Presses what depth maps show into the pad.
+    /// Presses what depth maps show into the pad, or what frames from inside show into a gel that has a shape.
     #[pyo3(
-        signature = (depth_mm, *, fidelity=None, layers=None, index=None, seed=None),
-        text_signature = "($self, depth_mm, *, fidelity=None, layers=(), index=0, seed=0)"
+        signature = (depth_mm, *, fidelity=None, layers=None, index=None, seed=None, along=None, fov_y_deg=None),
+        text_signature = "($self, depth_mm, *, fidelity=None, layers=(), index=0, seed=0, along=None, fov_y_deg=None)"
     )]
+    #[expect(clippy::too_many_arguments, reason = "each is a keyword of Python's")]
     fn render<'py>(
         &self,
         py: Python<'py>,
@@ -181,6 +284,8 @@ impl Sensor {
         layers: Given<'_, 'py>,
         index: Given<'_, 'py>,
         seed: Given<'_, 'py>,
+        along: Given<'_, 'py>,
+        fov_y_deg: Given<'_, 'py>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let input = Depth::array(depth_mm)?;
         let depth = Depth::new(&input);
@@ -189,21 +294,37 @@ impl Sensor {
         let fidelity = fidelity.map(rung).transpose()?;
         let index = whole("index", index)?.unwrap_or(0);
         let seed = whole("seed", seed)?.unwrap_or(0);
-        let plan = self.plan(py, Choice { resolution_px: depth.resolution_px(), fidelity })?;
-        let plan = plan.with_samples(seed, &layers).map_err(|report| usage(&report))?;
-        let one = |number: usize| render(&plan, &depth, number, index.wrapping_add(number as u64));
+        let rays = self.rays(along, fov_y_deg)?;
+        let size_px = depth.resolution_px();
+        let resolution_px = match rays {
+            Some(Rays { fov_y_deg: Some(_), .. }) => self.itself.resolution_px,
+            _ => size_px,
+        };
+        let choice = Choice { resolution_px, fidelity, frames: rays.map(|rays| (size_px, rays)) };
+        let mut ready = self.ready(py, choice)?;
+        ready.plan = ready.plan.with_samples(seed, &layers).map_err(|report| usage(&report))?;
+        let (plan, inside) = (&ready.plan, ready.reader.as_deref());
+        let one = |number: usize| {
+            let index = index.wrapping_add(number as u64);
+            match inside {
+                Some(reader) => render_seen(&ready, reader, &depth, number, index),
+                None => render(plan, &depth, number, index),
+            }
+        };
         let thickness_mm = plan.thickness_mm();
         let judged = |seen: &Seen| {
             let notes = depth.judge(seen, thickness_mm).map_err(|report| usage(&report))?;
             warn(py, &notes)
         };
         let Some(maps) = depth.batch() else {
-            judged(&py.detach(|| depth.look(0..1, thickness_mm)))?;
+            if inside.is_none() {
+                judged(&py.detach(|| depth.look(0..1, thickness_mm)))?;
+            }
             return py.detach(|| one(0))?.into_dict(py);
         };
         let pool = pool(py, self.threads)?;
         let mut seen = Seen::NOTHING;
-        for block in depth.blocks() {
+        for block in depth.blocks().filter(|_| inside.is_none()) {
             seen = seen.and(py.detach(|| pool.install(|| depth.look(block, thickness_mm))));
             py.check_signals()?;
         }

@@ -97,6 +97,14 @@ pub struct Calibrate {
     fidelity: Fidelity,
 }
 
+/// What of a gel that has a shape cannot be calibrated, and what to do instead.
+const FLAT_ONLY: [&str; 2] = [
+    "balls are calibrated on flat pads, and the sensor's gel has a shape: a circle gives the depth of a ball from the size of a pixel on \
+     the pad, which differs from place to place there, and light that is learnt by normals alone holds in one place only",
+    "write the sensor file by hand: `background` (a photograph of the untouched gel) and an [[led]] table for each LED; then press the \
+     balls by a job and hold the images against the real ones with gelsim compare",
+];
+
 fn above_zero(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1e-2..=1e3).contains(&value) => Ok(value),
@@ -148,7 +156,7 @@ impl Calibrate {
             }
         }
         let start = match &self.sensor {
-            Some(name) => standalone::sensor(name)?.written,
+            Some(name) => standalone::flat_sensor(name, FLAT_ONLY)?.written,
             None => Sensor::default(),
         };
         match (&self.presses, &self.background, &self.taxim, &self.gelsight) {
@@ -160,7 +168,7 @@ impl Calibrate {
     }
 
     fn evaluate(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
-        let sensor = standalone::sensor(sensor)?.sensor;
+        let sensor = standalone::flat_sensor(sensor, FLAT_ONLY)?.sensor;
         if self.out.exists() && !self.out.is_dir() {
             return Err(
                 user_error(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into()

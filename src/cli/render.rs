@@ -7,13 +7,16 @@ use clap::{Args, ValueEnum};
 
 use super::store::folder_only;
 use super::{Failure, Log, MOST_THREADS, no_threads, say};
+use crate::core::camera::projection::LensModel;
 use crate::core::fidelity::Fidelity;
 use crate::core::gelpad;
 use crate::core::gelpad::elastic::shear::Friction;
-use crate::dataset::frames::camera::{DepthCamera, Projection, Unit};
+use crate::core::sensor::Sensor;
+use crate::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
 use crate::dataset::frames::check::Reach;
 use crate::dataset::frames::poses::{self, FrameMetadata};
 use crate::dataset::frames::read;
+use crate::dataset::frames::reader::FrameReader;
 use crate::dataset::frames::run::{InSequence, RenderError, Request, check, run};
 use crate::dataset::frames::source::{Source, find};
 use crate::dataset::frames::stream::{StreamError, stream};
@@ -42,9 +45,9 @@ pub struct Render {
     /// Unit of the values
     #[arg(long, value_name = "UNIT", value_enum)]
     depth_unit: UnitName,
-    /// Distance of the undeformed pad's surface from the camera, mm
+    /// Distance of the undeformed pad's surface from the camera, mm; of a sensor whose gel has a shape the lens says it
     #[arg(long, value_name = "D", allow_negative_numbers = true)]
-    plane_mm: f64,
+    plane_mm: Option<f64>,
     /// Preset or sensor file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     sensor: String,
@@ -66,12 +69,16 @@ pub struct Render {
     /// What belongs to a pixel is found so far to the right and down of it in the frame (after flips), px
     #[arg(long, value_name = "DX,DY", value_delimiter = ',', allow_hyphen_values = true)]
     pixel_offset: Vec<f64>,
-    /// How the camera's rays go; perspective frames are resampled to the sensor's own resolution
-    #[arg(long, value_name = "KIND", value_enum, default_value_t)]
-    projection: ProjectionName,
+    /// How the camera's rays go [default: orthographic; inside a gel that has a shape as the sensor's own lens has them]; of
+    /// perspective frames the image has the sensor's own resolution
+    #[arg(long, value_name = "KIND", value_enum)]
+    projection: Option<ProjectionName>,
     /// Angle between the upper and the lower edge of a perspective frame, degrees
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fov_y_deg: Option<f64>,
+    /// Along what values are distances
+    #[arg(long, value_name = "LINE", value_enum, default_value_t)]
+    depth_along: AlongName,
     /// Table of what is known of each frame: file, id, class, quaternion_x to quaternion_w, x_mm, y_mm, z_mm, shear_x_mm,
     /// shear_y_mm, twist_deg
     #[arg(long, value_name = "FILE.csv", conflicts_with = "stream")]
@@ -118,9 +125,17 @@ enum UnitName {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum AlongName {
+    /// The camera's optical axis
+    #[default]
+    Axis,
+    /// Each pixel's own ray
+    Ray,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ProjectionName {
     /// Parallel rays
-    #[default]
     Orthographic,
     /// Rays through one point
     Perspective,
@@ -163,16 +178,14 @@ impl Render {
     /// What the options say of the depth camera. Mistakes go to `problems`.
     fn camera(&self, problems: &mut Diagnostics) -> DepthCamera {
         let mut wrong = |message: String, help: &str| problems.push(Diagnostic::new(message).help(help));
-        let is_perspective = self.projection == ProjectionName::Perspective;
-        if !(self.plane_mm.is_finite() && self.plane_mm >= 0.0 && (self.plane_mm > 0.0 || !is_perspective)) {
+        let is_perspective = self.is_perspective();
+        let plane_mm = self.plane_mm.unwrap_or(0.0);
+        if self.plane_mm.is_some_and(|mm| !(mm.is_finite() && mm >= 0.0 && (mm > 0.0 || !is_perspective))) {
             let help = "it is a distance: above 0, or 0 where values are heights over the pad and rays are parallel";
-            wrong(format!("--plane-mm {} is out of range", self.plane_mm), help);
+            wrong(format!("--plane-mm {plane_mm} is out of range"), help);
         }
-        if let Some(mm) = self.max_depth_mm.filter(|mm| mm.is_nan() || *mm <= self.plane_mm) {
-            wrong(
-                format!("--max-depth-mm {mm} is not beyond --plane-mm {}", self.plane_mm),
-                "the pad is seen as far as that",
-            );
+        if let Some(mm) = self.max_depth_mm.filter(|mm| mm.is_nan() || *mm <= plane_mm) {
+            wrong(format!("--max-depth-mm {mm} is not beyond --plane-mm {plane_mm}"), "the pad is seen as far as that");
         }
         let offset_px = match *self.pixel_offset.as_slice() {
             [] => [0.0; 2],
@@ -211,12 +224,16 @@ impl Render {
                 UnitName::Mm => Unit::Millimetre,
                 UnitName::Um => Unit::Micrometre,
             },
-            plane_mm: self.plane_mm,
+            plane_mm,
             max_depth_mm: self.max_depth_mm,
             background: self.background_value,
             flip: [self.flip_x, self.flip_y],
             offset_px,
             projection,
+            along: match self.depth_along {
+                AlongName::Axis => Along::Axis,
+                AlongName::Ray => Along::Ray,
+            },
         }
     }
 
@@ -235,6 +252,7 @@ impl Render {
             overrides: &overrides,
         };
         let plan = frames.plan()?;
+        self.check_place(plan.simulator.sensor())?;
         if self.sequence.is_some() && (frames.moved || plan.job().shear.any()) {
             let help =
                 "leave shear_x_mm, shear_y_mm, twist_deg and [shear] out: in a sequence the poses move the object";
@@ -262,14 +280,37 @@ impl Render {
         }
     }
 
+    /// Whether the options say where the camera stands, and no more than the sensor does.
+    fn check_place(&self, sensor: &Sensor) -> Result<(), Report> {
+        let by_lens = sensor.shape.is_some() && (sensor.lens != LensModel::Orthographic || self.is_perspective());
+        match (by_lens, self.plane_mm) {
+            (false, None) => {
+                let help = "give the distance of the undeformed pad's surface from the camera";
+                return Err(user_error("--plane-mm is needed for this sensor", help));
+            }
+            (true, Some(_)) => {
+                let message = "--plane-mm is for flat pads, and this sensor's gel has a shape";
+                return Err(user_error(message, "leave it out: the frame's camera stands where [sensor.lens] says"));
+            }
+            _ => {}
+        }
+        if by_lens && self.projection == Some(ProjectionName::Orthographic) {
+            let message = "--projection orthographic is for flat pads, and this sensor's gel has a shape";
+            let help = "leave it out for frames of the sensor's own lens; or render a pinhole's in its place, and say \
+                        --projection perspective --fov-y-deg F";
+            return Err(user_error(message, help));
+        }
+        Ok(())
+    }
+
     /// The plan for frames of this size, which parallel rays make the view's.
     fn plan_for(&self, size: Option<[usize; 2]>, known: &[FrameMetadata]) -> Result<Plan, Report> {
-        let size = size.filter(|_| self.projection == ProjectionName::Orthographic);
+        let size = size.filter(|_| !self.is_perspective());
         let plan = self.plan(size.map_or_else(|| standalone::resolution_px(&self.sensor), Ok)?, known)?;
         match size {
             Some([width, height]) if [width, height] != plan.simulator.view().resolution_px => {
                 let message = format!("the frames have {width}x{height} px, and --set gives the sensor other ones");
-                Err(user_error(message, "leave sensor.resolution_px out: frames of parallel rays are the view"))
+                Err(user_error(message, "leave sensor.resolution_px out: the frames' pixels are the image's"))
             }
             _ => Ok(plan),
         }
@@ -299,9 +340,20 @@ impl Render {
                 return Err(reports.fold(report, Report::and).into());
             }
         };
+        let own = plan.simulator.sensor().resolution_px;
+        let reader = match FrameReader::new(camera, &plan.simulator, size.unwrap_or(own)) {
+            Ok(reader) => reader,
+            Err(problem) => {
+                let first = sources.first().map_or_else(PathBuf::new, |source| source.path.clone());
+                let message = format!("{}: {}", first.display(), problem.message);
+                problems.push(Diagnostic { message, ..problem });
+                return Err(Report::new(&problems, &[]).into());
+            }
+        };
         let request = Request {
             sources: &sources,
             camera,
+            reader,
             known,
             out,
             sequence: self.in_sequence(),
@@ -337,9 +389,9 @@ impl Render {
         // Mistakes are told before anything is read. A plan for a small view finds them soon; the first frame brings the
         // size for which the plan is made, unless it is said beforehand.
         const SMALL: [usize; 2] = [64, 48];
-        let plan = match self.projection {
-            ProjectionName::Orthographic => self.plan(SMALL, &[])?,
-            ProjectionName::Perspective => self.plan_for(None, &[])?,
+        let plan = match self.is_perspective() {
+            false => self.plan(SMALL, &[])?,
+            true => self.plan_for(None, &[])?,
         };
         let is_known = plan.simulator.view().resolution_px != SMALL;
         let for_size = |size: [usize; 2]| match is_known
@@ -372,7 +424,7 @@ impl Render {
     }
 
     fn is_perspective(&self) -> bool {
-        self.projection == ProjectionName::Perspective
+        self.projection == Some(ProjectionName::Perspective)
     }
 }
 

@@ -142,7 +142,7 @@ impl Curved {
         effects: &mut EffectLog,
     ) -> CurvedPress {
         let PressedGel { indenter, shear, unit_key, pad, in_plane, held, material, .. } = *press;
-        let Shape::Mesh(object) = &indenter.shape else { panic!("only meshes are pressed into a curved gel") };
+        let object = indenter.shape.clusters().expect("heights over a plane are not pressed into a curved gel");
         let mut clock = Clock::start();
         let unseen_mm = if let Pad::Elastic(pad) = pad { pad.unseen_mm() } else { 0.0 };
         let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
@@ -196,6 +196,9 @@ impl Curved {
             contact.force_n = Some(force_n);
             contact.whole.total_force_n = Some(force_n);
         }
+        if let Shape::Seen(seen) = &indenter.shape {
+            contact.whole = Whole::framed(&mut contact, seen.is_cut);
+        }
         seconds.gelpad += clock.lap();
 
         for effect in [Effect::Supersampling, Effect::Grain, Effect::Shadows] {
@@ -204,6 +207,7 @@ impl Curved {
         let map = self.map(&chart, &depth, &contact, window);
         let (pins, light) = self.looked_at((&contact, &chart, &map), wrench.as_ref(), unit_key, effects);
         seconds.optics += clock.lap();
+        let wrench = wrench.filter(|_| contact.force_n.is_some());
         CurvedPress { depth, contact, map, pins, wrench, slid, light, above_mm: window.above_mm }
     }
 

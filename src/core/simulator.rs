@@ -327,7 +327,7 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or is pressed into a gel that has a shape.
+    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
     pub fn press(&self, indenter: &Indenter) -> Impression {
         self.press_with(&Press::new(indenter.clone(), &self.sensor))
     }
@@ -336,7 +336,7 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or is pressed into a gel that has a shape.
+    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
     pub fn press_with(&self, press: &Press) -> Impression {
         self.pressed(press, None)
     }
@@ -389,7 +389,7 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or is pressed into a gel that has a shape.
+    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
     pub fn press_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
         let mut clock = Clock::start();
         match &self.curved {

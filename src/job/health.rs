@@ -68,7 +68,7 @@ impl Health {
             over_thickness_px: depth.over_thickness_px,
             unseen_px: match &scene.pressed {
                 Pressed::Object(_) => 0,
-                Pressed::Frame(frame) => frame.map.unseen_px,
+                Pressed::Frame(frame) => frame.shape.unseen_px(),
             },
         }
     }

@@ -7,7 +7,6 @@ use std::sync::Arc;
 use crate::core::base::rng::{self, Stream};
 use crate::core::camera::CameraParams;
 use crate::core::camera::markers::MarkerPattern;
-use crate::core::depth::height_map::HeightMap;
 use crate::core::depth::indenter::{Indenter, Shape};
 use crate::core::depth::outline::Outline;
 use crate::core::depth::relief::Relief;
@@ -48,8 +47,8 @@ pub struct Frame {
     pub id: String,
     /// Its class; empty if nobody named one.
     pub class: String,
-    /// What the camera saw.
-    pub map: Arc<HeightMap>,
+    /// What the camera saw: heights over a flat pad, or the surface near a gel that has a shape.
+    pub shape: Shape,
 }
 
 /// A press of which the object and its place are known.
@@ -327,7 +326,7 @@ impl Scene {
             }
         }
         let shape = match (&self.pressed, &self.clusters) {
-            (Pressed::Frame(frame), _) => Shape::HeightMap(Arc::clone(&frame.map)),
+            (Pressed::Frame(frame), _) => frame.shape.clone(),
             (Pressed::Object(_), Some(clusters)) => Shape::Mesh(Arc::clone(clusters)),
             (Pressed::Object(number), None) => Shape::Mesh(Arc::clone(&plan.sampling.objects[*number].clusters)),
         };

@@ -23,8 +23,9 @@ use gelsim::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
 use gelsim::core::optics::calibrated::{Calibrated, Shader, Table};
 use gelsim::core::pose::Placement;
 use gelsim::dataset::encode;
-use gelsim::dataset::frames::camera::{DepthCamera, Projection, Unit};
+use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
 use gelsim::dataset::frames::read;
+use gelsim::dataset::frames::reader::FrameReader;
 use gelsim::dataset::frames::run::sample;
 use gelsim::files::exr::{Compression, Exr, Pixel};
 use gelsim::files::{exr, npy, png};
@@ -231,32 +232,38 @@ fn frames(c: &mut Criterion) {
         flip: [false; 2],
         offset_px: [0.0; 2],
         projection: Projection::Orthographic,
+        along: Along::Axis,
     };
-    let heights = |bytes: &[u8]| {
+    let reader =
+        FrameReader::new(camera, &plan.simulator, resolution_px).unwrap_or_else(|problem| panic!("{problem:?}"));
+    let seen = |bytes: &[u8]| {
         let frame = read::decode(bytes).unwrap_or_else(|reason| panic!("{reason}"));
-        camera.heights(frame, plan.simulator.view()).unwrap_or_else(|problem| panic!("{problem:?}"))
+        reader.read(frame).unwrap_or_else(|problem| panic!("{problem:?}"))
     };
     for name in ["dots", "sphere", "flat_face"] {
         let pressed = self::plan(name);
         let scene = Scene::draw(&pressed, 0, 0);
-        let seen = depth::captured(
+        let captured = depth::captured(
             &scene.indenter(&pressed),
             plan.simulator.view(),
             Window { margin_px: 0, above_mm: 50.0 },
             pressed.thickness_mm(),
         );
-        let distances: Vec<f32> = seen.overlap.data.iter().map(|mm| 10.0 - mm).collect();
+        let distances: Vec<f32> = captured.overlap.data.iter().map(|mm| 10.0 - mm).collect();
         let bytes = npy::encode(320, 240, &[&distances]);
         group.bench_function(BenchmarkId::new("whole", name), |b| {
             b.iter(|| {
-                let image = sample(&plan, 0, "frame", heights(black_box(&bytes)), None).impression.image;
+                let image = sample(&plan, 0, "frame", seen(black_box(&bytes)), None).impression.image;
                 npy::encode_rgb(image.width, image.height, &image.rgb)
             });
         });
         if name == "sphere" {
-            let image = sample(&plan, 0, "frame", heights(&bytes), None).impression.image;
+            let image = sample(&plan, 0, "frame", seen(&bytes), None).impression.image;
             group.bench_function(BenchmarkId::new("floor", name), |b| {
-                b.iter(|| (heights(black_box(&bytes)), npy::encode_rgb(image.width, image.height, &image.rgb)));
+                b.iter(|| {
+                    let reach = seen(black_box(&bytes)).reach();
+                    (reach, npy::encode_rgb(image.width, image.height, &image.rgb))
+                });
             });
         }
     }

@@ -229,5 +229,5 @@ fn what_is_for_flat_pads_is_refused_with_its_place() {
         assert!(said_of.contains(said), "{set}: {said_of}");
     }
     let said = folder.fail("render --stream --depth-unit mm --sensor tactip --plane-mm 10", 2);
-    assert!(said.contains("this looks at flat pads"), "{said}");
+    assert!(said.contains("leave it out: the frame's camera stands where [sensor.lens] says"), "{said}");
 }

@@ -21,6 +21,7 @@ mod generate;
 mod gripper;
 mod grow;
 mod health;
+mod inside;
 mod inspect;
 mod log;
 mod messages;

@@ -19,7 +19,7 @@ use gelsim::core::mesh::clusters::Clusters;
 use gelsim::core::optics::background::BackgroundImage;
 use gelsim::core::optics::calibrated::{Calibrated, Shader, Table};
 use gelsim::dataset::archive::{self, Files};
-use gelsim::dataset::frames::camera::{DepthCamera, Projection, Unit};
+use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
 use gelsim::dataset::frames::check::Reach;
 use gelsim::dataset::frames::source::Source;
 use gelsim::dataset::frames::stream::{StreamError, stream};
@@ -422,6 +422,7 @@ pub fn frame(bytes: &[u8]) {
         flip: [true, true],
         offset_px: [0.5, -0.25],
         projection,
+        along: Along::Axis,
     };
     match read::decode(bytes) {
         Err(reason) => assert!(!reason.is_empty()),

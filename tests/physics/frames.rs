@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use gelsim::core::base::grid::Grid;
 use gelsim::core::depth::height_map::HeightMap;
+use gelsim::core::depth::indenter::Shape;
 use gelsim::core::depth::{self, Window};
 use gelsim::core::effects::{Effect, EffectPolicy};
 use gelsim::core::fidelity::Fidelity;
@@ -30,13 +31,18 @@ fn frame(plan: &Plan) -> Frame {
     for mm in &mut above_mm.data {
         *mm = if *mm == -50.0 { f32::INFINITY } else { 0.0 - *mm };
     }
-    Frame { id: String::from("seen"), class: String::from("ball"), map: Arc::new(HeightMap { above_mm, unseen_px: 3 }) }
+    framed("seen", "ball", HeightMap { above_mm, unseen_px: 3 })
+}
+
+fn framed(id: &str, class: &str, map: HeightMap) -> Frame {
+    Frame { id: id.to_owned(), class: class.to_owned(), shape: Shape::HeightMap(Arc::new(map)) }
 }
 
 fn pressed(plan: &Plan, frame: Frame) -> Sample {
+    let Shape::HeightMap(map) = &frame.shape else { panic!("heights") };
     let drawn = KnownPress {
         split: Split::Train,
-        indentation_depth_mm: frame.map.indentation_depth_mm(),
+        indentation_depth_mm: map.indentation_depth_mm(),
         pressed: Pressed::Frame(frame),
         pose: Pose::IDENTITY,
     };
@@ -103,7 +109,7 @@ fn what_the_border_of_a_frame_cuts_goes_on_beyond_it() {
     let plan = resolved(&frames);
     // A plate over everything: were there nothing beyond the border, the pad would bulge there.
     let above_mm = Grid { width: 80, height: 60, data: vec![-0.3_f32; 80 * 60] };
-    let plate = Frame { id: String::new(), class: String::new(), map: Arc::new(HeightMap { above_mm, unseen_px: 0 }) };
+    let plate = framed("", "", HeightMap { above_mm, unseen_px: 0 });
     let sample = pressed(&plan, plate);
     assert!(
         sample.impression.contact.surface.data.iter().all(|mm| (mm - 0.3).abs() < 2e-3),

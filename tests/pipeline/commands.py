@@ -90,6 +90,8 @@ ELSEWHERE = {
     ),
     "gelsim render --depth seen --depth-unit m --plane-mm 25 --projection perspective --fov-y-deg 40 --sensor gelsight-2014"
     " --out from-perspective": ("MuJoCo's frames", "tests/pipeline/simulators.py"),
+    "gelsim render --depth inside --depth-unit m --max-depth-mm 99 --projection perspective --fov-y-deg 73.7398 --sensor geltip"
+    " --out from-inside": ("MuJoCo's frames", "tests/pipeline/simulators.py"),
     "python tests/pipeline/simulators.py GELSIM": ("the packages of simulators", ".ci/run"),
     "gelsim calibrate --gelsight devices/series2_2EF6_4JNW.yaml --out my-sensor.toml": (
         "GelSight's files; there with made-up ones",

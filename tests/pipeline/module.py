@@ -286,6 +286,53 @@ SILENT = ["camera.read_noise_levels=0.0", "camera.speckle_levels=0.0"]
 BARE = ["camera={}", *SILENT, 'output.layers=["surface"]', "sensor.resolution_px=[120, 160]"]
 
 
+def inside():
+    """Depth frames of a camera inside a gel that has a shape: what `gelsim render` makes of the same files."""
+    flags = ["camera.read_noise_levels=0.0"]
+    geltip = gelsim.Sensor.preset("geltip", set=flags)
+    # A ball of 4 mm, 0.8 mm deep in the tip, from 45.5 mm away: rays of the lens, and of a finer pinhole in its place.
+    def seen(rows, columns, focal, along):
+        x, y = np.meshgrid((np.arange(columns) + 0.5 - columns / 2) / focal, (np.arange(rows) + 0.5 - rows / 2) / focal)
+        to, away = 48.7, 1 + x**2 + y**2
+        with np.errstate(invalid="ignore"):
+            z = (to - np.sqrt(to**2 - away * (to**2 - 16))) / away
+        return np.where(np.isnan(z), np.inf, z * np.sqrt(away) if along == "ray" else z)
+
+    folder = Path(root) / "inside"
+    folder.mkdir()
+    known = ["--sensor", "geltip", "--depth-unit", "mm", "--layers", "surface,contact,normal", "--set", flags[0], "--quiet"]
+    cases = [
+        (seen(120, 160, 80, "axis"), {}, []),
+        (seen(120, 160, 80, "ray"), {"along": "ray"}, ["--depth-along", "ray"]),
+        (seen(480, 640, 320, "axis"), {"fov_y_deg": 73.7398}, ["--projection", "perspective", "--fov-y-deg", 73.7398]),
+    ]
+    for number, (frame, options, arguments) in enumerate(cases):
+        np.save(folder / f"{number}.npy", frame)
+        run("render", *known, *arguments, "--depth", folder / f"{number}.npy", "--out", folder / "out")
+        ours = geltip.render(frame, layers=["surface", "contact", "normal"], **options)
+        theirs = json.load(open(folder / f"out/{number}.json"))
+        assert theirs["contact"]["in_contact"] and theirs["health"]["unseen_px"] == 0
+        written = samples.DECODERS["png"]((folder / f"out/{number}.tactile.png").read_bytes())
+        assert np.array_equal(ours["tactile"], written), number
+        for key in ["contact", "sensor", "health", "indentation_depth_mm", "numerics"]:
+            assert ours["label"][key] == theirs[key], (number, key)
+    frame = cases[0][0]
+    batch = geltip.render(np.stack([frame, np.full_like(frame, np.inf)]))
+    assert np.array_equal(batch["tactile"][0], geltip.render(frame)["tactile"])
+    assert [label["contact"]["in_contact"] for label in batch["label"]] == [True, False]
+    for value, part in [(np.nan, "NaN in row 3, column 4"), (0, "0 in row 3, column 4"), (-1, "behind the camera in row 3")]:
+        broken = frame.copy()
+        broken[3, 4] = value
+        assert part in raises(gelsim.UsageError, lambda: geltip.render(broken))
+    assert "map 1: " in raises(gelsim.UsageError, lambda: geltip.render(np.stack([frame, broken])))
+    assert "behind the gel" in raises(gelsim.UsageError, lambda: geltip.render(frame / 1000))
+    assert "out of range" in raises(gelsim.UsageError, lambda: geltip.render(frame, fov_y_deg=0))
+    assert "did you mean `ray`?" in raises(gelsim.UsageError, lambda: geltip.render(frame, along="rays"))
+    raises(TypeError, lambda: geltip.render(frame, fov_y_deg="wide"))
+    flat = gelsim.Sensor.preset("digit")
+    assert "this sensor is flat" in raises(gelsim.UsageError, lambda: flat.render(frame, along="axis"))
+
+
 def mistakes(mixed):
     """Every mistake at once, in the command's words; of arrays in words of their own."""
     broken = Path(root) / "broken.toml"
@@ -356,5 +403,6 @@ if __name__ == "__main__":
         sensors(punch)
         mistakes(mixed)
         frames()
+        inside()
     types()
     print(f"gelsim {gelsim.__version__} in Python {sys.version.split()[0]}: the arrays and words of {os.fspath(native)}")

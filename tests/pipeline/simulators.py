@@ -72,6 +72,58 @@ def generate(folder, out, pressed_mm):
     subprocess.run(["gelsim", "generate", "own.toml", "--quiet", "--out", str(out)], cwd=folder, check=True)
 
 
+def pressed_inside(folder, lean):
+    """gelsim's own image and label of the script's ball in a GelTip, so far from the tip over the gel."""
+    lines = []
+    rings, sides = 360, 720
+    turns = numpy.linspace(0, 2 * numpy.pi, sides, endpoint=False)
+    for a in numpy.linspace(0.0005, numpy.pi - 0.0005, rings):
+        lines.extend(f"v {4 * numpy.sin(a) * c:.7f} {4 * numpy.sin(a) * s:.7f} {-4 * numpy.cos(a):.7f}" for c, s in zip(numpy.cos(turns), numpy.sin(turns)))
+    for ring in range(rings - 1):
+        for k in range(sides):
+            a, b = 1 + ring * sides + k, 1 + ring * sides + (k + 1) % sides
+            lines.append(f"f {a} {b} {b + sides} {a + sides}")
+    (folder / "ball.obj").write_text("\n".join(lines) + "\n")
+    job = f"""
+        dataset = {{ name = "own", samples = 1, seed = 1 }}
+        sensor = {{ preset = "geltip" }}
+        pose.from_tip_mm = {11.485 * lean}
+        indentation.depth_mm = 0.8
+        camera.read_noise_levels = 0.0
+        output = {{ layers = ["depth"], container = "folder" }}
+        object = [{{ path = "ball.obj" }}]
+    """
+    (folder / "inside.toml").write_text(re.sub(r"(?m)^\s+", "", job))
+    out = folder / f"own-inside-{lean}"
+    subprocess.run(["gelsim", "generate", "inside.toml", "--quiet", "--out", str(out)], cwd=folder, check=True)
+    shard = next((out / "data").iterdir())
+    return picture(next(shard.glob("*.tactile.png"))), json.loads(next(shard.glob("*.json")).read_text())
+
+
+def compare_inside(folder, command):
+    """A ball that comes out of a GelTip, seen by MuJoCo from inside: the press of a ball there."""
+    subprocess.run([*command.split(), "--set", "camera.read_noise_levels=0.0"], cwd=folder, check=True)
+    for number, lean in enumerate([0.0, 0.7]):
+        expected, own = pressed_inside(folder, lean)
+        found = picture(folder / f"from-inside/{number}.tactile.png")
+        away = numpy.abs(found - expected).max(axis=2)
+        label = json.loads((folder / f"from-inside/{number}.json").read_text())
+        force = label["contact"]["force_n"] / own["contact"]["force_n"]
+        print(f"mujoco inside a GelTip, {lean} rad from the tip: {away.max()} levels, {(away > LEVELS).sum()} px over {LEVELS}, force {force:.4f}")
+        assert (away > LEVELS).sum() <= 50 and away.max() <= 12 and abs(force - 1) < 0.01, f"inside, {lean} rad"
+        assert label["health"]["unseen_px"] == 0 and numpy.ptp(expected - picture_of_rest(folder)) > 10
+
+
+def picture_of_rest(folder):
+    """The GelTip's untouched image, of a frame that shows nothing."""
+    out = folder / "rest"
+    if not out.exists():
+        numpy.save(folder / "nothing.npy", numpy.full((240, 320), numpy.inf))
+        command = "gelsim render --depth nothing.npy --depth-unit mm --no-contact-ok --sensor geltip --set camera.read_noise_levels=0.0 --out rest --quiet"
+        subprocess.run(command.split(), cwd=folder, check=True)
+    return picture(out / "nothing.tactile.png")
+
+
 def picture(path):
     return numpy.asarray(Image.open(path)).astype(int)
 
@@ -126,7 +178,7 @@ def main():
     if not ctypes.util.find_library("OSMesa"):
         return print("skipped: no libOSMesa, with which MuJoCo draws without a graphics card")
     os.environ.update(environment(pathlib.Path(sys.argv[1]).resolve()))
-    mujoco, pybullet, perspective, slide, stream = snippets(PAGE)
+    mujoco, pybullet, perspective, inside, slide, stream = snippets(PAGE)
     commands = {
         re.search(r"--out (\S+)", command)[1]: command
         for command in re.findall(r"(?m)^    (gelsim render .*)$", PAGE.read_text())
@@ -134,7 +186,7 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         folder = pathlib.Path(temporary)
         mesh(folder / "scene.obj")
-        for script in (mujoco, pybullet, perspective, slide):
+        for script in (mujoco, pybullet, perspective, inside, slide):
             subprocess.run([sys.executable, "-c", script], cwd=folder, check=True)
         for command in commands.values():
             subprocess.run(command.split(), cwd=folder, check=True)
@@ -150,6 +202,8 @@ def main():
         # The rod's rim hides a ring around itself, where the pad begins.
         print(f"mujoco in perspective: {label['health']['unseen_px']} px unseen")
         assert 0 < label["health"]["unseen_px"] < 400
+
+        compare_inside(folder, commands["from-inside"])
 
         rows = [json.loads((folder / f"slid/{k:02}.json").read_text())["frame"] for k in range(24)]
         forces = numpy.array([row["wrench"]["force_n"] for row in rows])

@@ -60,6 +60,14 @@ impl GelShape {
         }
     }
 
+    /// Its tip.
+    pub fn tip(&self) -> Site {
+        match self {
+            Self::Mesh(surface) => Site { normal: surface.tip_normal(), below_mm: 0.0, point_mm: DVec3::ZERO },
+            Self::Dome(_) | Self::Capsule(_) => self.site(DVec3::Z, 0.0),
+        }
+    }
+
     /// The point of a round gel with this normal, so far below the middle of the tip's ball.
     pub fn site(&self, normal: DVec3, below_mm: f64) -> Site {
         let point_mm = self.radius_mm() * normal - DVec3::new(0.0, 0.0, self.radius_mm() + below_mm);

@@ -139,9 +139,18 @@ impl Projection {
         }
     }
 
+    /// The way the camera looks: its optical axis.
+    pub fn ahead(&self) -> DVec3 {
+        if self.lens == LensModel::Orthographic { DVec3::Z } else { self.axes.z_axis }
+    }
+
     /// The point of the gel that a point of the image shows; `None` where it shows none.
     pub fn site(&self, shape: &GelShape, px: [f64; 2]) -> Option<Site> {
-        let (from, direction) = self.line(px);
+        self.left_by(shape, self.line(px))
+    }
+
+    /// Where a line of the image ([`Projection::line`]) leaves the gel.
+    pub fn left_by(&self, shape: &GelShape, (from, direction): (DVec3, DVec3)) -> Option<Site> {
         // What goes first out of a mesh is looked for from below it.
         let from = match (shape.surface(), &self.lens) {
             (Some(surface), LensModel::Orthographic) => from.with_z(surface.bounds_mm()[0].z - 1.0),

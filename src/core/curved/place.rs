@@ -22,6 +22,9 @@ impl Curved {
     /// Where the object comes closest to the gel's axis: the point of the gel that is on the way, and how far the object reaches
     /// below it, mm. On a mesh where it reaches deepest.
     pub(super) fn deepest(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Site, f64) {
+        if object.is_empty() {
+            return (self.shape.tip(), f64::NEG_INFINITY);
+        }
         if let GelShape::Mesh(surface) = &self.shape {
             let (point_mm, normal, reaches_mm) = touch::deepest(surface, object, pose, DEEP * thickness_mm);
             return (Site { normal, below_mm: 0.0, point_mm }, reaches_mm);

@@ -3,7 +3,7 @@
 use super::Curved;
 use crate::core::base::chart::Chart;
 use crate::core::base::gel::Site;
-use crate::core::depth::indenter::{Indenter, Shape};
+use crate::core::depth::indenter::Indenter;
 use crate::core::depth::normals::Places;
 use crate::core::depth::texture::{Laid, Posed, Texture};
 use crate::core::depth::{Depth, Window};
@@ -79,8 +79,7 @@ impl Curved {
 
 impl MovingObject<'_> {
     fn mesh(&self) -> &Clusters {
-        let Shape::Mesh(object) = &self.indenter.shape else { panic!("only meshes are pressed into a curved gel") };
-        object
+        self.indenter.shape.clusters().expect("heights over a plane are not pressed into a curved gel")
     }
 
     fn carried_texture(&self, sliding: &Sliding) -> Option<Texture> {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::height_map::HeightMap;
+use super::seen::SeenSurface;
 use crate::core::base::grid::Grid;
 use crate::core::mesh::Mesh;
 use crate::core::mesh::clusters::Clusters;
@@ -29,6 +30,28 @@ pub enum Shape {
     Mesh(Arc<Clusters>),
     /// Heights over the pad, at the pixels of the simulator's view.
     HeightMap(Arc<HeightMap>),
+    /// What a camera inside a gel that is not flat sees of an object.
+    Seen(Arc<SeenSurface>),
+}
+
+impl Shape {
+    /// Its triangles; `None` of heights.
+    pub fn clusters(&self) -> Option<&Clusters> {
+        match self {
+            Self::Mesh(clusters) => Some(clusters),
+            Self::Seen(seen) => Some(&seen.near_gel),
+            Self::HeightMap(_) => None,
+        }
+    }
+
+    /// Pixels of which nothing is known, such as those that a depth camera could not see; 0 of a mesh.
+    pub fn unseen_px(&self) -> u64 {
+        match self {
+            Self::Mesh(_) => 0,
+            Self::HeightMap(map) => map.unseen_px,
+            Self::Seen(seen) => seen.unseen_px,
+        }
+    }
 }
 
 /// Why an array is no height map.
@@ -66,7 +89,7 @@ impl Indenter {
     }
 
     /// Several meshes that are pressed in together, as one rigid body whose pose is the first one's: motion, and how texture is
-    /// laid out, refer to that. `None` of no object, and where one is a height map.
+    /// laid out, refer to that. `None` of no object, and where one is no mesh.
     pub fn together(objects: &[Self]) -> Option<Self> {
         let (first, others) = objects.split_first()?;
         let Shape::Mesh(own) = &first.shape else { return None };
@@ -79,17 +102,17 @@ impl Indenter {
                 let at = back * (other.pose.translation_mm - first.pose.translation_mm);
                 Some((Arc::clone(mesh), back * other.pose.rotation, at))
             }
-            Shape::HeightMap(_) => None,
+            Shape::HeightMap(_) | Shape::Seen(_) => None,
         };
         let placed: Vec<_> = others.iter().map(placed).collect::<Option<_>>()?;
         Some(Self::clusters(Arc::new(own.with_others(&placed)), first.pose))
     }
 
-    /// The same at another pose. A height map stays where it is.
+    /// The same at another pose. A height map stays where it is, and what was seen is as deep as it was.
     pub fn moved_to(&self, pose: Pose) -> Self {
         match &self.shape {
             Shape::Mesh(clusters) => Self::clusters(Arc::clone(clusters), pose),
-            Shape::HeightMap(_) => Self { pose, ..self.clone() },
+            Shape::HeightMap(_) | Shape::Seen(_) => Self { pose, ..self.clone() },
         }
     }
 

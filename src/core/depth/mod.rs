@@ -21,6 +21,7 @@ pub mod patterns;
 pub mod raster;
 pub mod relief;
 pub mod rest;
+pub mod seen;
 pub mod texture;
 pub mod touch;
 
@@ -148,6 +149,7 @@ pub fn captured(indenter: &Indenter, view: &View, window: Window, thickness_mm: 
     match &indenter.shape {
         Shape::Mesh(clusters) => capture(clusters, &indenter.pose.placement(), view, window, thickness_mm),
         Shape::HeightMap(map) => framed(map, window, thickness_mm),
+        Shape::Seen(seen) => capture(&seen.near_gel, &indenter.pose.placement(), view, window, thickness_mm),
     }
 }
 

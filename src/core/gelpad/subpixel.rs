@@ -125,6 +125,7 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
     let absent = match (&indenter.shape, pad) {
         _ if !averages => Some("measured light is that of pixel centres"),
         (Shape::HeightMap(_), _) => Some("a height map has nothing between its pixels"),
+        (Shape::Seen(_), _) => Some("a depth frame has nothing between its pixels"),
         (_, Pad::MeanBlur(_) | Pad::Gaussian(_)) => Some("the gelpad model blurs every edge"),
         (Shape::Mesh(_), Pad::None | Pad::Elastic(_)) => None,
     };

@@ -78,7 +78,11 @@ impl Whole {
         view: &View,
     ) -> Self {
         if let Shape::HeightMap(_) = shape {
-            return Self::framed(contact);
+            let Grid { width, height, .. } = contact.mask;
+            let touches = |y: usize| contact.mask.row(y).iter().any(|value| *value > 0);
+            let ends = |y: usize| contact.mask.at(0, y) > 0 || contact.mask.at(width - 1, y) > 0;
+            let cut_by_view = touches(0) || touches(height - 1) || (0..height).any(ends);
+            return Self::framed(contact, cut_by_view);
         }
         let [dx, dy] = view.mm_per_px;
         let touching = contact.mask.data.iter().map(|touches| u64::from(*touches > 0)).sum::<u64>();
@@ -114,12 +118,8 @@ impl Whole {
         }
     }
 
-    /// Of what is known in the view only.
-    fn framed(contact: &mut Contact) -> Self {
-        let Grid { width, height, .. } = contact.mask;
-        let touches = |y: usize| contact.mask.row(y).iter().any(|value| *value > 0);
-        let ends = |y: usize| contact.mask.at(0, y) > 0 || contact.mask.at(width - 1, y) > 0;
-        let cut_by_view = touches(0) || touches(height - 1) || (0..height).any(ends);
+    /// Of what a depth frame shows, and nobody knows beyond it.
+    pub fn framed(contact: &mut Contact, cut_by_view: bool) -> Self {
         let force_unknown = match (contact.force_n, cut_by_view) {
             (None, _) => "the gelpad model knows no force",
             (_, true) => "the contact goes on beyond the frame, and what is there is not known",

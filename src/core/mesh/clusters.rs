@@ -58,6 +58,24 @@ impl fmt::Debug for Clusters {
 }
 
 impl Clusters {
+    /// Of nothing: no query finds anything.
+    pub fn empty() -> Self {
+        Self {
+            hierarchy: Bvh2::default(),
+            clusters: Vec::new(),
+            x: Vec::new(),
+            y: Vec::new(),
+            z: Vec::new(),
+            corners: Vec::new(),
+            centre_mm: [0.0; 3],
+        }
+    }
+
+    /// True if there is nothing.
+    pub fn is_empty(&self) -> bool {
+        self.clusters.is_empty()
+    }
+
     /// Divides a mesh into clusters.
     pub fn new(mesh: &Mesh) -> Self {
         let mut order = morton_order(mesh);

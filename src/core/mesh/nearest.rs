@@ -32,20 +32,41 @@ pub fn first_along(object: &Clusters, from: DVec3, direction: DVec3) -> Option<f
     object.query(
         |min, max| line_meets(from, direction, min, max),
         |part| {
-            for triangle in triangles(part) {
-                let [a, b, c] = triangle.map(|corner| corner - from);
-                let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)];
-                let sides = [ab, bc, ca].map(|side| side.dot(direction));
-                let along = (ab + bc + ca).dot(direction);
-                let within = sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0);
-                if within && along != 0.0 {
-                    let t = a.dot(bc) / along;
-                    first = Some(first.map_or(t, |first| first.min(t)));
-                }
+            for t in triangles(part).filter_map(|triangle| met_at(triangle, from, direction)) {
+                first = Some(first.map_or(t, |first| first.min(t)));
             }
         },
     );
     first
+}
+
+/// True if `from + t * direction`, a line in the object's own frame, meets the object for some `t` of 0 to `most`.
+pub fn is_met_along(object: &Clusters, from: DVec3, direction: DVec3, most: f64) -> bool {
+    let from = from - DVec3::from_array(object.centre_mm());
+    let to = from + most * direction;
+    let (low, high) = (from.min(to), from.max(to));
+    let met = std::cell::Cell::new(false);
+    object.query(
+        |min, max| {
+            let [least, largest] = [min, max].map(|side| DVec3::from_array(side.map(f64::from)));
+            !met.get() && low.cmple(largest).all() && high.cmpge(least).all() && line_meets(from, direction, min, max)
+        },
+        |part| {
+            let mut meets = triangles(part).filter_map(|triangle| met_at(triangle, from, direction));
+            met.set(met.get() || meets.any(|t| (0.0..=most).contains(&t)));
+        },
+    );
+    met.get()
+}
+
+/// Where a line meets a triangle. Neighbours share their edges' planes, to the bit.
+fn met_at(triangle: [DVec3; 3], from: DVec3, direction: DVec3) -> Option<f64> {
+    let [a, b, c] = triangle.map(|corner| corner - from);
+    let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)];
+    let sides = [ab, bc, ca].map(|side| side.dot(direction));
+    let along = (ab + bc + ca).dot(direction);
+    let within = sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0);
+    (within && along != 0.0).then(|| a.dot(bc) / along)
 }
 
 /// The point of a box that is closest to `to`.

@@ -56,13 +56,23 @@ impl Unit {
 /// How rays go from the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
-    /// Parallel: each pixel is one of the view.
+    /// Parallel: each pixel is one of the view. Inside a gel that has a shape, those of the sensor's own lens.
     Orthographic,
-    /// Through one point; values are distances along the optical axis, pixels are square.
+    /// Through one point; pixels are square.
     Perspective {
         /// Angle between the upper edge of the image and the lower one, degrees.
         fov_y_deg: f64,
     },
+}
+
+/// Along what distances are counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Along {
+    /// The optical axis.
+    #[default]
+    Axis,
+    /// The pixel's own ray.
+    Ray,
 }
 
 /// Where a depth camera stands and what it writes.
@@ -70,7 +80,7 @@ pub enum Projection {
 pub struct DepthCamera {
     /// Of the values.
     pub unit: Unit,
-    /// Distance of the undeformed pad's surface from the camera, mm.
+    /// Distance of the undeformed pad's surface from the camera, mm; 0 where the sensor's lens says where the camera is.
     pub plane_mm: f64,
     /// Nothing is farther from the camera than this, mm.
     pub max_depth_mm: Option<f64>,
@@ -82,6 +92,8 @@ pub struct DepthCamera {
     pub offset_px: [f64; 2],
     /// Its rays.
     pub projection: Projection,
+    /// Along what its values are distances.
+    pub along: Along,
 }
 
 impl DepthCamera {
@@ -93,8 +105,8 @@ impl DepthCamera {
             let problem = Diagnostic::new(format!("it has {size} px, and the view has {view}"));
             return Err(problem.help("all frames of a run have one size; render those of others by themselves"));
         }
-        let mut distances = self.distances_mm(frame)?;
-        self.turn(&mut distances);
+        // Zero is what cameras write where they measured nothing; the pad is not at the camera.
+        let mut distances = self.distances_mm(frame, |mm| mm == 0.0 && self.plane_mm > 0.0)?;
         Ok(match self.projection {
             Projection::Orthographic => {
                 let shifted = shifted(distances, self.offset_px);
@@ -104,13 +116,17 @@ impl DepthCamera {
             }
             Projection::Perspective { fov_y_deg } => {
                 let pinhole = perspective::Pinhole::new(&distances, fov_y_deg, self.offset_px);
+                if self.along == Along::Ray {
+                    pinhole.take_along_axis(&mut distances);
+                }
                 perspective::orthographic(&distances, &pinhole, self.plane_mm, view)
             }
         })
     }
 
-    /// Distances from the camera, mm; infinite where nothing is.
-    fn distances_mm(&self, frame: Grid<f64>) -> Result<Grid<f64>, Diagnostic> {
+    /// Distances from the camera in the order of the sensor's own pixels, mm; infinite where nothing is. Holes are a problem, and what
+    /// `is_hole` takes for one.
+    pub fn distances_mm(&self, frame: Grid<f64>, is_hole: impl Fn(f64) -> bool) -> Result<Grid<f64>, Diagnostic> {
         let Grid { width, height, mut data } = frame;
         let farthest = self.max_depth_mm.unwrap_or(f64::INFINITY);
         let mut holes = 0;
@@ -120,17 +136,21 @@ impl DepthCamera {
                 Some(background) if is_same(*value, background) => f64::INFINITY,
                 _ => self.unit.to_mm(*value),
             };
-            // Zero is what cameras write where they measured nothing; the pad is not at the camera.
-            if mm.is_nan() || mm < f64::from(f32::MIN) || mm == 0.0 && self.plane_mm > 0.0 {
+            if mm.is_nan() || mm < f64::from(f32::MIN) || is_hole(mm) {
                 holes += 1;
                 first.get_or_insert((at, mm));
             }
             *value = if mm > farthest { f64::INFINITY } else { mm };
         }
-        let Some((at, mm)) = first else { return Ok(Grid { width, height, data }) };
+        let Some((at, mm)) = first else {
+            let mut distances = Grid { width, height, data };
+            self.turn(&mut distances);
+            return Ok(distances);
+        };
         let (name, value) = match mm {
             mm if mm.is_nan() => ("NaN", "nan"),
             0.0 => ("0", "0"),
+            mm if mm >= f64::from(f32::MIN) => ("behind the camera", ""),
             _ => ("minus infinity", "-inf"),
         };
         let (row, column) = (at / width, at % width);
@@ -138,7 +158,12 @@ impl DepthCamera {
             1 => format!("1 pixel is no distance: {name} in row {row}, column {column}"),
             _ => format!("{holes} pixels are no distances; the first is {name} in row {row}, column {column}"),
         };
-        let help = format!("fill the holes; where nothing is seen, say so: --background-value={value}");
+        let help = match value {
+            "" => String::from(
+                "distances count from the lens outwards; is this the frame of a camera that looks out of the gel?",
+            ),
+            value => format!("fill the holes; where nothing is seen, say so: --background-value={value}"),
+        };
         Err(Diagnostic::new(message).help(help))
     }
 
@@ -208,6 +233,7 @@ mod tests {
         flip: [false; 2],
         offset_px: [0.0; 2],
         projection: Projection::Orthographic,
+        along: Along::Axis,
     };
 
     fn view(width: usize, height: usize) -> View {

@@ -1,4 +1,6 @@
-//! Whether heights over the pad can be right: units and the place of the pad are easily mistaken, and either shows.
+//! Whether what a frame shows can be right: units and the place of the pad are easily mistaken, and either shows.
+
+use glam::DVec3;
 
 use super::camera::{DepthCamera, Unit};
 use super::heights::Heights;
@@ -7,7 +9,7 @@ use crate::files::diagnostic::Diagnostic;
 /// What is known of a frame's heights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
-    /// Height of the lowest point over the undeformed pad, mm; infinite if nothing is seen.
+    /// Height of the lowest point over the undeformed pad, or over a gel that has a shape, mm; infinite if nothing is seen.
     pub lowest_mm: f64,
     /// That of the highest point that is seen.
     pub highest_mm: f64,
@@ -15,10 +17,47 @@ pub struct Reach {
     pub through_px: u64,
     /// Pixels that the camera could not see.
     pub unseen_px: u64,
+    /// The undeformed pad's normal, there on a gel that has a shape.
+    pub normal: DVec3,
     thickness_mm: f64,
+    against: Against,
+}
+
+/// What the camera's distances are held against.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Against {
+    /// The flat pad's surface, all of which is as far from the camera.
+    Plane,
+    /// A gel that has a shape: on the ray on which the object is nearest for how far the gel is, how far both are from the lens, mm.
+    Gel {
+        /// To the point.
+        seen_mm: f64,
+        /// To the gel.
+        gel_mm: f64,
+    },
 }
 
 impl Reach {
+    /// Of a frame that shows nothing over a gel that has a shape.
+    pub fn nothing(thickness_mm: f64, unseen_px: u64) -> Self {
+        let against = Against::Gel { seen_mm: f64::INFINITY, gel_mm: f64::INFINITY };
+        let (lowest_mm, highest_mm) = (f64::INFINITY, f64::NEG_INFINITY);
+        Self { lowest_mm, highest_mm, through_px: 0, unseen_px, normal: DVec3::Z, thickness_mm, against }
+    }
+
+    /// Takes a point into account, so far above a gel.
+    pub fn add(&mut self, above_mm: f64, against: Against) {
+        if let (Against::Gel { seen_mm, gel_mm }, Against::Gel { seen_mm: before_mm, gel_mm: of_gel_mm }) =
+            (against, self.against)
+            && (before_mm == f64::INFINITY || seen_mm * of_gel_mm < before_mm * gel_mm)
+        {
+            self.against = against;
+        }
+        self.lowest_mm = self.lowest_mm.min(above_mm);
+        self.highest_mm = self.highest_mm.max(above_mm);
+        self.through_px += u64::from(above_mm < -self.thickness_mm);
+    }
+
     /// Of heights over a pad `thickness_mm` thick.
     pub fn from_surface(heights: &Heights, thickness_mm: f64) -> Self {
         let thickness = thickness_mm as f32;
@@ -33,7 +72,9 @@ impl Reach {
             highest_mm: highest.into(),
             through_px,
             unseen_px: heights.unseen_px,
+            normal: DVec3::Z,
             thickness_mm,
+            against: Against::Plane,
         }
     }
 
@@ -45,14 +86,23 @@ impl Reach {
     /// What cannot be right of one frame: all that it shows is behind the pad.
     pub fn mistake(&self, camera: &DepthCamera) -> Option<Diagnostic> {
         (self.lowest_mm.is_finite() && self.highest_mm < -self.thickness_mm).then(|| {
-            let message = format!(
-                "all that is seen lies behind the pad, which is {} mm thick: {} to {} mm from the camera, and the pad's \
-                 surface is at {} mm",
-                self.thickness_mm,
-                rounded(self.lowest_mm + camera.plane_mm),
-                rounded(self.highest_mm + camera.plane_mm),
-                rounded(camera.plane_mm)
-            );
+            let message = match self.against {
+                Against::Plane => format!(
+                    "all that is seen lies behind the pad, which is {} mm thick: {} to {} mm from the camera, and the \
+                     pad's surface is at {} mm",
+                    self.thickness_mm,
+                    rounded(self.lowest_mm + camera.plane_mm),
+                    rounded(self.highest_mm + camera.plane_mm),
+                    rounded(camera.plane_mm)
+                ),
+                Against::Gel { seen_mm, gel_mm } => format!(
+                    "all that is seen lies behind the gel, which is {} mm thick: it comes as near as {} mm to the camera, \
+                     where the gel is at {} mm",
+                    self.thickness_mm,
+                    rounded(seen_mm),
+                    rounded(gel_mm)
+                ),
+            };
             Diagnostic::new(message).help(self.fix(camera))
         })
     }
@@ -61,7 +111,11 @@ impl Reach {
     pub fn out_of_reach(&self, camera: &DepthCamera) -> Diagnostic {
         let message = match self.lowest_mm.is_finite() {
             false => String::from("nothing is seen in any frame"),
-            true => format!("nothing reaches the pad: the nearest point is {} mm beyond it", rounded(self.lowest_mm)),
+            true => format!(
+                "nothing reaches the {}: the nearest point is {} mm beyond it",
+                if self.against == Against::Plane { "pad" } else { "gel" },
+                rounded(self.lowest_mm)
+            ),
         };
         Diagnostic::new(message)
             .help(format!("{}; frames without contact are rendered with --no-contact-ok", self.fix(camera)))
@@ -71,6 +125,22 @@ impl Reach {
     fn fix(&self, camera: &DepthCamera) -> String {
         if !self.lowest_mm.is_finite() {
             return String::from("are --max-depth-mm and --background-value right?");
+        }
+        if let Against::Gel { seen_mm, gel_mm } = self.against {
+            // Units are a thousand apart; a press is a few hundredths of the way to the gel.
+            let would_touch = |unit: &Unit| {
+                *unit != camera.unit && (0.3..1.01).contains(&(seen_mm * unit.mm() / camera.unit.mm() / gel_mm))
+            };
+            return match Unit::ALL.into_iter().find(would_touch) {
+                Some(unit) => {
+                    let (name, words) = unit.names();
+                    format!("the values look like {words}: --depth-unit {name}")
+                }
+                None => String::from(
+                    "does the frame's camera stand and look as [sensor.lens] says, and are its distances those that \
+                     --depth-along says?",
+                ),
+            };
         }
         let value = (self.lowest_mm + camera.plane_mm) / camera.unit.mm();
         let would_touch = |unit: Unit| (-self.thickness_mm..=0.0).contains(&(value * unit.mm() - camera.plane_mm));
@@ -101,7 +171,7 @@ fn rounded(mm: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::core::base::grid::Grid;
-    use crate::dataset::frames::camera::Projection;
+    use crate::dataset::frames::camera::{Along, Projection};
 
     fn camera(unit: Unit, plane_mm: f64) -> DepthCamera {
         DepthCamera {
@@ -112,6 +182,7 @@ mod tests {
             flip: [false; 2],
             offset_px: [0.0; 2],
             projection: Projection::Orthographic,
+            along: Along::Axis,
         }
     }
 

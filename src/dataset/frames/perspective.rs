@@ -32,6 +32,15 @@ impl Pinhole {
         }
     }
 
+    /// Distances along each pixel's ray as distances along the optical axis.
+    pub fn take_along_axis(&self, distances: &mut Grid<f64>) {
+        let width = distances.width;
+        for (at, mm) in distances.data.iter_mut().enumerate() {
+            let [x, y, z] = self.point_mm(at % width, at / width, 1.0);
+            *mm /= (x * x + y * y + z * z).sqrt();
+        }
+    }
+
     /// Where the point seen in a pixel is, mm.
     fn point_mm(&self, column: usize, row: usize, distance_mm: f64) -> [f64; 3] {
         let across = |at: usize, middle: f64| (at as f64 + 0.5 - middle) * distance_mm / self.focal_px;

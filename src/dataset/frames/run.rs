@@ -7,18 +7,17 @@ use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::camera::DepthCamera;
 use super::check::Reach;
-use super::heights::Heights;
 use super::poses::FrameMetadata;
 use super::read;
+use super::reader::{FrameReader, SeenFrame};
 use super::sequence::{self, Followed, Follower};
 use super::source::Source;
-use crate::core::depth::height_map::HeightMap;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::dataset::archive::Member;
 use crate::dataset::encode::{json, layers, members};
@@ -41,6 +40,8 @@ pub struct Request<'a> {
     pub sources: &'a [Source],
     /// What saw them.
     pub camera: DepthCamera,
+    /// The same in the place that the plan's sensor gives it.
+    pub reader: FrameReader,
     /// What is known of each, if anything is.
     pub known: Option<Vec<FrameMetadata>>,
     /// Folder of the results.
@@ -73,12 +74,11 @@ pub enum RenderError {
 
 /// Reads every frame. On failure, all mistakes in them.
 pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
-    let Request { sources, camera, out, .. } = request;
+    let Request { sources, camera, reader, out, .. } = request;
     let found: Vec<Result<Reach, Diagnostic>> = sources
         .par_iter()
         .map(|source| {
-            let heights = heights(plan, camera, &source.path)?;
-            let reach = Reach::from_surface(&heights, plan.thickness_mm());
+            let reach = seen(reader, &source.path)?.reach();
             reach.mistake(camera).map_or(Ok(reach), Err)
         })
         .collect();
@@ -92,8 +92,9 @@ pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
     }
     if request.sequence.is_some() {
         let known = request.known.as_deref().unwrap_or_default();
-        for (pair, source) in known.windows(2).zip(sources.iter().skip(1)) {
-            if let Some(problem) = sequence::mistake(pair[0].pose, pair[1].pose) {
+        for ((pair, source), found) in known.windows(2).zip(sources.iter().skip(1)).zip(found.iter().skip(1)) {
+            let normal = found.as_ref().map_or(DVec3::Z, |reach| reach.normal);
+            if let Some(problem) = sequence::mistake(pair[0].pose, pair[1].pose, normal) {
                 let message = format!("{}: {}", source.path.display(), problem.message);
                 problems.push(Diagnostic { message, ..problem });
             }
@@ -144,9 +145,9 @@ pub fn run(plan: &Plan, request: &Request) -> Result<(), RenderError> {
     }
     let one = |(index, source): (usize, &Source)| {
         let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
-        let heights = heights(plan, &request.camera, &source.path).map_err(changed)?;
+        let seen = seen(&request.reader, &source.path).map_err(changed)?;
         let known = request.known.as_ref().map(|known| &known[index]);
-        let sample = sample(plan, index as u64, &source.stem, heights, known);
+        let sample = sample(plan, index as u64, &source.stem, seen, known);
         let health = &sample.label.health;
         if !health.healthy && plan.output().on_unhealthy != OnUnhealthy::Keep {
             return Err(RenderError::Unhealthy(source.path.clone(), health.reason.clone()));
@@ -165,11 +166,11 @@ fn follow(plan: &Plan, request: &Request, sequence: InSequence) -> Result<(), Re
     let mut frames = Vec::new();
     for (index, source) in request.sources.iter().enumerate() {
         let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
-        let heights = heights(plan, &request.camera, &source.path).map_err(changed)?;
+        let seen = seen(&request.reader, &source.path).map_err(changed)?;
         let nothing = || FrameMetadata::nothing(&source.stem);
         let known = request.known.as_ref().map_or_else(nothing, |known| known[index].clone());
         let unsound = |reason: String| RenderError::Unhealthy(source.path.clone(), reason);
-        let next = follower.next(plan, index as u64, heights, known);
+        let next = follower.next(plan, index as u64, seen, known);
         let Followed { sample, label } = next.map_err(|problem| {
             unsound(problem.help.map_or_else(|| problem.message.clone(), |help| format!("{}; {help}", problem.message)))
         })?;
@@ -191,22 +192,21 @@ fn follow(plan: &Plan, request: &Request, sequence: InSequence) -> Result<(), Re
     Ok(())
 }
 
-/// Reads a frame and takes it to heights in the plan's view.
-fn heights(plan: &Plan, camera: &DepthCamera, path: &Path) -> Result<Heights, Diagnostic> {
+/// Reads a frame and takes it to what is pressed in.
+fn seen<'a>(reader: &'a FrameReader, path: &Path) -> Result<SeenFrame<'a>, Diagnostic> {
     let frame = read::file(path).map_err(|reason| {
         Diagnostic::new(reason)
             .help("a frame is an npy array, an EXR picture or a grey PNG of 16 bits, up to 8192 px on a side")
     })?;
-    camera.heights(frame, plan.simulator.view())
+    reader.read(frame)
 }
 
 /// The sample of a frame called `name`.
-pub fn sample(plan: &Plan, index: u64, name: &str, heights: Heights, known: Option<&FrameMetadata>) -> Sample {
+pub fn sample(plan: &Plan, index: u64, name: &str, seen: SeenFrame<'_>, known: Option<&FrameMetadata>) -> Sample {
     let nothing = FrameMetadata::nothing(name);
     let FrameMetadata { id, class, pose, motion } = known.unwrap_or(&nothing).clone();
-    let map = HeightMap { above_mm: heights.above_mm, unseen_px: heights.unseen_px };
-    let indentation_depth_mm = map.indentation_depth_mm();
-    let pressed = Pressed::Frame(Frame { id, class, map: Arc::new(map) });
+    let indentation_depth_mm = seen.depth_mm();
+    let pressed = Pressed::Frame(Frame { id, class, shape: seen.pressed(&pose) });
     let given = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm };
     let mut scene = Scene::given(plan, index, 0, given);
     if known.is_some() {

@@ -1,12 +1,12 @@
 //! Depth frames that follow each other, of an object whose pose is known in each: friction remembers from one to the next.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
-use std::sync::Arc;
 
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
-use super::heights::Heights;
 use super::poses::FrameMetadata;
+use super::reader::SeenFrame;
+use crate::core::base::gel::Site;
 use crate::core::base::view::View;
 use crate::core::camera::CameraParams;
 use crate::core::depth::height_map::HeightMap;
@@ -14,7 +14,7 @@ use crate::core::depth::texture::Laid;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::gelpad::planar::PlanarMotion;
 use crate::core::gelpad::sliding::{ObjectStep, Sliding};
-use crate::core::pose::Pose;
+use crate::core::pose::{PadPlane, Pose};
 use crate::files::diagnostic::Diagnostic;
 use crate::job::label::Label;
 use crate::job::layout::Split;
@@ -60,21 +60,27 @@ impl Follower {
         &mut self,
         plan: &Plan,
         index: u64,
-        heights: Heights,
+        seen: SeenFrame<'_>,
         known: FrameMetadata,
     ) -> Result<Followed, Diagnostic> {
         let FrameMetadata { id, class, pose, .. } = known;
-        let map = HeightMap { above_mm: heights.above_mm, unseen_px: heights.unseen_px };
-        let depth_mm = map.indentation_depth_mm();
+        let depth_mm = seen.depth_mm();
+        let (plane, lowest_mm) = match &seen {
+            SeenFrame::Pad(map, _) => (PadPlane::default(), Some(lowest_mm(map, plan.simulator.view()))),
+            SeenFrame::Gel(frame) => match frame.deepest() {
+                Some((site, point_mm)) => (tangent(site), Some(point_mm)),
+                None => (PadPlane::default(), None),
+            },
+        };
         let motion = match self.last {
-            Some(last) => match mistake(last, pose) {
+            Some(last) => match mistake(last, pose, plane.axes.z_axis) {
                 Some(mistake) => return Err(mistake),
-                None => motion(last, pose, lowest_mm(&map, plan.simulator.view())),
+                None => lowest_mm.map_or_else(PlanarMotion::default, |now| motion(last, pose, now, &plane)),
             },
             None => PlanarMotion::default(),
         };
         self.last = Some(pose);
-        let pressed = Pressed::Frame(Frame { id, class, map: Arc::new(map) });
+        let pressed = Pressed::Frame(Frame { id, class, shape: seen.pressed(&pose) });
         let given = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm: depth_mm };
         let drawn = Scene::given(plan, index, 0, given.clone());
         if self.begun.is_none() {
@@ -84,7 +90,7 @@ impl Follower {
         let Some((first, sliding)) = &mut self.begun else { unreachable!("it was put there") };
         let KnownPress { pressed, pose, indentation_depth_mm, .. } = given;
         let noise_key = drawn.camera.noise_key;
-        let scene = Scene { index, pressed, pose, indentation_depth_mm, ..first.clone() };
+        let scene = Scene { index, pressed, pose, indentation_depth_mm, plane, ..first.clone() };
         let scene = Scene { camera: CameraParams { noise_key, ..scene.camera }, ..scene };
         let laid = *self.laid.get_or_insert_with(|| Laid::with(&pose));
         let mut press = scene.press(plan);
@@ -118,27 +124,38 @@ fn lowest_mm(map: &HeightMap, view: &View) -> DVec3 {
     DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest))
 }
 
+/// The plane that touches a gel in a place.
+fn tangent(site: Site) -> PadPlane {
+    let axes = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, site.normal.normalize()));
+    PadPlane { axes, origin_mm: site.point_mm }
+}
+
 /// By how much an object turns about the pad's normal from one pose to the next, rad.
-fn turn_rad(from: Pose, to: Pose) -> f64 {
+fn turn_rad(from: Pose, to: Pose, normal: DVec3) -> f64 {
     let q = DQuat::from_mat3(&(to.rotation * from.rotation.transpose()));
-    let half = libm::atan2(q.z, q.w);
+    let half = libm::atan2(q.xyz().dot(normal), q.w);
     let whole = 2.0 * half;
     if half.abs() > FRAC_PI_2 { whole - half.signum() * TAU } else { whole }
 }
 
-/// What cannot be right of the poses of two frames that follow each other.
-pub fn mistake(from: Pose, to: Pose) -> Option<Diagnostic> {
-    let turn_deg = turn_rad(from, to).to_degrees();
+/// What cannot be right of the poses of two frames that follow each other, on a pad with this normal.
+pub fn mistake(from: Pose, to: Pose, normal: DVec3) -> Option<Diagnostic> {
+    let turn_deg = turn_rad(from, to, normal).to_degrees();
     (turn_deg.abs() > MOST_TURN_DEG).then(|| {
         let message = format!("the object turns by {turn_deg:.1} degrees since the frame before");
         Diagnostic::new(message).help(format!("give frames more often: at most {MOST_TURN_DEG} degrees"))
     })
 }
 
-/// How the surface at the point `now` of an object came there as the object went from one pose to the next.
-fn motion(from: Pose, to: Pose, now: DVec3) -> PlanarMotion {
+/// How the surface at the point `now` of an object came there as the object went from one pose to the next, in the axes of a plane.
+fn motion(from: Pose, to: Pose, now: DVec3, plane: &PadPlane) -> PlanarMotion {
     let turn = to.rotation * from.rotation.transpose();
     let before = turn.transpose() * (now - to.translation_mm) + from.translation_mm;
-    let by = now - before;
-    PlanarMotion { shift_mm: [by.x, by.y], turn_rad: turn_rad(from, to), about_mm: [before.x, before.y] }
+    let back = plane.axes.transpose();
+    let (by, about) = (back * (now - before), back * (before - plane.origin_mm));
+    PlanarMotion {
+        shift_mm: [by.x, by.y],
+        turn_rad: turn_rad(from, to, plane.axes.z_axis),
+        about_mm: [about.x, about.y],
+    }
 }

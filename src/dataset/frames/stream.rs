@@ -6,8 +6,8 @@
 use std::io::{self, ErrorKind, Read, Write};
 
 use super::camera::DepthCamera;
-use super::check::Reach;
 use super::poses::FrameMetadata;
+use super::reader::FrameReader;
 use super::run::InSequence;
 use super::sequence::Follower;
 use super::{read, run};
@@ -44,7 +44,7 @@ pub fn stream(
     let mut follower: Option<Follower> = None;
     let mut bytes = Vec::new();
     let mut make = Some(plan);
-    let mut made: Option<([usize; 2], Plan)> = None;
+    let mut made: Option<([usize; 2], Plan, FrameReader)> = None;
     for number in 0.. {
         let wrong = |message: String| StreamError::Frame(number, Diagnostic::new(message));
         let first = if sequence.is_some() { What::Pose } else { What::Frame };
@@ -65,25 +65,26 @@ pub fn stream(
         let frame = read::decode(&bytes).map_err(wrong)?;
         let size = [frame.width, frame.height];
         if let Some(make) = make.take() {
-            made = Some((size, make(size).map_err(StreamError::Plan)?));
+            let plan = make(size).map_err(StreamError::Plan)?;
+            let reader = FrameReader::new(*camera, &plan.simulator, size);
+            made = Some((size, plan, reader.map_err(|problem| StreamError::Frame(number, problem))?));
         }
-        let Some((first, plan)) = &made else { continue };
+        let Some((first, plan, reader)) = &made else { continue };
         if size != *first {
             let [now, before] = [size, *first].map(|[width, height]| format!("{width}x{height}"));
             return Err(wrong(format!("it has {now} px, and those before it have {before}")));
         }
-        let heights =
-            camera.heights(frame, plan.simulator.view()).map_err(|problem| StreamError::Frame(number, problem))?;
-        if let Some(problem) = Reach::from_surface(&heights, plan.thickness_mm()).mistake(camera) {
+        let seen = reader.read(frame).map_err(|problem| StreamError::Frame(number, problem))?;
+        if let Some(problem) = seen.reach().mistake(camera) {
             return Err(StreamError::Frame(number, problem));
         }
         let sample = match (known, sequence) {
             (Some(known), Some(InSequence { friction, frame_rate_hz })) => {
                 let begun = || Follower::new(plan, friction, frame_rate_hz).expect("the plan was made for a sequence");
-                let followed = follower.get_or_insert_with(begun).next(plan, number, heights, known);
+                let followed = follower.get_or_insert_with(begun).next(plan, number, seen, known);
                 followed.map_err(|problem| StreamError::Frame(number, problem))?.sample
             }
-            _ => run::sample(plan, number, "frame", heights, None),
+            _ => run::sample(plan, number, "frame", seen, None),
         };
         let image = sample.impression.image;
         let written = output.write_all(&npy::encode_rgb(image.width, image.height, &image.rgb));

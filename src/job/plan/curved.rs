@@ -261,16 +261,19 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
             check.error("pose.from_tip_mm", message, "it is counted over the gel, along its curve");
         }
     }
-    if scope != Scope::Dataset {
-        // Depth frames, pictures of presses and balls on a plane.
-        let message = "this looks at flat pads, and the sensor's gel has a shape: what it reads says nothing of the way \
-                       along the gel's normals";
-        check.error("sensor.shape", message, "take a flat sensor, or press meshes into this one by a job");
+    if scope == Scope::Objects {
+        let message = "simulated counterparts are for flat pads: on a gel that has a shape a shift in the image is no shift of \
+                       the object in a plane";
+        check.error("sensor.shape", message, "leave [paired] out; samples of a job ([mixing]) may be of this sensor");
         return;
     }
     if job.sequence.is_some() && matches!(job.sensor.shape, Some(SensorShape::Mesh(_))) {
         let message = "a sequence on a gel that is a mesh is not simulated";
         check.error("sequence", message, "leave it out, or take a dome, a capsule or a flat sensor");
+    }
+    if scope == Scope::Frames && job.sequence.is_some() && job.texture.amplitude_mm.support() != (0.0, 0.0) {
+        let message = "texture in a sequence of depth frames on a gel that has a shape is not simulated";
+        check.error("texture.amplitude_mm", message, "leave it out, or have it in the frames");
     }
     let named = check.document.get("gelpad").is_some();
     let mut refuse = |wrong: bool, path: &str, what: &str| {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::check::Check;
 use super::{Plan, Sampling, Scope, ranges};
-use crate::files::diagnostic::{Diagnostics, Report};
+use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::source::Place;
 use crate::job::config::document::{Document, Value};
 use crate::job::config::sequence::Sequence;
@@ -43,7 +43,13 @@ impl Frames<'_> {
         ];
         let mut written = config::read_sensor(self.sensor, given, self.overrides, &mut problems);
         written.job.sequence = self.sequence.then(Sequence::default);
-        let plan = Plan::resolve_in(Scope::Sensor, written, problems)?;
+        let plan = Plan::resolve_in(Scope::Frames, written, problems)?;
+        let sensor = plan.simulator.sensor();
+        if self.moved && sensor.shape.is_some() && sensor.pins.is_none() && !self.layers.contains(&OutputLayer::Flow) {
+            let message =
+                "shear that neither pins nor the layer `flow` show on a gel that has a shape is not simulated";
+            return Err(user_error(message, "leave shear_x_mm, shear_y_mm and twist_deg out, or add --layers flow"));
+        }
         let sampling = Sampling {
             objects: Vec::new(),
             classes: super::classes(self.classes.iter().map(String::as_str)),

@@ -103,8 +103,8 @@ enum Scope {
     Dataset,
     /// The sensor and the objects: where they are pressed comes from elsewhere.
     Objects,
-    /// The sensor alone: what is pressed comes from elsewhere.
-    Sensor,
+    /// The sensor alone: what is pressed comes as depth frames.
+    Frames,
 }
 
 impl Plan {
@@ -145,7 +145,7 @@ impl Plan {
         if scope == Scope::Dataset {
             ranges::dataset(&mut check, &job);
         }
-        if scope == Scope::Sensor {
+        if scope == Scope::Frames {
             ranges::seed(&mut check, &job);
         }
         ranges::sensor(&mut check, &job);
@@ -176,7 +176,7 @@ impl Plan {
         let textures = files::textures(&mut check, "texture", &mut job.texture);
         let mut notes = Vec::new();
         let found = match scope {
-            Scope::Sensor => Some((Vec::new(), Draw::NOTHING)),
+            Scope::Frames => Some((Vec::new(), Draw::NOTHING)),
             Scope::Objects => {
                 objects::as_they_are(&mut check, &job);
                 Some((objects::load(&mut check, &mut job, &mut notes).objects, Draw::NOTHING))

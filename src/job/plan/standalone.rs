@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
-use super::{Scope, curved, files, gel, ranges};
+use super::{files, gel, ranges};
 use crate::core::sensor::{Background, Sensor};
 use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::sensor;
@@ -29,6 +29,20 @@ pub fn sensor(name: &str) -> Result<Standalone, Report> {
     }
 }
 
+/// The same of a flat sensor: `why` says what would be wrong with another one, and what to do instead.
+pub fn flat_sensor(name: &str, [why, instead]: [&str; 2]) -> Result<Standalone, Report> {
+    let mut problems = Diagnostics::default();
+    let Written { mut job, document, .. } = written(name, &mut problems);
+    let mut check = Check { document: &document, problems: &mut problems };
+    if job.sensor.shape.is_some() {
+        check.error("sensor.shape", why, instead);
+    }
+    match resolve(&mut check, &mut job) {
+        Some(standalone) => Ok(standalone),
+        None => Err(Report::new(&problems, &document.sources)),
+    }
+}
+
 /// Width and height of its view, px, without a look at its files and ranges.
 pub fn resolution_px(name: &str) -> Result<[usize; 2], Report> {
     let mut problems = Diagnostics::default();
@@ -44,7 +58,6 @@ pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
     check.one_sensor(&job.sensor);
     gel::read(check, &mut job.sensor);
     ranges::sensor(check, job);
-    curved::job(check, job, Scope::Sensor);
     let backgrounds = files::backgrounds(check, job);
     let calibration = files::calibration(check, job);
     let (photographs, _) = backgrounds.filter(|_| check.problems.is_empty())?;

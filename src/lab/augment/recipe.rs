@@ -120,7 +120,8 @@ fn resolve(
     if own && document.get("pose.anchor").is_none() {
         job.pose.anchor = Anchor::Origin;
     }
-    let profile = sensor::profile(&mut check, &mut job.clone(), set.as_ref(), background.clone());
+    let is_rendered = written.input.background.as_deref() == Some(sensor::RENDERED);
+    let profile = sensor::profile(&mut check, &mut job.clone(), set.as_ref(), background.clone(), is_rendered);
     for (k, recipe) in written.photometric.iter().enumerate() {
         recipe.check(&mut check, &format!("photometric.{k}"), profile.as_ref());
     }

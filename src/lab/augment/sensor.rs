@@ -4,9 +4,12 @@ use image::RgbImage;
 
 use super::config::Augment;
 use super::input::Set;
-use super::photometric::SensorProfile;
 use super::photometric::noise::NoiseLevel;
+use super::photometric::{SensorProfile, rendered};
+use crate::core::base::view::View;
+use crate::core::camera::projection::LensModel;
 use crate::core::optics::background::BackgroundImage;
+use crate::core::sensor as simulated;
 use crate::files::input as files;
 use crate::files::png;
 use crate::job::config::Job;
@@ -17,7 +20,7 @@ use crate::job::plan::check::Check;
 use crate::job::plan::{ranges, standalone};
 
 /// What names the background image that the sensor renders.
-const RENDERED: &str = "rendered";
+pub const RENDERED: &str = "rendered";
 /// Images between which a sensor's noise is measured.
 const NOISE_IMAGES: usize = 16;
 
@@ -60,8 +63,9 @@ pub fn background(
 ) -> Option<BackgroundImage> {
     let name = written.input.background.as_ref()?;
     if name == RENDERED {
-        // Of a sensor that is unsound nothing can be rendered, and it is said elsewhere.
-        return check.problems.is_empty().then(|| BackgroundImage::clone(&job.bare_sensor().background()));
+        // Of a sensor that is unsound nothing can be rendered, and it is said elsewhere. That of a gel that has a shape needs its files.
+        let can_be = check.problems.is_empty() && job.sensor.shape.is_none();
+        return can_be.then(|| BackgroundImage::clone(&job.bare_sensor().background()));
     }
     let beside = check.document.folder("input.background").join(name);
     let inside = written.input.path.as_ref().map(|path| check.document.folder("input.path").join(path).join(name));
@@ -98,6 +102,7 @@ pub fn profile(
     job: &mut Job,
     set: Option<&Set>,
     own: Option<BackgroundImage>,
+    is_rendered: bool,
 ) -> Option<SensorProfile> {
     let Some(set) = set else {
         ranges::sensor(check, job);
@@ -106,7 +111,24 @@ pub fn profile(
     let standalone::Standalone { written, sensor } = standalone::resolve(check, job)?;
     let noise = NoiseLevel::from_camera(&job.camera).or_else(|| NoiseLevel::from_images(&some_images(set)));
     let photograph = sensor.has_photograph().then(|| BackgroundImage::clone(&sensor.background()));
-    Some(SensorProfile { sensor: written, view: sensor.view(), background: own.or(photograph), noise })
+    let view = pixels(&sensor);
+    let background = match (own.or(photograph), is_rendered && sensor.shape.is_some()) {
+        (None, true) => Some(rendered(sensor)),
+        (known, _) => known,
+    };
+    Some(SensorProfile { sensor: written, view, background, noise })
+}
+
+/// The image's pixels; on a gel that has a shape only how wide they are for their height means something.
+fn pixels(sensor: &simulated::Sensor) -> View {
+    match (&sensor.shape, sensor.lens) {
+        (None, _) => sensor.view(),
+        (Some(_), LensModel::Orthographic) => {
+            let mm_per_px = std::array::from_fn(|k| sensor.field_of_view_mm[k] / sensor.resolution_px[k].max(1) as f64);
+            View { resolution_px: sensor.resolution_px, mm_per_px }
+        }
+        (Some(_), _) => View { resolution_px: sensor.resolution_px, mm_per_px: [1.0; 2] },
+    }
 }
 
 /// Some images of a set, evenly spread; those that cannot be read are left out, which is said later.

@@ -8,9 +8,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::core::base::view::View;
+use crate::core::effects::EffectPolicy;
+use crate::core::fidelity::Fidelity;
 use crate::core::optics::background::BackgroundImage;
+use crate::core::sensor as simulated;
+use crate::core::simulator::Simulator;
 use crate::files::sensor::Sensor;
-use crate::files::sensor::camera::CameraDistribution;
 use crate::files::sensor::markers::MarkerDistribution;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::plan::check::Check;
@@ -88,9 +91,19 @@ pub struct SensorProfile {
 impl SensorProfile {
     /// The background image that the sensor would render.
     pub fn rendered(&self) -> BackgroundImage {
-        let sensor = self.sensor.to_simulated(None, &CameraDistribution::default());
-        BackgroundImage::clone(&sensor.with_resolution(self.view.resolution_px).background())
+        // On a gel that has a shape the picture is that of the sensor's own camera, its defocus included.
+        let sensor = self.sensor.to_simulated(None, &self.sensor.camera.clone().unwrap_or_default());
+        rendered(sensor.with_resolution(self.view.resolution_px))
     }
+}
+
+/// The image of a sensor's untouched gel; of one that has a shape as its camera sees it.
+pub fn rendered(sensor: simulated::Sensor) -> BackgroundImage {
+    if sensor.shape.is_none() {
+        return BackgroundImage::clone(&sensor.background());
+    }
+    let models = Fidelity::Standard.models(sensor.light_source());
+    Simulator::with_models(sensor, models, EffectPolicy::default()).background().clone()
 }
 
 impl Photometric {
@@ -110,6 +123,14 @@ impl Photometric {
             ranges::markers(check, &key("markers"), markers, view);
         }
         let Some(profile) = profile else { return };
+        if profile.sensor.shape.is_some() && self.markers.is_some() {
+            let message = "print on a gel that has a shape is not simulated";
+            check.error(&key("markers"), message, "leave it out, or take a flat sensor");
+        }
+        if profile.sensor.pins.is_some() && !self.background.is_empty() {
+            let message = "in place of another background the pins that a press moved would be seen twice";
+            check.error(&key("background"), message, "leave it out; [mixing] makes new samples of a sensor with pins");
+        }
         if self.noise_level.support() != (0.0, 0.0) && profile.noise.is_none() {
             let help = "give [sensor.camera] read_noise_levels, or at least two images of one size to measure it from";
             check.error(&key("noise_level"), "nothing is known of this sensor's noise", help);
