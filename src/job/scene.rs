@@ -276,7 +276,7 @@ impl Scene {
             twist_rad: draw("twist", &shear.twist_deg).to_radians(),
             about_mm: [pose.translation_mm.x, pose.translation_mm.y],
         };
-        let Finger { markers, camera, sensor, unit_key } = Finger::draw(plan, &stream);
+        let Finger { markers, camera, sensor, unit_key } = Finger::draw(plan, stream);
         let clusters = number.map(|number| Arc::clone(&plan.sampling.objects[number].clusters));
         Self {
             index,
