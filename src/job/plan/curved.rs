@@ -268,10 +268,6 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
         check.error("sensor.shape", message, "take a flat sensor, or press meshes into this one by a job");
         return;
     }
-    if job.sequence.is_some() && matches!(job.sensor.shape, Some(SensorShape::Mesh(_))) {
-        let message = "a sequence on a gel that is a mesh is not simulated";
-        check.error("sequence", message, "leave it out, or take a dome, a capsule or a flat sensor");
-    }
     let named = check.document.get("gelpad").is_some();
     let mut refuse = |wrong: bool, path: &str, what: &str| {
         if wrong {
