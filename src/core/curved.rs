@@ -7,11 +7,11 @@ use glam::DVec3;
 
 use crate::core::base::chart::Chart;
 use crate::core::base::clock::{Clock, Seconds};
-use crate::core::base::gel::{GelShape, Site};
+use crate::core::base::gel::GelShape;
 use crate::core::base::grid::{Rect, bounding_box};
 use crate::core::base::light::Light;
 use crate::core::base::view::View;
-use crate::core::camera::gel_map::GelMap;
+use crate::core::camera::gel_map::{GelMap, GelView};
 use crate::core::camera::pins::{PinPositions, Pins};
 use crate::core::camera::projection::Projection;
 use crate::core::depth::indenter::{Indenter, Shape};
@@ -46,8 +46,8 @@ pub struct Curved {
     /// How far a chart with its margin reaches from its middle, mm.
     reach_mm: f64,
     camera: Projection,
-    /// What the pixels of the image show of the gel.
-    sites: Arc<[Option<Site>]>,
+    /// The untouched gel as the image shows it.
+    gel: Arc<GelView>,
     nodes: Normals,
     seen: Seen,
 }
@@ -109,7 +109,7 @@ impl Curved {
 
     /// Of a sensor that sees the light on its skin.
     pub fn with_skin(shape: GelShape, camera: Projection, view: View, margin_px: usize, look: &SkinLight<'_>) -> Self {
-        Self::new(shape, camera, view, margin_px, |shape, sites| Seen::skin(look, shape, &camera, &view, sites))
+        Self::new(shape, camera, view, margin_px, |shape, gel| Seen::skin(look, shape, &camera, &view, gel))
     }
 
     fn new(
@@ -117,16 +117,14 @@ impl Curved {
         camera: Projection,
         view: View,
         margin_px: usize,
-        seen: impl FnOnce(&GelShape, &[Option<Site>]) -> Seen,
+        seen: impl FnOnce(&GelShape, &GelView) -> Seen,
     ) -> Self {
-        let [width, height] = view.resolution_px;
-        let centre = |at: usize| [(at % width) as f64 + 0.5, (at / width) as f64 + 0.5];
-        let sites: Arc<[Option<Site>]> = (0..width * height).map(|at| camera.site(&shape, centre(at))).collect();
-        let seen = seen(&shape, &sites);
+        let gel = Arc::new(GelView::new(shape.clone(), camera, view));
+        let seen = seen(&shape, &gel);
         let nodes = Normals::new(&shape, &view, margin_px);
         let half_mm = |k: usize| 0.5 * (view.resolution_px[k] + 2 * margin_px) as f64 * view.mm_per_px[k];
         let reach_mm = libm::hypot(half_mm(0), half_mm(1));
-        Self { shape, view, reach_mm, camera, sites, nodes, seen }
+        Self { shape, view, reach_mm, camera, gel, nodes, seen }
     }
 
     /// Presses an object into the gel; in a sequence `sliding` has come to where the object is.
@@ -171,6 +169,15 @@ impl Curved {
         };
         let in_view_fraction = Some(self.share_in_view(&contact, &chart));
         contact.whole = Whole { in_view_fraction, ..Whole::default() };
+        // Beyond the gel nothing touches: where something does, the gel goes on behind the chart's last nodes.
+        let Rect { x0, y0, x1, y1 } = depth.touching;
+        let goes_on = x0 == 0 || y0 == 0 || x1 == depth.overlap.width || y1 == depth.overlap.height;
+        let goes_on = goes_on && !depth.touching.is_empty();
+        if goes_on {
+            contact.whole.cut_by_view = true;
+            contact.whole.force_unknown =
+                "the object goes on around the gel beyond its chart, and what it does there is not known";
+        }
         let pressed = contact.load.as_ref().map(|load| Pressed::new(load, &chart));
         if let Some(pressed) = &pressed {
             self.on_core(&mut contact, &depth, pressed, material);
@@ -194,7 +201,7 @@ impl Curved {
         if let Some(wrench) = &wrench {
             let force_n = DVec3::from_array(wrench.force_n).length();
             contact.force_n = Some(force_n);
-            contact.whole.total_force_n = Some(force_n);
+            contact.whole.total_force_n = (!goes_on).then_some(force_n);
         }
         if let Shape::Seen(seen) = &indenter.shape {
             contact.whole = Whole::framed(&mut contact, seen.is_cut);
@@ -243,6 +250,6 @@ impl Curved {
             Some(_) => Rect::whole(width, height),
             None => contact.region.united(reached),
         };
-        GelMap::new(&self.shape, &self.camera, Arc::clone(&self.sites), chart, &self.view, part)
+        GelMap::new(&self.gel, chart, part)
     }
 }

@@ -189,7 +189,7 @@ impl Impression {
     /// Unit normals of the pad's surface, towards the camera: a flat pad is (0, 0, -1).
     pub fn normals(&self) -> Vec<[f32; 3]> {
         if let Some(map) = &self.gel_map {
-            return map.normals(&self.contact.surface);
+            return map.normals(&self.contact.surface, self.contact.region);
         }
         let mut normals = normals(&self.contact, &self.view);
         if self.lens.is_some() {

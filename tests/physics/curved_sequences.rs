@@ -17,7 +17,7 @@ use glam::DVec3;
 use super::support::Shape;
 
 /// How a ball moves in a frame: so deep in the end, pushed and turned in its plane by so much.
-struct Frame {
+pub struct Frame {
     depth_mm: f64,
     shift_mm: [f64; 2],
     turn_deg: f64,
@@ -26,7 +26,13 @@ struct Frame {
 const STILL: Frame = Frame { depth_mm: 0.0, shift_mm: [0.0; 2], turn_deg: 0.0 };
 
 /// Presses a ball in and moves it over a plane, frame by frame; what each frame gives.
-fn slide(simulator: &Simulator, ball_mm: f64, plane: PadPlane, coefficient: f64, frames: &[Frame]) -> Vec<Impression> {
+pub fn slide(
+    simulator: &Simulator,
+    ball_mm: f64,
+    plane: PadPlane,
+    coefficient: f64,
+    frames: &[Frame],
+) -> Vec<Impression> {
     let ball: Arc<Clusters> = Arc::new(Shape::ball(ball_mm, 192, 96).clusters());
     let mut sliding = simulator.sliding(Friction::Coulomb { coefficient }).expect("an elastic pad");
     let (mut at, mut turn_deg) = ([0.0; 2], 0.0_f64);
@@ -47,12 +53,12 @@ fn slide(simulator: &Simulator, ball_mm: f64, plane: PadPlane, coefficient: f64,
     frames.iter().map(step).collect()
 }
 
-fn pushed(frames: u32, depth_mm: f64, shift_mm: [f64; 2], turn_deg: f64) -> Vec<Frame> {
+pub fn pushed(frames: u32, depth_mm: f64, shift_mm: [f64; 2], turn_deg: f64) -> Vec<Frame> {
     let pressed = (1..=3).map(|k| Frame { depth_mm: depth_mm * f64::from(k) / 3.0, ..STILL });
     pressed.chain((0..frames).map(|_| Frame { depth_mm, shift_mm, turn_deg })).collect()
 }
 
-fn wrench(found: &Impression) -> [DVec3; 2] {
+pub fn wrench(found: &Impression) -> [DVec3; 2] {
     let wrench = found.sliding.as_ref().expect("a frame of a sequence").wrench;
     [wrench.force_n, wrench.torque_nmm].map(DVec3::from_array)
 }

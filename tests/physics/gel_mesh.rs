@@ -13,10 +13,11 @@ use gelsim::core::depth::Window;
 use gelsim::core::depth::normals::Normals;
 use gelsim::core::mesh::Mesh;
 use gelsim::core::mesh::clusters::Clusters;
-use gelsim::{Fidelity, Impression, Indenter, Pose, Sensor, Simulator};
+use gelsim::{Fidelity, Impression, Indenter, PadPlane, Pose, Sensor, Simulator};
 use glam::DVec3;
 
 use super::curved::first_met;
+use super::curved_sequences::{pushed, slide, wrench};
 use super::support::{Shape, bundled_objects};
 
 /// A surface that is round about z: `profile` gives the distance from the axis and the height, from the tip (0) to the rim (1).
@@ -161,6 +162,57 @@ fn a_mesh_of_a_capsule_is_a_capsule() {
     // The curvature has a step where ball and cylinder meet, which normals of vertices round off.
     let most = Bounds { sites_um: 40.0, normals_deg: 1.0, depth_um: 8.0, force: 5e-3 };
     compare("capsule", &exact, &mesh, |shape| sensor(shape.clone(), [160, 120], 45.5, 90.0), &places, &most);
+}
+
+#[test]
+fn a_slide_over_a_mesh_is_that_over_the_same_gel_by_formula() {
+    let finger = GelShape::Capsule(GelCapsule { radius_mm: 11.485, length_mm: 50.0 });
+    let cases = [
+        (
+            "dome",
+            GelShape::Dome(GelDome { radius_mm: 20.0 }),
+            surface(dome(20.0, 160, 60)),
+            [[0.0, 0.0], [12.0, 130.0]],
+        ),
+        ("finger", finger, surface(capsule(11.485, 50.0, 96, 120)), [[2.0, 0.0], [28.0, 250.0]]),
+    ];
+    for (name, exact, mesh, places) in cases {
+        let simulators = [&exact, &mesh].map(|shape| {
+            let sensor = sensor(shape.clone(), [120, 90], 45.5, 60.0);
+            Simulator::new(&sensor, Fidelity::Standard).expect("a sound sensor").with_flow()
+        });
+        for [from_tip_mm, around_deg] in places {
+            let (axes, origin_mm) = exact.frame_at(from_tip_mm, around_deg);
+            // Around the gel, and along it; far enough to leave the first chart.
+            for shift_mm in [[0.0, 0.3], [0.25, 0.05]] {
+                let frames = pushed(5, 0.8, shift_mm, 2.0);
+                let [a, b] = simulators
+                    .each_ref()
+                    .map(|simulator| slide(simulator, 4.0, PadPlane { axes, origin_mm }, 0.5, &frames));
+                let (mut force, mut sticks, mut flow_um) = (0.0_f64, 0.0_f64, 0.0_f32);
+                for (a, b) in a.iter().zip(&b) {
+                    let [by_formula, by_mesh] = [a, b].map(|found| wrench(found)[0]);
+                    force = force.max((by_formula - by_mesh).length() / by_formula.length().max(0.05));
+                    let [stick, other] =
+                        [a, b].map(|found| found.sliding.as_ref().expect("a frame").slip.stick_fraction);
+                    sticks = sticks.max((stick - other).abs());
+                    let off = a.flow_mm().into_iter().flatten().zip(b.flow_mm().into_iter().flatten());
+                    let mut off: Vec<f32> = off.map(|(a, b)| 1e3 * (a - b).abs()).collect();
+                    off.sort_by(f32::total_cmp);
+                    flow_um = flow_um.max(off[off.len() * 999 / 1000]);
+                }
+                println!(
+                    "a slide over a mesh, {name} at {from_tip_mm} mm by {shift_mm:?}: force within {:.2} %, sticking share {sticks:.3}, \
+                     motion {flow_um:.1} um but for a thousandth",
+                    100.0 * force
+                );
+                assert!(force < 0.03 && sticks < 0.1 && flow_um < 30.0);
+                let [last, _] = wrench(b.last().expect("frames"));
+                let last = axes.transpose() * last;
+                assert!(last.truncate().length() > 0.1 * last.z.abs(), "it is pulled: {last}");
+            }
+        }
+    }
 }
 
 /// A flat sheet of few triangles, seen from straight below.

@@ -173,7 +173,6 @@ REFUSALS = [
     (lambda row: shaped(row) and row["extras"] == "lens", "on a gel that has a shape is not simulated", "`[shape]`", "`[camera] distortion_k1`, `distortion_k2`"),
     (lambda row: shaped(row) and row["motion"] == "shear" and row["sensor"] != "tactip" and row["layers"] != "flow", "shear that neither pins nor the layer `flow` show", "`[shape]`", "`[shear]` that neither pins nor the layer `flow` show"),
     (lambda row: shaped(row) and row["motion"] == "shear" and row["place"] == "on the gel", "shear", "`from_tip_mm`, `around_deg`", "`[shear]`"),
-    (lambda row: row["sensor"] == "a mesh" and moves(row), "a sequence on a gel that is a mesh", "`[shape] mesh`", "`[sequence]`"),
 ]  # fmt: skip
 
 

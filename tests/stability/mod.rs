@@ -6,7 +6,8 @@
 //!
 //! `press` makes jobs whose numbers a test moves one at a time: `continuity` moves them by a millionth, `sweeps` through the
 //! places where the code changes its way of working. `symmetry` turns and mirrors whole samples; `twin` makes them a second
-//! time, in f64, and `stages` each stage from the one before; `properties` draws random jobs.
+//! time, in f64, and `stages` each stage from the one before; `properties` draws random jobs. `curved` holds the hard cases of gels that
+//! are not flat.
 //!
 //! What was found stands in docs/stability-reference.md, whose figures `cargo test --release --test library stability -- --nocapture` prints.
 
@@ -14,6 +15,7 @@ mod case;
 mod contact;
 mod continuity;
 mod corners;
+mod curved;
 mod geometry;
 mod light;
 mod press;

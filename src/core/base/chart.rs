@@ -100,6 +100,13 @@ impl Chart {
         tip.on_meridian(Latitude(number.min(Latitude::count(shape) - 1)), azimuth)
     }
 
+    /// That of a round gel from which those of a latitude come by [`Chart::turn`]: around a dome's tip, or on the meridian through x
+    /// of a capsule.
+    pub fn before_turn(shape: &GelShape, latitude: usize) -> Self {
+        let tip = Self::at_tip(shape);
+        if tip.walled { tip.on_meridian(Latitude(latitude), 0.0) } else { tip }
+    }
+
     /// That of a capsule around each of its latitudes, on the meridian through x.
     pub fn of_latitudes(shape: &GelShape) -> impl Iterator<Item = Self> {
         let tip = Self::at_tip(shape);

@@ -1,86 +1,126 @@
 //! Where the pixels of an image lie on a chart of a curved gel, and the chart's layers as the image shows them.
 
-use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
 
 use super::projection::Projection;
-use crate::core::base::chart::{Chart, Rest};
+use crate::core::base::chart::{Chart, Latitude};
 use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
+use drawn::{Drawn, on_dome};
+use lattice::{CELL, Cells, Lattice};
 
-/// Step of the table of [`angles`].
-const STEP: f64 = 1.0 / 4096.0;
+mod drawn;
+mod lattice;
 
-/// An angle over its sine, for 1 less its cosine in steps from 0 to 1.5.
-fn angles() -> &'static [f64] {
-    static TABLE: OnceLock<Vec<f64>> = OnceLock::new();
-    TABLE.get_or_init(|| {
-        let of = |step: usize| {
-            let versine = step as f64 * STEP;
-            let sin = libm::sqrt(versine * (2.0 - versine));
-            if step == 0 { 1.0 } else { libm::atan2(sin, 1.0 - versine) / sin }
-        };
-        (0..=6144).map(of).collect()
-    })
+/// What a camera shows of an untouched gel, and what is the same of charts in every press.
+#[derive(Debug)]
+pub struct GelView {
+    shape: GelShape,
+    camera: Projection,
+    /// The nodes of a chart; as many as the image has pixels.
+    view: View,
+    /// What the pixels show of the gel, row by row.
+    sites: Vec<Option<Site>>,
+    /// The part of the image outside of which no pixel shows any.
+    part: Rect,
+    /// Unit normals towards the inside of the gel; (0, 0, -1) where there is none.
+    inwards: [Vec<f32>; 3],
+    /// Of each latitude, of a dome or of a mesh's chart around its tip, once it is asked for.
+    lattices: Vec<OnceLock<Arc<Lattice>>>,
+}
+
+impl GelView {
+    /// Of a gel whose charts have the nodes of `view`.
+    pub fn new(shape: GelShape, camera: Projection, view: View) -> Self {
+        let [width, height] = view.resolution_px;
+        let centre = |at: usize| [(at % width) as f64 + 0.5, (at / width) as f64 + 0.5];
+        let sites: Vec<Option<Site>> = (0..width * height).map(|at| camera.site(&shape, centre(at))).collect();
+        let seen = Grid { width, height, data: sites.iter().map(|site| u8::from(site.is_some())).collect() };
+        let part = bounding_box(&seen, |seen| seen > 0);
+        let inwards = [0, 1, 2].map(|k| {
+            let normal = |site: &Option<Site>| site.map_or(DVec3::NEG_Z, |site| -site.normal);
+            sites.iter().map(|site| normal(site)[k] as f32).collect()
+        });
+        let latitudes = shape.wall_mm().map_or(1, |_| Latitude::count(&shape));
+        let lattices = (0..latitudes).map(|_| OnceLock::new()).collect();
+        Self { shape, camera, view, sites, part, inwards, lattices }
+    }
+
+    /// What the image's pixels show of the gel, row by row.
+    pub fn sites(&self) -> &[Option<Site>] {
+        &self.sites
+    }
+
+    /// Unit normals of the untouched gel towards its inside, a plane per component; (0, 0, -1) where there is no gel.
+    pub fn inwards(&self) -> [&[f32]; 3] {
+        self.inwards.each_ref().map(|plane| &plane[..])
+    }
+
+    /// The gel over a chart, before the turn that this returns, too.
+    fn lattice(&self, chart: &Chart) -> (Arc<Lattice>, DMat3) {
+        let of = |chart: &Chart| Arc::new(Lattice::new(chart, &self.view));
+        let known = |number: usize, chart: &Chart| Arc::clone(self.lattices[number].get_or_init(|| of(chart)));
+        match (chart.geodesics(), self.shape.surface()) {
+            (Some(geodesics), Some(surface)) if Arc::ptr_eq(surface.around_tip(), geodesics) => {
+                (known(0, chart), DMat3::IDENTITY)
+            }
+            (Some(_), _) => (of(chart), DMat3::IDENTITY),
+            (None, _) => {
+                let number = chart.latitude().number();
+                (known(number, &Chart::before_turn(&self.shape, number)), chart.turn())
+            }
+        }
+    }
 }
 
 /// Where the pixels of an image lie on a chart.
 #[derive(Clone, Debug)]
 pub struct GelMap {
-    view: View,
+    gel: Arc<GelView>,
     chart: Chart,
-    /// What the pixels show of the gel.
-    sites: Arc<[Option<Site>]>,
-    /// Column and row on the chart, in pixels of `view`; no numbers where the image shows no gel, or one that is beyond
+    /// Column and row on the chart, in pixels of its view; no numbers where the image shows no gel, or one that is beyond
     /// the chart.
     at: Vec<[f32; 2]>,
-    lattice: OnceLock<Lattice>,
+    /// The part of the image outside of which there are none.
+    part: Rect,
+    lattice: OnceLock<(Arc<Lattice>, DMat3)>,
 }
 
-/// The gel at every [`CELL`]th node of a chart, between which it is straight.
-#[derive(Clone, Debug)]
-struct Lattice {
-    columns: usize,
-    rests: Vec<Rest>,
-    /// Slopes on the gel of slopes of 1 on the chart, along x and y.
-    gradients: Vec<[DVec3; 2]>,
-    /// Of a mesh, how its normal turns along the chart's x and y, per mm; else empty.
-    turns: Vec<[DVec3; 2]>,
+/// A pressed gel as the pixels of a part of the image show it, row by row.
+pub struct PressedPart {
+    /// Unit normals towards the inside of the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
+    pub normals: [Vec<f32>; 3],
+    /// How far the gel is displaced, mm.
+    pub down_mm: Vec<f32>,
 }
 
 impl GelMap {
-    /// Of the points of a gel that the pixels of this camera show; `None` where one shows no gel. Of a capsule's chart only a part
-    /// is looked for: outside of it there is nothing to be shown.
-    pub fn new(
-        shape: &GelShape,
-        camera: &Projection,
-        sites: Arc<[Option<Site>]>,
-        chart: &Chart,
-        view: &View,
-        part: Rect,
-    ) -> Self {
+    /// Of a chart. But for a dome's only a part is looked for: outside of it there is nothing to be shown.
+    pub fn new(gel: &Arc<GelView>, chart: &Chart, part: Rect) -> Self {
         let lattice = OnceLock::new();
+        let GelView { shape, camera, view, sites, .. } = &**gel;
         let over_mm = CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
+        let drawn = || {
+            let (lattice, turn) = lattice.get_or_init(|| gel.lattice(chart));
+            Drawn { camera, sites, lattice, turn: *turn }
+        };
         let cells = Cells::around(part, view);
-        let at = match (shape.wall_mm(), chart.geodesics()) {
-            (None, None) => on_dome(&sites, chart, view),
+        let (at, part) = match (shape.wall_mm(), chart.geodesics()) {
+            (None, None) => (on_dome(sites, chart, view), gel.part),
             (Some(wall_mm), _) => {
-                let lattice = lattice.get_or_init(|| Lattice::new(chart, view, &cells));
-                let on_gel = |_: [f64; 2], rest: &Rest| rest.below_mm <= wall_mm + over_mm;
-                drawn(camera, &sites, view, lattice, &cells, on_gel, |_, _| true)
+                let everywhere: Option<fn(DVec3, &Site) -> bool> = None;
+                drawn().places(view, &cells, |_, rest| rest.below_mm <= wall_mm + over_mm, everywhere)
             }
             (None, Some(geodesics)) => {
-                let lattice = lattice.get_or_init(|| Lattice::new(chart, view, &Cells::all(view)));
-                let on_gel = |at: [f64; 2], _: &Rest| geodesics.is_on_gel(at, over_mm);
                 // Of two parts of a gel that one pixel looks through, it shows the nearer one.
                 let shown = |point: DVec3, site: &Site| point.distance(site.point_mm) < 2.0 * over_mm;
-                drawn(camera, &sites, view, lattice, &cells, on_gel, shown)
+                drawn().places(view, &cells, |at, _| geodesics.is_on_gel(at, over_mm), Some(shown))
             }
         };
-        Self { view: *view, chart: chart.clone(), sites, at, lattice }
+        Self { gel: Arc::clone(gel), chart: chart.clone(), at, part, lattice }
     }
 
     /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
@@ -104,11 +144,21 @@ impl GelMap {
     /// The smallest rectangle around the image's pixels that show a part of the chart, or are next to one that does.
     pub fn around(&self, part: Rect) -> Rect {
         let [left, top, right, bottom] = [part.x0, part.y0, part.x1, part.y1].map(|side| side as f32);
-        let shown = self.layer(|[x, y]| {
-            let inside = x >= left - 1.0 && x <= right + 1.0 && y >= top - 1.0 && y <= bottom + 1.0;
-            u8::from(inside)
-        });
-        if part.is_empty() { Rect::default() } else { bounding_box(&shown, |value| value > 0) }
+        if part.is_empty() {
+            return Rect::default();
+        }
+        let mut around = Rect::default();
+        for y in self.part.y0..self.part.y1 {
+            // No comparison is true of what is no number.
+            let inside =
+                |[x, y]: &[f32; 2]| *x >= left - 1.0 && *x <= right + 1.0 && *y >= top - 1.0 && *y <= bottom + 1.0;
+            let row = self.row(y);
+            if let (Some(first), Some(last)) = (row.iter().position(inside), row.iter().rposition(inside)) {
+                let (x0, x1) = (self.part.x0 + first, self.part.x0 + last + 1);
+                around = around.united(Rect { x0, y0: y, x1, y1: y + 1 });
+            }
+        }
+        around
     }
 
     /// Where a point of the chart is from the sensor's axis, mm.
@@ -125,17 +175,15 @@ impl GelMap {
 
     /// The image's size.
     pub fn size_px(&self) -> [usize; 2] {
-        self.view.resolution_px
+        self.gel.view.resolution_px
     }
 
-    /// Unit normals of a pressed gel whose displacement on the chart is `surface`, as the image shows them: towards the inside of
-    /// the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
-    pub fn normals(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
-        let slopes = Slopes::new(surface, &self.view);
-        let normal = |index: usize| {
-            self.pressed(&slopes, index).map_or([0.0, 0.0, -1.0], |(normal, _)| normal.as_vec3().to_array())
-        };
-        (0..self.at.len()).map(normal).collect()
+    /// Unit normals of a pressed gel whose displacement on the chart is `surface`, nothing outside of `touched`, as the image shows
+    /// them: towards the inside of the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
+    pub fn normals(&self, surface: &Grid<f32>, touched: Rect) -> Vec<[f32; 3]> {
+        let [width, height] = self.size_px();
+        let [x, y, z] = self.pressed(surface, touched, Rect::whole(width, height)).normals;
+        x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
     }
 
     /// Points of such a gel as the image shows them, in the sensor's frame, mm; 0, 0, 0 where there is no gel.
@@ -145,40 +193,60 @@ impl GelMap {
             let pressed = |site: Site| site.point_mm - f64::from(*down) * site.normal;
             site.map_or([0.0; 3], |site| pressed(site).as_vec3().to_array())
         };
-        self.sites.iter().zip(&down.data).map(point).collect()
+        self.gel.sites.iter().zip(&down.data).map(point).collect()
     }
 
-    /// The same at one pixel, and how far the gel is displaced there, mm; `None` where there is no gel.
-    pub fn pressed(&self, slopes: &Slopes<'_>, index: usize) -> Option<(DVec3, f32)> {
-        let site = self.sites[index]?;
-        let at = self.at[index];
-        let (Some([down, x, y]), true) = (slopes.at(at), at[0].is_finite()) else { return Some((-site.normal, 0.0)) };
-        if x == 0.0 && y == 0.0 {
-            return Some((-site.normal, down));
+    /// Such a gel as a part of the image shows it.
+    pub fn pressed(&self, surface: &Grid<f32>, touched: Rect, part: Rect) -> PressedPart {
+        let GelView { view, sites, inwards, .. } = &*self.gel;
+        let slopes = Slopes::new(surface, touched, view);
+        let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
+        let (turn, per_radius) = (turn.as_mat3(), (1.0 / self.chart.radius_mm()) as f32);
+        let [width, _] = view.resolution_px;
+        let mut normals = [(); 3].map(|()| Vec::with_capacity(part.area()));
+        let mut down_mm = vec![0.0; part.area()];
+        for (y, down_mm) in (part.y0..part.y1).zip(down_mm.chunks_exact_mut(part.width().max(1))) {
+            let row = y * width + part.x0..y * width + part.x1;
+            for (normals, inwards) in normals.iter_mut().zip(inwards) {
+                normals.extend_from_slice(&inwards[row.clone()]);
+            }
+            let first = normals[0].len() - part.width();
+            for (x, at) in self.at[row.clone()].iter().enumerate() {
+                let Some([down, along_x, along_y]) = slopes.at(*at) else { continue };
+                down_mm[x] = down;
+                if along_x == 0.0 && along_y == 0.0 {
+                    continue;
+                }
+                let [gradient_x, gradient_y] = lattice.gradients_at(*at);
+                let gradient = turn * (along_x * gradient_x + along_y * gradient_y);
+                let slope = match lattice.turns_at(*at) {
+                    // What is pressed in along its normals is narrower, or wider, by how these turn.
+                    Some(turns) => {
+                        let [turn_x, turn_y] = turns.map(|turn| down * turn);
+                        let column = |k: usize| Vec3::AXES[k] - turn_x * gradient_x[k] - turn_y * gradient_y[k];
+                        let kept = Mat3::from_cols(column(0), column(1), column(2));
+                        if kept.determinant() > 0.05 { kept.inverse() * gradient } else { gradient }
+                    }
+                    // A round gel has shrunk around its axis, on the ball along it, too.
+                    None => {
+                        let on_wall = sites[row.start + x].is_some_and(|site| site.below_mm > 0.0);
+                        let along = if on_wall { Vec3::new(0.0, 0.0, gradient.z) } else { Vec3::ZERO };
+                        along + (gradient - along) / (1.0 - down * per_radius).max(0.05)
+                    }
+                };
+                // A dent leans the gel's inside towards where it is deeper.
+                let rest = Vec3::from_array(normals.each_ref().map(|plane| plane[first + x]));
+                let normal = (rest - slope).normalize();
+                normals.iter_mut().zip(normal.to_array()).for_each(|(plane, value)| plane[first + x] = value);
+            }
         }
-        let lattice = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view, &Cells::all(&self.view)));
-        let [along_x, along_y] = lattice.gradients_at(at);
-        let gradient = f64::from(x) * along_x + f64::from(y) * along_y;
-        if !lattice.turns.is_empty() {
-            // What is pressed in along its normals is narrower, or wider, by how these turn.
-            let [turn_x, turn_y] = lattice.turns_at(at).map(|turn| f64::from(down) * turn);
-            let column = |k: usize| DVec3::AXES[k] - turn_x * along_x[k] - turn_y * along_y[k];
-            let kept = DMat3::from_cols(column(0), column(1), column(2));
-            let slope = if kept.determinant() > 0.05 { kept.inverse() * gradient } else { gradient };
-            return Some((-(site.normal + slope).normalize(), down));
-        }
-        // A gel that is pressed in has shrunk around its axis, on the ball along it, too.
-        let shrunk = 1.0 - f64::from(down) / self.chart.radius_mm();
-        let along = if site.below_mm > 0.0 { DVec3::new(0.0, 0.0, gradient.z) } else { DVec3::ZERO };
-        let slope = along + (gradient - along) / shrunk.max(0.05);
-        // A dent leans the gel's inside towards where it is deeper.
-        Some((-(site.normal + slope).normalize(), down))
+        PressedPart { normals, down_mm }
     }
 
     /// Motions along the x and y of the chart as the image shows them, along the sensor's x and y as the smallest turn that takes z to
     /// the gel's normal takes them there; 0 where there is no gel, and beyond the chart.
     pub fn along_gel(&self, planes: &[Grid<f32>; 2]) -> Vec<[f32; 2]> {
-        let lattice = self.lattice.get_or_init(|| Lattice::new(&self.chart, &self.view, &Cells::all(&self.view)));
+        let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
         let motion = |(site, at): (&Option<Site>, &[f32; 2])| {
             let site = site.as_ref().filter(|_| at[0].is_finite())?;
             let [x, y] = planes.each_ref().map(|plane| bilinear(plane, *at).map(f64::from));
@@ -186,37 +254,66 @@ impl GelMap {
             if x == 0.0 && y == 0.0 {
                 return None;
             }
-            let [along, down] = lattice.tangents_at(*at);
+            let [along, down] = lattice.tangents_at(*at).map(|tangent| *turn * tangent.as_dvec3());
             let moved = x * along + y * down;
             let there = DQuat::from_rotation_arc(DVec3::Z, site.normal.normalize());
             Some([DVec3::X, DVec3::Y].map(|axis| (there * axis).dot(moved) as f32))
         };
-        self.sites.iter().zip(&self.at).map(|pair| motion(pair).unwrap_or_default()).collect()
+        self.gel.sites.iter().zip(&self.at).map(|pair| motion(pair).unwrap_or_default()).collect()
+    }
+
+    /// Places on the chart of a row of the part that has any.
+    fn row(&self, y: usize) -> &[[f32; 2]] {
+        let row = y * self.gel.view.resolution_px[0];
+        &self.at[row + self.part.x0..row + self.part.x1]
     }
 
     fn layer<T: Copy + Default>(&self, value: impl Fn([f32; 2]) -> T) -> Grid<T> {
-        let [width, height] = self.view.resolution_px;
-        let data = self.at.iter().map(|at| if at[0].is_finite() { value(*at) } else { T::default() }).collect();
-        Grid { width, height, data }
+        let [width, height] = self.size_px();
+        let mut layer = Grid::new(width, height);
+        for y in self.part.y0..self.part.y1 {
+            for (to, at) in layer.row_mut(y)[self.part.x0..].iter_mut().zip(self.row(y)) {
+                if at[0].is_finite() {
+                    *to = value(*at);
+                }
+            }
+        }
+        layer
     }
 }
 
-/// Displacement and slopes of a pressed gel on a chart.
-pub struct Slopes<'a> {
-    surface: &'a Grid<f32>,
-    per_slope: [f32; 2],
+/// Displacement and slopes of a pressed gel at the nodes of a chart.
+struct Slopes {
+    /// The nodes outside of which there are none.
+    part: Rect,
+    size: [usize; 2],
+    /// Row by row: displacement, mm, its slopes along x and y, and nothing: a vector of four numbers.
+    nodes: Vec<[f32; 4]>,
 }
 
-impl<'a> Slopes<'a> {
-    /// Of a displacement, with its border, on the nodes of `view`.
-    pub fn new(surface: &'a Grid<f32>, view: &View) -> Self {
-        Self { surface, per_slope: view.mm_per_px.map(|pitch| (0.5 / pitch) as f32) }
+impl Slopes {
+    /// Of a displacement, with its border, on the nodes of `view`; it is nothing outside of `touched`.
+    fn new(surface: &Grid<f32>, touched: Rect, view: &View) -> Self {
+        let size = view.resolution_px;
+        let part = touched.grown(1, size[0], size[1]);
+        let per_slope = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+        let mut nodes = Vec::with_capacity(part.area());
+        for y in part.y0..part.y1 {
+            let row = |dy: usize| &surface.row(y + dy)[part.x0..part.x1 + 2 * SURFACE_BORDER];
+            let (above, here, below) = (row(0), row(1), row(2));
+            nodes.extend((0..part.width()).map(|x| {
+                let slopes = [(here[x + 2] - here[x]) * per_slope[0], (below[x + 1] - above[x + 1]) * per_slope[1]];
+                [here[x + 1], slopes[0], slopes[1], 0.0]
+            }));
+        }
+        Self { part, size, nodes }
     }
 
-    /// Between the nodes around a place, the displacement, mm, and its slopes along x and y; `None` beyond the outermost nodes.
+    /// Between the nodes around a place, the displacement, mm, and its slopes along x and y; `None` beyond the outermost nodes, and
+    /// where they have none.
+    #[inline(always)]
     fn at(&self, [x, y]: [f32; 2]) -> Option<[f32; 3]> {
-        let border = SURFACE_BORDER;
-        let (width, height) = (self.surface.width - 2 * border, self.surface.height - 2 * border);
+        let Self { part, size: [width, height], nodes } = self;
         let (x, y) = (x - 0.5, y - 0.5);
         let (last_x, last_y) = ((width - 1) as f32, (height - 1) as f32);
         if !(x >= -0.5 && y >= -0.5 && x <= last_x + 0.5 && y <= last_y + 0.5) {
@@ -224,206 +321,23 @@ impl<'a> Slopes<'a> {
         }
         let (x, y) = (x.clamp(0.0, last_x), y.clamp(0.0, last_y));
         let (column, row) = (x as usize, y as usize);
+        if column + 1 < part.x0 || column >= part.x1 || row + 1 < part.y0 || row >= part.y1 {
+            return None;
+        }
         let (right, down) = (x - column as f32, y - row as f32);
-        let node = |column: usize, row: usize| {
-            let (column, row) = (column.min(width - 1), row.min(height - 1));
-            let at = |x: usize, y: usize| self.surface.at(x, y);
-            let (x, y) = (column + border, row + border);
-            [
-                at(x, y),
-                (at(x + 1, y) - at(x - 1, y)) * self.per_slope[0],
-                (at(x, y + 1) - at(x, y - 1)) * self.per_slope[1],
-            ]
+        let node = |column: usize, row: usize| match part.holds([column, row]) {
+            true => nodes[(row - part.y0) * part.width() + column - part.x0],
+            false => [0.0; 4],
         };
-        let between = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|k| a[k] + share * (b[k] - a[k]));
-        let line = |row: usize| between(node(column, row), node(column + 1, row), right);
-        Some(between(line(row), line(row + 1), down))
+        let (next, below) = ((column + 1).min(width - 1), (row + 1).min(height - 1));
+        let (a, b, c, d) = (node(column, row), node(next, row), node(column, below), node(next, below));
+        let between: [f32; 4] = std::array::from_fn(|k| {
+            let (upper, lower) = (a[k] + right * (b[k] - a[k]), c[k] + right * (d[k] - c[k]));
+            upper + down * (lower - upper)
+        });
+        let [down_mm, along_x, along_y, _] = between;
+        Some([down_mm, along_x, along_y])
     }
-}
-
-/// Of each pixel of a dome's image.
-fn on_dome(sites: &[Option<Site>], chart: &Chart, view: &View) -> Vec<[f32; 2]> {
-    let per_mm: [f64; 2] = std::array::from_fn(|k| 1.0 / view.mm_per_px[k]);
-    let middle = view.resolution_px.map(|px| px as f64 / 2.0);
-    let back = chart.axes().transpose();
-    let table = angles();
-    let at = sites.iter().map(|site| {
-        let Some(site) = site else { return [f32::NAN; 2] };
-        let DVec3 { x, y, z } = back * site.normal;
-        // What a look into a table does not know, beyond it.
-        let place = (1.0 - z) / STEP;
-        let at = match table.get(place as usize..place as usize + 2) {
-            Some([here, next]) => {
-                let per = chart.radius_mm() * (here + (place - libm::floor(place)) * (next - here));
-                [per * x, per * y]
-            }
-            _ => chart.at(*site),
-        };
-        std::array::from_fn(|k| (at[k] * per_mm[k] + middle[k]) as f32)
-    });
-    at.collect()
-}
-
-/// Nodes of a chart on a side of the cells of a [`Lattice`].
-const CELL: usize = 4;
-
-/// Cells of a [`Lattice`], each by the number of its last node along x and along y.
-struct Cells {
-    across: Range<usize>,
-    down: Range<usize>,
-}
-
-impl Cells {
-    fn all(view: &View) -> Self {
-        Self::around(Rect::whole(view.resolution_px[0], view.resolution_px[1]), view)
-    }
-
-    /// Those of a part of a chart.
-    fn around(part: Rect, view: &View) -> Self {
-        let [columns, rows] = Lattice::size(view);
-        let cells = |first: usize, end: usize, count: usize| {
-            // A node more on every side, for what lies between nodes of the part and others.
-            if first < end {
-                first.saturating_sub(1) / CELL + 1..((end + 1).div_ceil(CELL) + 1).min(count)
-            } else {
-                0..0
-            }
-        };
-        Self { across: cells(part.x0, part.x1, columns), down: cells(part.y0, part.y1, rows) }
-    }
-}
-
-impl Lattice {
-    /// Nodes along x and y.
-    fn size(view: &View) -> [usize; 2] {
-        view.resolution_px.map(|px| px.div_ceil(CELL) + 1)
-    }
-
-    /// Of some cells of a chart: their nodes are known, and nobody asks for others.
-    fn new(chart: &Chart, view: &View, cells: &Cells) -> Self {
-        let [columns, rows] = Self::size(view);
-        let known = |at: usize, cells: &Range<usize>| cells.start <= at + 1 && at < cells.end;
-        let nowhere = || {
-            let rest = Rest { normal: DVec3::Z, below_mm: 0.0, point_mm: DVec3::ZERO, tangents: [DVec3::ZERO; 2] };
-            (rest, [DVec3::ZERO; 2])
-        };
-        let node = |at: usize| {
-            let (column, row) = (at % columns, at / columns);
-            match known(column, &cells.across) && known(row, &cells.down) {
-                true => chart.rest_with_gradients(view.point_mm([column, row].map(|at| (at * CELL) as f64))),
-                false => nowhere(),
-            }
-        };
-        let (rests, gradients): (Vec<Rest>, Vec<_>) = (0..columns * rows).map(node).unzip();
-        let turn = |at: usize| {
-            let (column, row) = (at % columns, at / columns);
-            let slope = |low: usize, high: usize, pitch_mm: f64, apart: usize| {
-                (rests[high].normal - rests[low].normal) / (apart as f64 * CELL as f64 * pitch_mm)
-            };
-            let (left, right) = (column.saturating_sub(1), (column + 1).min(columns - 1));
-            let (above, below) = (row.saturating_sub(1), (row + 1).min(rows - 1));
-            [
-                slope(row * columns + left, row * columns + right, view.mm_per_px[0], right - left),
-                slope(above * columns + column, below * columns + column, view.mm_per_px[1], below - above),
-            ]
-        };
-        let turns = if chart.geodesics().is_some() { (0..columns * rows).map(turn).collect() } else { Vec::new() };
-        Self { columns, rests, gradients, turns }
-    }
-
-    /// Between its nodes, bilinear.
-    fn gradients_at(&self, at: [f32; 2]) -> [DVec3; 2] {
-        self.between(at, |node| self.gradients[node])
-    }
-
-    /// How the normals turn along the chart's x and y; of a mesh.
-    fn turns_at(&self, at: [f32; 2]) -> [DVec3; 2] {
-        self.between(at, |node| self.turns[node])
-    }
-
-    /// The same of the chart's own directions.
-    fn tangents_at(&self, at: [f32; 2]) -> [DVec3; 2] {
-        self.between(at, |node| self.rests[node].tangents).map(DVec3::normalize_or_zero)
-    }
-
-    fn between(&self, at: [f32; 2], of: impl Fn(usize) -> [DVec3; 2]) -> [DVec3; 2] {
-        let rows = self.rests.len() / self.columns;
-        let [x, y] = at.map(|px| f64::from(px.max(0.0)) / CELL as f64);
-        let (column, row) = ((x as usize).min(self.columns - 2), (y as usize).min(rows - 2));
-        let (right, down) = (x - column as f64, y - row as f64);
-        let node = |dx: usize, dy: usize, k: usize| of((row + dy) * self.columns + column + dx)[k];
-        [0, 1].map(|k| node(0, 0, k).lerp(node(1, 0, k), right).lerp(node(0, 1, k).lerp(node(1, 1, k), right), down))
-    }
-}
-
-/// Of each pixel of the image of a capsule or a mesh: the chart is drawn into the image as triangles, on which places are linear.
-/// Where it covers a part of the gel twice, the place nearer to its middle counts. Nodes count that are `on_gel`, and points of the
-/// gel that are `shown` where a pixel shows another one.
-fn drawn(
-    camera: &Projection,
-    sites: &[Option<Site>],
-    view: &View,
-    lattice: &Lattice,
-    Cells { across, down }: &Cells,
-    on_gel: impl Fn([f64; 2], &Rest) -> bool,
-    shown: impl Fn(DVec3, &Site) -> bool,
-) -> Vec<[f32; 2]> {
-    let [width, height] = view.resolution_px;
-    let columns = lattice.columns;
-    let middle = view.resolution_px.map(|px| px as f64 / 2.0);
-    let node = |column: usize, row: usize| {
-        let place = [column, row].map(|at| (at * CELL) as f64);
-        let rest = lattice.rests[row * columns + column];
-        let px = camera.point_px(rest.point_mm).filter(|_| on_gel(view.point_mm(place), &rest))?;
-        Some((DVec2::from_array(px), DVec2::from_array(place), rest.point_mm))
-    };
-    let mut at = vec![[f32::NAN; 2]; width * height];
-    let mut away = vec![f32::INFINITY; width * height];
-    let pitch = DVec2::from_array(view.mm_per_px);
-    let mut draw = |corners: [(DVec2, DVec2, DVec3); 3]| {
-        let [(a, ..), (b, ..), (c, ..)] = corners;
-        let area = (b - a).perp_dot(c - a);
-        if !(area.abs() > 1e-9 && area.abs() < 1e6) {
-            return;
-        }
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let span = |low: f64, high: f64, count: usize| {
-            let first = libm::ceil(low - 0.5 - 1e-6).clamp(0.0, count as f64) as usize;
-            first..libm::floor(high + 0.5 + 1e-6).clamp(0.0, count as f64) as usize
-        };
-        for y in span(low.y, high.y, height) {
-            for x in span(low.x, high.x, width) {
-                let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
-                let shares = [(c - b).perp_dot(p - b), (a - c).perp_dot(p - c), (b - a).perp_dot(p - a)];
-                let shares = shares.map(|share| share / area);
-                if shares.iter().all(|share| *share >= -1e-6) {
-                    let place: DVec2 = corners.iter().zip(shares).map(|((_, place, _), share)| share * *place).sum();
-                    let point: DVec3 = corners.iter().zip(shares).map(|((.., point), share)| share * *point).sum();
-                    let from_middle = ((place - DVec2::from_array(middle)) * pitch).length() as f32;
-                    let index = y * width + x;
-                    let shown = sites[index].as_ref().is_some_and(|site| shown(point, site));
-                    if from_middle < away[index] && shown {
-                        away[index] = from_middle;
-                        at[index] = place.as_vec2().to_array();
-                    }
-                }
-            }
-        }
-    };
-    // Each node is a corner of four cells. Before the first cell of a row or column there is one node more.
-    let in_row = |row: usize| (across.start.saturating_sub(1)..across.end).map(move |column| [column, row]);
-    let places = (down.start.saturating_sub(1)..down.end).flat_map(in_row);
-    let nodes: Vec<_> = places.map(|[column, row]| node(column, row)).collect();
-    for row in 0..down.len() {
-        for column in 0..across.len() {
-            let corner = |dx: usize, dy: usize| nodes[(row + 1 - dy) * (across.len() + 1) + column + 1 - dx];
-            if let [Some(a), Some(b), Some(c), Some(d)] = [corner(1, 1), corner(0, 1), corner(0, 0), corner(1, 0)] {
-                draw([a, b, c]);
-                draw([a, c, d]);
-            }
-        }
-    }
-    at
 }
 
 /// The value between the nodes around a place; the first node's centre is at (0.5, 0.5). `None` beyond the outermost

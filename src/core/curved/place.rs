@@ -1,5 +1,6 @@
 //! Where an object comes closest to a gel that is not flat, and the chart around that place.
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
@@ -12,7 +13,7 @@ use crate::core::depth::lines::DEEP;
 use crate::core::depth::touch;
 use crate::core::gelpad::elastic::shear::Motion;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::nearest_point;
+use crate::core::mesh::nearest::nearest_from;
 use crate::core::pose::Pose;
 
 /// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
@@ -30,10 +31,14 @@ impl Curved {
             return (Site { normal, below_mm: 0.0, point_mm }, reaches_mm);
         }
         let (centre, wall_mm) = (self.shape.centre_mm(), self.shape.wall_mm().unwrap_or(0.0));
+        // What is closest to one place is near to what is closest to the next.
+        let known = Cell::new(None);
         let nearest = |below_mm: f64| {
             let from = centre - DVec3::new(0.0, 0.0, below_mm);
             let in_object = pose.rotation.transpose() * (from - pose.translation_mm);
-            pose.rotation * nearest_point(object, in_object) + pose.translation_mm - from
+            let met = nearest_from(object, in_object, known.get());
+            known.set(Some(met));
+            pose.rotation * met + pose.translation_mm - from
         };
         // From the best of several places, as an object may come close to the axis in more than one; then by turns the closest
         // point of the object, and the point of the axis closest to that.

@@ -9,7 +9,7 @@ use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::rng;
 use crate::core::base::view::View;
-use crate::core::camera::gel_map::{GelMap, Slopes};
+use crate::core::camera::gel_map::{GelMap, GelView, PressedPart};
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
 use crate::core::camera::projection::Projection;
 use crate::core::effects::{Effect, EffectLog, Requirement};
@@ -63,16 +63,10 @@ impl Seen {
     }
 
     /// The light on the skin, of which the image's pixels show these points.
-    pub fn skin(
-        look: &SkinLight<'_>,
-        shape: &GelShape,
-        camera: &Projection,
-        view: &View,
-        sites: &[Option<Site>],
-    ) -> Self {
+    pub fn skin(look: &SkinLight<'_>, shape: &GelShape, camera: &Projection, view: &View, gel: &GelView) -> Self {
         let point =
             |site: &Option<Site>| site.map(|site| SkinPoint { site, to_camera: camera.towards_camera(site.point_mm) });
-        let points: Vec<_> = sites.iter().map(point).collect();
+        let points: Vec<_> = gel.sites().iter().map(point).collect();
         let along_gel = AlongGel::new(look.light.leds, shape);
         let picture = match look.background {
             SkinPicture::Rendered(look_of, noise) => {
@@ -90,11 +84,7 @@ impl Curved {
     pub fn untouched(&self) -> Light {
         match &self.seen {
             Seen::Pins(PinPicture { pins, resting, ring, dark }) => pins.light(resting, &[], &self.camera, *dark, ring),
-            Seen::Skin(skin, picture) => {
-                let inwards = |site: &Option<Site>| site.map_or(DVec3::NEG_Z, |site| -site.normal).as_vec3().to_array();
-                let normals: Vec<[f32; 3]> = self.sites.iter().map(inwards).collect();
-                skin.untouched(picture, &normals)
-            }
+            Seen::Skin(skin, picture) => skin.untouched(picture, self.gel.inwards()),
         }
     }
 
@@ -107,7 +97,7 @@ impl Curved {
         effects: &mut EffectLog,
     ) -> (Option<PinPositions>, Light) {
         let picture = match &self.seen {
-            Seen::Skin(skin, picture) => return (None, shaded(skin, picture, map, contact, &self.view, effects)),
+            Seen::Skin(skin, picture) => return (None, shaded(skin, picture, map, contact, effects)),
             Seen::Pins(picture) => picture,
         };
         for effect in [Effect::Shading, Effect::Darkening] {
@@ -161,14 +151,7 @@ impl Curved {
 }
 
 /// The light on a pressed skin, where it differs from that of the untouched one.
-fn shaded(
-    skin: &Skin,
-    picture: &BackgroundImage,
-    map: &GelMap,
-    contact: &Contact,
-    view: &View,
-    effects: &mut EffectLog,
-) -> Light {
+fn shaded(skin: &Skin, picture: &BackgroundImage, map: &GelMap, contact: &Contact, effects: &mut EffectLog) -> Light {
     let [width, height] = map.size_px();
     let seen = map.around(contact.region);
     let changed = if effects.everywhere() { Rect::whole(width, height) } else { seen };
@@ -187,16 +170,8 @@ fn shaded(
         return Light::default();
     }
     effects.timed(Effect::Shading, || {
-        let slopes = Slopes::new(&contact.surface, view);
-        let mut normals = Vec::with_capacity(changed.area());
-        let mut displaced_mm = Vec::with_capacity(changed.area());
-        for y in changed.y0..changed.y1 {
-            for x in changed.x0..changed.x1 {
-                let (normal, down_mm) = map.pressed(&slopes, y * width + x).unwrap_or((DVec3::NEG_Z, 0.0));
-                normals.push(normal.as_vec3().to_array());
-                displaced_mm.push(down_mm);
-            }
-        }
-        skin.shade(&PressedSkin { region: changed, normals: &normals, displaced_mm: &displaced_mm }, picture, darkens)
+        let PressedPart { normals, down_mm } = map.pressed(&contact.surface, contact.region, changed);
+        let normals = normals.each_ref().map(|plane| &plane[..]);
+        skin.shade(&PressedSkin { region: changed, normals, displaced_mm: &down_mm }, picture, darkens)
     })
 }

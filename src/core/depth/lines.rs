@@ -7,19 +7,17 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
-use super::{Depth, Window, limited};
+use super::Window;
+use super::blocks::{Groups, apart};
+use super::normals::Places;
 use crate::core::base::grid::Grid;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::surface::unrolled::Unrolled;
-use crate::core::base::view::View;
 use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::triangles;
 use crate::core::pose::Pose;
 
 /// Nodes on a side of a block.
 const BLOCK: usize = 8;
-/// Blocks that are passed over at once.
-const GROUP: usize = 16;
 /// How far below the gel lines begin, in thicknesses.
 pub const DEEP: f64 = 2.0;
 
@@ -28,8 +26,6 @@ pub const DEEP: f64 = 2.0;
 pub(super) struct Lines {
     width: usize,
     height: usize,
-    margin_px: usize,
-    view: View,
     blocks: Vec<Block>,
 }
 
@@ -55,15 +51,14 @@ struct Bundle {
 }
 
 impl Lines {
-    /// Of a chart with the nodes of `view` and so many more on every side.
-    pub fn new(chart: &Unrolled, view: &View, margin_px: usize) -> Self {
-        let [width, height] = view.resolution_px.map(|px| px + 2 * margin_px);
+    /// Of so many columns and rows of places on a chart.
+    pub fn new(chart: &Unrolled, [width, height]: [usize; 2], places: &Places<'_>) -> Self {
         let [columns, rows] = [width, height].map(|nodes| nodes.div_ceil(BLOCK) + 1);
-        let pitch_mm = view.mm_per_px[0].max(view.mm_per_px[1]);
-        let size_mm = BLOCK as f64 * libm::hypot(view.mm_per_px[0], view.mm_per_px[1]);
+        let [pitch_x, pitch_y] = places.pitch_mm;
+        let pitch_mm = pitch_x.max(pitch_y);
+        let size_mm = BLOCK as f64 * libm::hypot(pitch_x, pitch_y);
         let corner = |number: usize| {
-            let px = [number % columns, number / columns].map(|at| (at * BLOCK) as f64 - margin_px as f64);
-            let at = view.point_mm(px);
+            let at = (places.place)([number % columns * BLOCK, number / columns * BLOCK]);
             let rest = chart.rest(at);
             let near = chart.is_on_gel(at, BLOCK as f64 * pitch_mm);
             (rest.point_mm, rest.normal, near, near && chart.is_on_gel(at, -size_mm))
@@ -97,27 +92,24 @@ impl Lines {
                 });
             }
         }
-        Self { width, height, margin_px, view: *view, blocks }
+        Self { width, height, blocks }
     }
 
-    /// How far `object` reaches below the gel, limited to `thickness_mm`.
-    pub fn capture(
+    /// How far `object` is from the gel, up to a height; the places are those that the lines were made for.
+    pub fn heights(
         &self,
         object: &Clusters,
         pose: &Pose,
-        chart: &Unrolled,
+        (chart, places): (&Unrolled, &Places<'_>),
         window: Window,
         thickness_mm: f64,
-    ) -> Depth {
+    ) -> Grid<f32> {
         let reach = [-DEEP * thickness_mm, window.above_mm];
         let shift = pose.rotation * DVec3::from_array(object.centre_mm()) + pose.translation_mm;
         let boxes: Vec<[DVec3; 2]> = self.blocks.iter().map(|block| block.around(reach)).collect();
-        let join = |boxes: &[[DVec3; 2]]| {
-            let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-            boxes.iter().fold(none, |[low, high], [least, most]| [low.min(*least), high.max(*most)])
-        };
-        let groups: Vec<[DVec3; 2]> = boxes.chunks(GROUP).map(join).collect();
-        let [least, most] = join(&groups);
+        let groups = Groups::new(&boxes);
+        let [least, most] = groups.all();
+        let (mut corners, mut near) = (Vec::new(), Vec::new());
         let mut distances = vec![reach[1]; self.width * self.height];
         object.query(
             |min, max| {
@@ -126,50 +118,50 @@ impl Lines {
                 middle.cmpge(least - half).all() && middle.cmple(most + half).all()
             },
             |part| {
-                for triangle in triangles(part) {
-                    let corners = triangle.map(|corner| pose.rotation * corner + shift);
+                groups.near_part(&boxes, part, |corner| pose.rotation * corner + shift, &mut corners, &mut near);
+                if near.is_empty() {
+                    return;
+                }
+                for triangle in part.corners {
+                    let corners = triangle.map(|corner| corners[usize::from(corner)]);
                     let [a, b, c] = corners;
-                    let (min, max) = (a.min(b).min(c), a.max(b).max(c));
-                    let apart = |[low, high]: [DVec3; 2]| min.cmpgt(high).any() || max.cmplt(low).any();
-                    let near = groups.iter().enumerate().filter(|(_, group)| !apart(**group));
-                    for number in near.flat_map(|(group, _)| group * GROUP..(group + 1) * GROUP) {
-                        let Some(block) = self.blocks.get(number) else { break };
-                        if !apart(boxes[number]) {
-                            let bundle = block.bundle.get_or_init(|| Box::new(self.bundle(block, chart)));
-                            let nodes = block.columns_and_rows;
-                            simd_dispatch(
-                                #[inline(always)]
-                                || bundle.meet(corners, reach[0], nodes, &mut distances, self.width),
-                            );
-                        }
+                    let here = [a.min(b).min(c), a.max(b).max(c)];
+                    for number in near.iter().filter(|number| !apart(here, boxes[**number])) {
+                        let block = &self.blocks[*number];
+                        let bundle = block.bundle.get_or_init(|| Box::new(bundle_of(block, chart, places)));
+                        let nodes = block.columns_and_rows;
+                        simd_dispatch(
+                            #[inline(always)]
+                            || bundle.meet(corners, reach[0], nodes, &mut distances, self.width),
+                        );
                     }
                 }
             },
         );
         let data = distances.into_iter().map(|distance| distance as f32).collect();
-        limited(Grid { width: self.width, height: self.height, data }, self.margin_px, thickness_mm)
+        Grid { width: self.width, height: self.height, data }
     }
+}
 
-    fn bundle(&self, block: &Block, chart: &Unrolled) -> Bundle {
-        let nothing = [f64::NAN; BLOCK * BLOCK];
-        let mut bundle = Bundle { directions: [nothing; 3], moments: [nothing; 3], along: nothing };
-        let [[x0, x1], [y0, y1]] = block.columns_and_rows;
-        for (y, x) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (y, x))) {
-            let at = self.view.point_mm([x, y].map(|at| at as f64 + 0.5 - self.margin_px as f64));
-            if block.at_rim && !chart.is_on_gel(at, 0.0) {
-                continue;
-            }
-            let rest = chart.rest(at);
-            let moment = rest.point_mm.cross(rest.normal);
-            let number = (y - y0) * BLOCK + x - x0;
-            for k in 0..3 {
-                bundle.directions[k][number] = rest.normal[k];
-                bundle.moments[k][number] = moment[k];
-            }
-            bundle.along[number] = rest.point_mm.dot(rest.normal);
+fn bundle_of(block: &Block, chart: &Unrolled, places: &Places<'_>) -> Bundle {
+    let nothing = [f64::NAN; BLOCK * BLOCK];
+    let mut bundle = Bundle { directions: [nothing; 3], moments: [nothing; 3], along: nothing };
+    let [[x0, x1], [y0, y1]] = block.columns_and_rows;
+    for (y, x) in (y0..y1).flat_map(|y| (x0..x1).map(move |x| (y, x))) {
+        let at = (places.place)([x, y]);
+        if block.at_rim && !chart.is_on_gel(at, 0.0) {
+            continue;
         }
-        bundle
+        let rest = chart.rest(at);
+        let moment = rest.point_mm.cross(rest.normal);
+        let number = (y - y0) * BLOCK + x - x0;
+        for k in 0..3 {
+            bundle.directions[k][number] = rest.normal[k];
+            bundle.moments[k][number] = moment[k];
+        }
+        bundle.along[number] = rest.point_mm.dot(rest.normal);
     }
+    bundle
 }
 
 impl Block {

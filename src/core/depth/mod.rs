@@ -12,6 +12,7 @@ use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{Placement, Pose};
 
 pub mod beyond;
+mod blocks;
 pub mod height_map;
 pub mod indenter;
 pub mod lines;

@@ -9,6 +9,7 @@ use std::sync::{Arc, OnceLock};
 
 use glam::{DMat3, DVec3};
 
+use super::blocks::{Groups, apart};
 use super::lines::Lines;
 use super::{Depth, Window, limited};
 use crate::core::base::chart::{Chart, Latitude};
@@ -25,8 +26,6 @@ const MOST_TURN: f64 = 2.3;
 
 /// Nodes on a side of the blocks in which the normals of a capsule are looked through.
 const BLOCK: usize = 8;
-/// Blocks that are passed over at once.
-const GROUP: usize = 16;
 
 /// The normals of the gel at the nodes of charts.
 #[derive(Debug)]
@@ -87,12 +86,16 @@ impl Normals {
     /// How far `object` reaches below the gel along the normals of a chart, limited to `thickness_mm`.
     pub fn capture(&self, object: &Clusters, pose: &Pose, chart: &Chart, window: Window, thickness_mm: f64) -> Depth {
         if let Some(geodesics) = chart.geodesics() {
-            let lines = || Lines::new(geodesics, &self.view, self.margin_px);
+            let place = |node: [usize; 2]| self.place(node);
+            let (size, places) =
+                ([self.width, self.height], Places { chart, place: &place, pitch_mm: self.view.mm_per_px });
             let at_tip = self.shape.surface().is_some_and(|surface| Arc::ptr_eq(surface.around_tip(), geodesics));
-            return match at_tip {
-                true => self.at_tip.get_or_init(lines).capture(object, pose, geodesics, window, thickness_mm),
-                false => lines().capture(object, pose, geodesics, window, thickness_mm),
-            };
+            if !at_tip {
+                return self.capture_at(&places, size, object, pose, window, thickness_mm);
+            }
+            let lines = self.at_tip.get_or_init(|| Lines::new(geodesics, size, &places));
+            let heights = lines.heights(object, pose, (geodesics, &places), window, thickness_mm);
+            return limited(heights, self.margin_px, thickness_mm);
         }
         let number = chart.latitude().number();
         let nodes = self.latitudes[number].get_or_init(|| self.nodes(number));
@@ -110,6 +113,11 @@ impl Normals {
         window: Window,
         thickness_mm: f64,
     ) -> Depth {
+        if let Some(geodesics) = places.chart.geodesics() {
+            let lines = Lines::new(geodesics, size, places);
+            let heights = lines.heights(object, pose, (geodesics, places), window, thickness_mm);
+            return limited(heights, window.margin_px, thickness_mm);
+        }
         let mut nodes = self.nodes_of(places.chart, size, places.place);
         nodes.below_mm.resize(nodes.planes[0].len(), 0.0);
         nodes.blocks = nodes.in_blocks();
@@ -150,13 +158,8 @@ impl Normals {
             ),
             false => {
                 let boxes: Vec<[DVec3; 2]> = nodes.blocks.iter().map(|block| block.reach(farthest)).collect();
-                let around = |boxes: &[[DVec3; 2]]| {
-                    let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-                    boxes
-                        .iter()
-                        .fold(none, |[low, high], [other_low, other_high]| [low.min(*other_low), high.max(*other_high)])
-                };
-                let groups: Vec<[DVec3; 2]> = boxes.chunks(GROUP).map(around).collect();
+                let groups = Groups::new(&boxes);
+                let (mut corners, mut near) = (Vec::new(), Vec::new());
                 let least = DVec3::new(-farthest, -farthest, -wall_mm - farthest);
                 let most = DVec3::splat(farthest);
                 object.query(
@@ -166,8 +169,12 @@ impl Normals {
                         middle.cmpge(least - half).all() && middle.cmple(most + half).all()
                     },
                     |part| {
-                        for triangle in triangles(part) {
-                            let corners = triangle.map(|corner| turn * corner + shift);
+                        groups.near_part(&boxes, part, |corner| turn * corner + shift, &mut corners, &mut near);
+                        if near.is_empty() {
+                            return;
+                        }
+                        for triangle in part.corners {
+                            let corners = triangle.map(|corner| corners[usize::from(corner)]);
                             let [a, b, c] = corners;
                             let (min, max) = (a.min(b).min(c), a.max(b).max(c));
                             // A ball around it that stays away from the axis is met by no normal in reach.
@@ -176,17 +183,12 @@ impl Normals {
                             if from_axis.length() - half > farthest {
                                 continue;
                             }
-                            let apart = |[low, high]: [DVec3; 2]| min.cmpgt(high).any() || max.cmplt(low).any();
-                            let near = groups.iter().enumerate().filter(|(_, group)| !apart(**group));
-                            for number in near.flat_map(|(group, _)| group * GROUP..(group + 1) * GROUP) {
-                                let Some(block) = nodes.blocks.get(number) else { break };
-                                if !apart(boxes[number]) {
-                                    let box_px = block.columns_and_rows;
-                                    simd_dispatch(
-                                        #[inline(always)]
-                                        || nodes.meet::<true>(corners, [0.0, farthest], box_px, &mut distances),
-                                    );
-                                }
+                            for number in near.iter().filter(|number| !apart([min, max], boxes[**number])) {
+                                let box_px = nodes.blocks[*number].columns_and_rows;
+                                simd_dispatch(
+                                    #[inline(always)]
+                                    || nodes.meet::<true>(corners, [0.0, farthest], box_px, &mut distances),
+                                );
                             }
                         }
                     },
@@ -206,18 +208,17 @@ impl Normals {
 
     /// The nodes of a latitude.
     fn nodes(&self, number: usize) -> Nodes {
-        let Self { shape, view, width, height, margin_px, .. } = self;
-        let wall_mm = shape.wall_mm();
-        let chart = match wall_mm {
-            None => Chart::at_tip(shape),
-            Some(_) => Chart::of_latitudes(shape).nth(number).expect("as many as there are latitudes"),
-        };
-        let place = |node: [usize; 2]| view.point_mm(node.map(|at| at as f64 + 0.5 - *margin_px as f64));
-        let mut nodes = self.nodes_of(&chart, [*width, *height], &place);
-        if wall_mm.is_some() {
+        let chart = Chart::before_turn(&self.shape, number);
+        let mut nodes = self.nodes_of(&chart, [self.width, self.height], &|node| self.place(node));
+        if self.shape.wall_mm().is_some() {
             nodes.blocks = nodes.in_blocks();
         }
         nodes
+    }
+
+    /// Where a node is on its chart, mm.
+    fn place(&self, node: [usize; 2]) -> [f64; 2] {
+        self.view.point_mm(node.map(|at| at as f64 + 0.5 - self.margin_px as f64))
     }
 
     /// Those at some places of a chart.

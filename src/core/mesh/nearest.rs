@@ -7,8 +7,14 @@ pub use crate::core::base::triangle::nearest_of_triangle;
 
 /// The point of the object that is closest to `to`, both in the object's own frame, mm.
 pub fn nearest_point(object: &Clusters, to: DVec3) -> DVec3 {
+    nearest_from(object, to, None)
+}
+
+/// The same, where a point of the object is `known` that is not far from it.
+pub fn nearest_from(object: &Clusters, to: DVec3, known: Option<DVec3>) -> DVec3 {
     let to = to - DVec3::from_array(object.centre_mm());
-    let best = std::cell::Cell::new((f64::INFINITY, DVec3::ZERO));
+    let first = known.map(|known| known - DVec3::from_array(object.centre_mm()));
+    let best = std::cell::Cell::new(first.map_or((f64::INFINITY, DVec3::ZERO), |at| (to.distance_squared(at), at)));
     object.query(
         |min, max| to.distance_squared(nearest_of_box(to, min, max)) < best.get().0,
         |part| {

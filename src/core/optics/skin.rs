@@ -15,7 +15,11 @@ use crate::core::base::angle::sin_cos_deg;
 use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
+use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
+
+/// Pixels that are shaded at once.
+const LANES: usize = 8;
 
 /// What a pixel shows of the untouched gel.
 #[derive(Clone, Copy, Debug)]
@@ -31,9 +35,9 @@ pub struct Skin {
     phong: Phong,
     width: usize,
     leds: Vec<LitSkin>,
-    to_camera: Vec<[f32; 3]>,
+    to_camera: [Vec<f32>; 3],
     /// What the LEDs give at rest, to be taken off: red, green and blue of each pixel.
-    at_rest: Vec<[f32; 3]>,
+    at_rest: [Vec<f32>; 3],
     /// Share of the light lost per mm of displacement.
     darkening_per_mm: f32,
     stray_light: Option<[f32; 3]>,
@@ -56,7 +60,7 @@ struct LitSkin {
     /// Colour times intensity.
     color: [f32; 3],
     /// Towards it from each pixel's point, of length 1 at most; no light where there is no gel.
-    towards: Vec<[f32; 3]>,
+    towards: [Vec<f32>; 3],
     strength: Vec<f32>,
 }
 
@@ -64,8 +68,8 @@ struct LitSkin {
 pub struct PressedSkin<'a> {
     /// The part.
     pub region: Rect,
-    /// Towards the inside of the gel.
-    pub normals: &'a [[f32; 3]],
+    /// Towards the inside of the gel, a plane per component.
+    pub normals: [&'a [f32]; 3],
     /// How far the skin is displaced, mm.
     pub displaced_mm: &'a [f32],
 }
@@ -80,24 +84,24 @@ impl Skin {
         width: usize,
     ) -> Self {
         let leds = light.leds.iter().map(|led| LitSkin::new(led, along_gel, points)).collect();
-        let vector = |point: &Option<SkinPoint>| point.map_or([0.0; 3], |point| point.to_camera.as_vec3().to_array());
+        let planes = |of: &dyn Fn(&SkinPoint) -> DVec3, without: DVec3| {
+            [0, 1, 2]
+                .map(|k| points.iter().map(|point| point.as_ref().map_or(without, of)[k] as f32).collect::<Vec<_>>())
+        };
         let mut skin = Self {
             phong,
             width,
             leds,
-            to_camera: points.iter().map(vector).collect(),
-            at_rest: vec![[0.0; 3]; points.len()],
+            to_camera: planes(&|point| point.to_camera, DVec3::ZERO),
+            at_rest: [(); 3].map(|()| vec![0.0; points.len()]),
             darkening_per_mm: light.darkening_per_mm(&phong) as f32,
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
         };
         if phong.equation == Equation::Relative {
-            let normal = |point: &Option<SkinPoint>| {
-                let inwards = point.map_or(DVec3::NEG_Z, |point| -point.site.normal);
-                inwards.as_vec3().to_array()
-            };
-            let normals: Vec<[f32; 3]> = points.iter().map(normal).collect();
+            let normals = planes(&|point| -point.site.normal, DVec3::NEG_Z);
             let region = Rect::whole(width, points.len() / width.max(1));
-            skin.at_rest = skin.reflected(&PressedSkin { region, normals: &normals, displaced_mm: &[] });
+            let normals = normals.each_ref().map(|plane| &plane[..]);
+            skin.at_rest = skin.reflected(&PressedSkin { region, normals, displaced_mm: &[] });
         }
         skin
     }
@@ -108,13 +112,13 @@ impl Skin {
     }
 
     /// What the LEDs give: red, green and blue of each pixel.
-    fn reflected(&self, pressed: &PressedSkin<'_>) -> Vec<[f32; 3]> {
+    fn reflected(&self, pressed: &PressedSkin<'_>) -> [Vec<f32>; 3] {
         with_power(self.phong.shininess, Reflection { skin: self, pressed })
     }
 
     /// The light of the untouched skin over its picture.
-    pub fn untouched(&self, rest: &BackgroundImage, normals: &[[f32; 3]]) -> Light {
-        let displaced_mm = vec![0.0; normals.len()];
+    pub fn untouched(&self, rest: &BackgroundImage, normals: [&[f32]; 3]) -> Light {
+        let displaced_mm = vec![0.0; normals[0].len()];
         let region = Rect::whole(rest.width, rest.height);
         self.shade(&PressedSkin { region, normals, displaced_mm: &displaced_mm }, rest, false)
     }
@@ -125,23 +129,32 @@ impl Skin {
         let darkening_per_mm = if darkens { self.darkening_per_mm } else { 0.0 };
         let mut light = rest.light(region);
         let reflected = self.reflected(pressed);
-        let ambient = self.phong.ambient as f32;
-        for (at, (reflected, displaced_mm)) in reflected.iter().zip(pressed.displaced_mm).enumerate() {
-            let at_rest = self.at_rest[self.index(region, at)];
-            let kept = 1.0 - darkening_per_mm * displaced_mm;
-            for (channel, plane) in light.planes.iter_mut().enumerate() {
-                let untouched = plane[at];
-                let scale = self.stray_light.map_or(1.0, |stray| (untouched - stray[channel]).max(0.0));
-                plane[at] = kept * (ambient * untouched + scale * (reflected[channel] - at_rest[channel]));
-            }
+        let (ambient, width) = (self.phong.ambient as f32, region.width());
+        for (channel, (plane, reflected)) in light.planes.iter_mut().zip(&reflected).enumerate() {
+            let stray = self.stray_light.map(|stray| stray[channel]);
+            simd_dispatch(
+                #[inline(always)]
+                || {
+                    for row in 0..region.height() {
+                        let here = row * width..(row + 1) * width;
+                        let at_rest = &self.at_rest[channel][self.index(region, row)..][..width];
+                        let pixels = plane[here.clone()].iter_mut().zip(&reflected[here.clone()]).zip(at_rest);
+                        for (((value, reflected), at_rest), displaced_mm) in pixels.zip(&pressed.displaced_mm[here]) {
+                            let kept = 1.0 - darkening_per_mm * displaced_mm;
+                            let scale = stray.map_or(1.0, |stray| (*value - stray).max(0.0));
+                            *value = kept * (ambient * *value + scale * (reflected - at_rest));
+                        }
+                    }
+                },
+            );
         }
         light
     }
 
-    /// Number in the image of a pixel of a part of it.
-    fn index(&self, region: Rect, at: usize) -> usize {
-        let width = region.width();
-        (region.y0 + at / width) * self.width + region.x0 + at % width
+    /// Number in the image of the first pixel of a row of a part of it.
+    #[inline(always)]
+    fn index(&self, region: Rect, row: usize) -> usize {
+        (region.y0 + row) * self.width + region.x0
     }
 }
 
@@ -201,7 +214,8 @@ impl LitSkin {
             };
             (towards.as_vec3().to_array(), strength as f32)
         };
-        let (towards, strength) = points.iter().map(lit).unzip();
+        let (towards, strength): (Vec<[f32; 3]>, _) = points.iter().map(lit).unzip();
+        let towards = [0, 1, 2].map(|k| towards.iter().map(|towards| towards[k]).collect());
         Self { color: led.color.map(|share| (share * led.intensity) as f32), towards, strength }
     }
 }
@@ -212,27 +226,82 @@ struct Reflection<'a> {
 }
 
 impl WithPower for Reflection<'_> {
-    type Output = Vec<[f32; 3]>;
+    type Output = [Vec<f32>; 3];
 
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Vec<[f32; 3]> {
-        let Self { skin, pressed: PressedSkin { region, normals, .. } } = self;
-        let (diffuse, specular) = (skin.phong.diffuse as f32, skin.phong.specular as f32);
-        let of = |(at, normal): (usize, &[f32; 3])| {
-            let index = skin.index(*region, at);
-            let to_camera = skin.to_camera[index];
-            let mut sum = [0.0; 3];
-            for led in &skin.leds {
-                let (towards, strength) = (led.towards[index], led.strength[index]);
-                let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-                let along = dot(*normal, towards);
-                // R.V of R = 2 (N.l) N - l; what is lit from behind gleams no more.
-                let mirrored =
-                    if along > 0.0 { 2.0 * along * dot(*normal, to_camera) - dot(towards, to_camera) } else { 0.0 };
-                let given = strength * reflected([along, mirrored], diffuse, specular, power);
-                (0..3).for_each(|k| sum[k] += given * led.color[k]);
-            }
-            sum
-        };
-        normals.iter().enumerate().map(of).collect()
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> [Vec<f32>; 3] {
+        let Self { skin, pressed: PressedSkin { region, .. } } = self;
+        let mut sums = [(); 3].map(|()| vec![0.0; region.area()]);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for row in 0..region.height() {
+                    for led in &skin.leds {
+                        self.add_row(led, row, power, &mut sums);
+                    }
+                }
+            },
+        );
+        sums
     }
+}
+
+impl Reflection<'_> {
+    /// Adds what an LED gives along a row of the part, eight pixels at a time.
+    #[inline(always)]
+    fn add_row(&self, led: &LitSkin, row: usize, power: impl Fn(f32) -> f32 + Copy, sums: &mut [Vec<f32>; 3]) {
+        let Self { skin, pressed: PressedSkin { region, normals, .. } } = self;
+        let (width, first) = (region.width(), skin.index(*region, row));
+        let normals = normals.map(|plane| &plane[row * width..][..width]);
+        let towards = led.towards.each_ref().map(|plane| &plane[first..][..width]);
+        let to_camera = skin.to_camera.each_ref().map(|plane| &plane[first..][..width]);
+        let strength = &led.strength[first..][..width];
+        let phong = [skin.phong.diffuse as f32, skin.phong.specular as f32];
+        let [red, green, blue] = sums.each_mut().map(|sum| &mut sum[row * width..][..width]);
+        let whole = width / LANES * LANES;
+        for x in (0..whole).step_by(LANES) {
+            let ([nx, ny, nz], [lx, ly, lz]) =
+                (normals.map(|plane| eight(plane, x)), towards.map(|plane| eight(plane, x)));
+            let ([vx, vy, vz], strength) = (to_camera.map(|plane| eight(plane, x)), eight(strength, x));
+            let given: [f32; LANES] = std::array::from_fn(|k| {
+                strength[k] * given([nx[k], ny[k], nz[k]], [lx[k], ly[k], lz[k]], [vx[k], vy[k], vz[k]], phong, power)
+            });
+            for (sum, share) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(led.color) {
+                sum[x..x + LANES].iter_mut().zip(given).for_each(|(sum, given)| *sum += given * share);
+            }
+        }
+        for x in whole..width {
+            let at = |planes: [&[f32]; 3]| planes.map(|plane| plane[x]);
+            let given = strength[x] * given(at(normals), at(towards), at(to_camera), phong, power);
+            for (sum, share) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(led.color) {
+                sum[x] += given * share;
+            }
+        }
+    }
+}
+
+/// Phong's reflection of light from `l` towards `v` at a normal `n`.
+#[inline(always)]
+fn given(
+    n: [f32; 3],
+    l: [f32; 3],
+    v: [f32; 3],
+    [diffuse, specular]: [f32; 2],
+    power: impl Fn(f32) -> f32 + Copy,
+) -> f32 {
+    let along = dot(n, l);
+    // R.V of R = 2 (N.l) N - l; what is lit from behind gleams no more.
+    let mirrored = if along > 0.0 { 2.0 * along * dot(n, v) - dot(l, v) } else { 0.0 };
+    reflected([along, mirrored], diffuse, specular, power)
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Eight values from a place on.
+#[inline(always)]
+fn eight(plane: &[f32], at: usize) -> [f32; LANES] {
+    let plane = &plane[at..at + LANES];
+    std::array::from_fn(|k| plane[k])
 }

@@ -267,10 +267,6 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
         check.error("sensor.shape", message, "leave [paired] out; samples of a job ([mixing]) may be of this sensor");
         return;
     }
-    if job.sequence.is_some() && matches!(job.sensor.shape, Some(SensorShape::Mesh(_))) {
-        let message = "a sequence on a gel that is a mesh is not simulated";
-        check.error("sequence", message, "leave it out, or take a dome, a capsule or a flat sensor");
-    }
     if scope == Scope::Frames && job.sequence.is_some() && job.texture.amplitude_mm.support() != (0.0, 0.0) {
         let message = "texture in a sequence of depth frames on a gel that has a shape is not simulated";
         check.error("texture.amplitude_mm", message, "leave it out, or have it in the frames");

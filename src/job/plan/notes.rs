@@ -48,13 +48,23 @@ fn out_of_view(job: &Job) -> Option<String> {
 /// the plane that the object is posed over.
 fn off_the_curve(job: &Job) -> Option<String> {
     let sequence = job.sequence.as_ref()?;
-    // On a mesh sequences are refused.
-    let shape = job.sensor.gel().filter(|gel| gel.surface().is_none())?;
+    let shape = job.sensor.gel()?;
     let radius_mm = shape.radius_mm();
-    // A finger is straight along itself, below its cap.
     let from_tip_mm = job.pose.from_tip_mm.as_ref().map_or(0.0, |from_tip| from_tip.support().0);
+    let around_deg = job.pose.around_deg.as_ref().map_or(0.0, |around| around.support().0);
+    // A finger is straight along itself, below its cap.
     let straight = shape.wall_mm().is_some() && from_tip_mm >= std::f64::consts::FRAC_PI_2 * radius_mm;
-    let curved = [!straight, true];
+    let drop_mm = |k: usize, by_mm: f64| match shape.surface() {
+        None if straight && k == 0 => 0.0,
+        None => radius_mm - libm::sqrt((radius_mm * radius_mm - by_mm * by_mm).max(0.0)),
+        // Of a mesh where its samples begin to be.
+        Some(surface) => {
+            let (axes, origin_mm) = surface.frame_at(from_tip_mm, around_deg);
+            let below = origin_mm + axes.col(k) * by_mm - 2.0 * radius_mm * axes.z_axis;
+            let there = surface.left_by(below, axes.z_axis);
+            there.map_or(f64::INFINITY, |(point, _)| (origin_mm - point).dot(axes.z_axis))
+        }
+    };
     let (mut reach, mut deepest_mm) = ([(0.0, 0.0); 2], 0.0_f64);
     sequence.phase.iter().find_map(|phase| {
         // How deep a force takes it is not known.
@@ -66,16 +76,16 @@ fn off_the_curve(job: &Job) -> Option<String> {
         for (reach, by) in reach.iter_mut().zip([&phase.x_mm, &phase.y_mm]) {
             *reach = (reach.0 + by.support().0, reach.1 + by.support().1);
         }
-        let farthest_mm = (0..2)
-            .filter(|k| curved[*k])
-            .map(|k| f64::max(-reach[k].0, reach[k].1))
-            .fold(0.0, f64::max);
-        let chord = radius_mm * radius_mm - farthest_mm * farthest_mm;
-        let drop_mm = if chord > 0.0 { radius_mm - libm::sqrt(chord) } else { radius_mm };
+        let ends = (0..2).flat_map(|k| [(k, reach[k].0), (k, reach[k].1)]);
+        let drops = ends.map(|(k, by_mm)| (by_mm.abs(), drop_mm(k, by_mm)));
+        let (farthest_mm, drop_mm) = drops.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let there = match drop_mm.is_finite() {
+            true => format!("where the gel lies {drop_mm:.2} mm lower, and depth_mm is {deepest_mm} at most"),
+            false => String::from("where there is no gel"),
+        };
         (deepest_mm > 0.0 && drop_mm > deepest_mm).then(|| {
             format!(
-                "in phase `{}` the object may come {farthest_mm} mm from where it began, where the gel lies {drop_mm:.2} mm lower, \
-                 and depth_mm is {deepest_mm} at most: it may leave the gel",
+                "in phase `{}` the object may come {farthest_mm} mm from where it began, {there}: it may leave the gel",
                 phase.name.as_deref().unwrap_or_default(),
             )
         })
