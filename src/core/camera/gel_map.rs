@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
 
 use super::projection::Projection;
-use crate::core::base::chart::{Chart, Latitude};
+use crate::core::base::chart::{Chart, Latitude, Rest};
 use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
