@@ -33,6 +33,7 @@ use seen::Seen;
 
 pub use seen::{SkinLight, SkinPicture};
 
+mod lit;
 mod on_core;
 mod place;
 mod seen;
@@ -208,9 +209,7 @@ impl Curved {
         }
         seconds.gelpad += clock.lap();
 
-        for effect in [Effect::Supersampling, Effect::Grain, Effect::Shadows] {
-            effects.enable(effect, Requirement::Absent("not simulated on a gel that has a shape"));
-        }
+        effects.enable(Effect::Grain, Requirement::Absent("not simulated on a gel that has a shape"));
         let map = self.map(&chart, &depth, &contact, window);
         let (pins, light) = self.looked_at((&contact, &chart, &map), wrench.as_ref(), unit_key, effects);
         seconds.optics += clock.lap();

@@ -426,9 +426,14 @@ fn there_is_no_seam_on_a_finger() {
         let forces = [&before, &after].map(|found| length(found.wrench.expect("an elastic pad").force_n));
         let off = before.image.rgb.iter().zip(&after.image.rgb).map(|(a, b)| a.abs_diff(*b));
         let (most, mean) = (off.clone().max(), off.clone().map(f64::from).sum::<f64>() / off.len() as f64);
-        println!("{from_tip_mm:.2} mm: {most:?} levels, {mean:.4} on average, force {:.5}", forces[1] / forces[0]);
+        // A shadow ends between other nodes of the new chart.
+        let few = off.filter(|off| *off > 4).count() as f64 / after.image.rgb.len() as f64;
+        println!(
+            "{from_tip_mm:.2} mm: {most:?} levels, {few:.5} of the values by more than 4, {mean:.4} on average, force {:.5}",
+            forces[1] / forces[0]
+        );
         assert!((forces[1] / forces[0] - 1.0).abs() < 5e-3);
-        assert!(most <= Some(4) && mean < 0.02);
+        assert!(few < 1e-3 && mean < 0.03);
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
 //! and light against closed forms; `presets` the light of presets against figures of real sensors; `walls` light between pixel centres; `scene` labels
-//! against what they describe; `lamps` light of measured lamps against the published formula; `near_light` near LEDs against traced rays; `curved` gels that are not flat, `curved_elements` against finite elements, `gel_mesh` the same as meshes; `frames` depth frames against the objects that they show, `inside` those of cameras inside a gel; `twin` whole samples against a
+//! against what they describe; `lamps` light of measured lamps against the published formula; `near_light` near LEDs against traced rays; `curved` gels that are not flat, `curved_elements` against finite elements, `curved_light` their shadows and edges, `gel_mesh` the same as meshes; `frames` depth frames against the objects that they show, `inside` those of cameras inside a gel; `twin` whole samples against a
 //! plain f64 pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
 //! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
 //! border and the pixels' size cost; `finite_elements` the error of linear theory; `ladder` every rung on the bundled objects; `mask` the contact of coarse grids as a label; `gripper` two fingers; `hard_cases` what must not break it.
@@ -14,6 +14,7 @@ mod contact;
 mod convolution;
 mod curved;
 mod curved_elements;
+mod curved_light;
 mod curved_sequences;
 mod curved_texture;
 mod finite_elements;

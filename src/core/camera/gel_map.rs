@@ -2,18 +2,23 @@
 
 use std::sync::{Arc, OnceLock};
 
-use glam::{DMat3, DQuat, DVec3, Mat3, Vec3};
+use glam::{DMat3, DQuat, DVec3, Vec3};
 
 use super::projection::Projection;
 use crate::core::base::chart::{Chart, Latitude, Rest};
 use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::core::depth::raster::SAMPLES;
+use crate::core::gelpad::subpixel::{BEND, OFFSETS};
+use crate::core::optics::skin::BentSkin;
 use drawn::{Drawn, on_dome};
 use lattice::{CELL, Cells, Lattice};
+use skin_at::SkinAt;
 
 mod drawn;
 mod lattice;
+mod skin_at;
 
 /// What a camera shows of an untouched gel, and what is the same of charts in every press.
 #[derive(Debug)]
@@ -86,6 +91,8 @@ pub struct GelMap {
     at: Vec<[f32; 2]>,
     /// The part of the image outside of which there are none.
     part: Rect,
+    /// The part of the chart that was looked for.
+    covered: Rect,
     lattice: OnceLock<(Arc<Lattice>, DMat3)>,
 }
 
@@ -108,6 +115,9 @@ impl GelMap {
             Drawn { camera, sites, lattice, turn: *turn }
         };
         let cells = Cells::around(part, view);
+        let [width, height] = view.resolution_px;
+        let is_dome = shape.wall_mm().is_none() && chart.geodesics().is_none();
+        let covered = if is_dome { Rect::whole(width, height) } else { part };
         let (at, part) = match (shape.wall_mm(), chart.geodesics()) {
             (None, None) => (on_dome(sites, chart, view), gel.part),
             (Some(wall_mm), _) => {
@@ -120,7 +130,7 @@ impl GelMap {
                 drawn().places(view, &cells, |at, _| geodesics.is_on_gel(at, over_mm), Some(shown))
             }
         };
-        Self { gel: Arc::clone(gel), chart: chart.clone(), at, part, lattice }
+        Self { gel: Arc::clone(gel), chart: chart.clone(), at, part, covered, lattice }
     }
 
     /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
@@ -161,6 +171,11 @@ impl GelMap {
         around
     }
 
+    /// True if it was looked for where the image shows a part of the chart.
+    pub fn covers(&self, part: Rect) -> bool {
+        self.covered.united(part) == self.covered
+    }
+
     /// Where a point of the chart is from the sensor's axis, mm.
     pub fn place_mm(&self, at: [f64; 2]) -> [f64; 2] {
         let DVec3 { x, y, .. } = self.chart.point_mm(at);
@@ -198,10 +213,8 @@ impl GelMap {
 
     /// Such a gel as a part of the image shows it.
     pub fn pressed(&self, surface: &Grid<f32>, touched: Rect, part: Rect) -> PressedPart {
-        let GelView { view, sites, inwards, .. } = &*self.gel;
-        let slopes = Slopes::new(surface, touched, view);
-        let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
-        let (turn, per_radius) = (turn.as_mat3(), (1.0 / self.chart.radius_mm()) as f32);
+        let GelView { view, inwards, .. } = &*self.gel;
+        let skin = self.skin(surface, touched);
         let [width, _] = view.resolution_px;
         let mut normals = [(); 3].map(|()| Vec::with_capacity(part.area()));
         let mut down_mm = vec![0.0; part.area()];
@@ -212,35 +225,98 @@ impl GelMap {
             }
             let first = normals[0].len() - part.width();
             for (x, at) in self.at[row.clone()].iter().enumerate() {
-                let Some([down, along_x, along_y]) = slopes.at(*at) else { continue };
+                let Some((normal, down)) = skin.at(*at, row.start + x) else { continue };
                 down_mm[x] = down;
-                if along_x == 0.0 && along_y == 0.0 {
-                    continue;
-                }
-                let [gradient_x, gradient_y] = lattice.gradients_at(*at);
-                let gradient = turn * (along_x * gradient_x + along_y * gradient_y);
-                let slope = match lattice.turns_at(*at) {
-                    // What is pressed in along its normals is narrower, or wider, by how these turn.
-                    Some(turns) => {
-                        let [turn_x, turn_y] = turns.map(|turn| down * turn);
-                        let column = |k: usize| Vec3::AXES[k] - turn_x * gradient_x[k] - turn_y * gradient_y[k];
-                        let kept = Mat3::from_cols(column(0), column(1), column(2));
-                        if kept.determinant() > 0.05 { kept.inverse() * gradient } else { gradient }
-                    }
-                    // A round gel has shrunk around its axis, on the ball along it, too.
-                    None => {
-                        let on_wall = sites[row.start + x].is_some_and(|site| site.below_mm > 0.0);
-                        let along = if on_wall { Vec3::new(0.0, 0.0, gradient.z) } else { Vec3::ZERO };
-                        along + (gradient - along) / (1.0 - down * per_radius).max(0.05)
-                    }
-                };
-                // A dent leans the gel's inside towards where it is deeper.
-                let rest = Vec3::from_array(normals.each_ref().map(|plane| plane[first + x]));
-                let normal = (rest - slope).normalize();
                 normals.iter_mut().zip(normal.to_array()).for_each(|(plane, value)| plane[first + x] = value);
             }
         }
         PressedPart { normals, down_mm }
+    }
+
+    /// The pixels of a part within which such a gel bends, and its normals at [`OFFSETS`] from their centres; `pressed` is what the
+    /// part shows, in which nothing is pressed but `within` another one.
+    pub fn bent(
+        &self,
+        (surface, touched): (&Grid<f32>, Rect),
+        (part, within): (Rect, Rect),
+        pressed: &PressedPart,
+    ) -> Vec<BentSkin> {
+        let width = self.gel.view.resolution_px[0];
+        let (columns, rows) = (within.width(), within.height());
+        let in_part = |x: usize, y: usize| (within.y0 + y - part.y0) * part.width() + within.x0 + x - part.x0;
+        // How far a press has turned each pixel's normal, and by how much more or less that of the next one.
+        let mut turned = Vec::with_capacity(within.area());
+        for y in 0..rows {
+            let (here, index) = (in_part(0, y), (within.y0 + y) * width + within.x0);
+            turned.extend((0..columns).map(|x| {
+                Vec3::from_array([0, 1, 2].map(|k| pressed.normals[k][here + x] - self.gel.inwards[k][index + x]))
+            }));
+        }
+        let mut weight = Grid::new(columns, rows);
+        for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))) {
+            for (dx, dy) in [(1, 0), (0, 1)] {
+                if x + dx >= columns || y + dy >= rows {
+                    continue;
+                }
+                let bend = (turned[(y + dy) * columns + x + dx] - turned[y * columns + x]).length_squared();
+                if bend > BEND * BEND {
+                    let most = ((bend.sqrt() - BEND) / BEND).min(1.0);
+                    // Of both pixels, and those beside them.
+                    let around = Rect { x0: x, y0: y, x1: x + dx + 1, y1: y + dy + 1 }.grown(1, columns, rows);
+                    for y in around.y0..around.y1 {
+                        let row = &mut weight.row_mut(y)[around.x0..around.x1];
+                        row.iter_mut().for_each(|weight: &mut f32| *weight = weight.max(most));
+                    }
+                }
+            }
+        }
+        let skin = self.skin(surface, touched);
+        let pixel = |(at, weight): (usize, &f32)| {
+            let place = in_part(at % columns, at / columns);
+            let [x, y] = [within.x0 + at % columns, within.y0 + at / columns];
+            let index = y * width + x;
+            let here = self.at[index];
+            let (along, down) = (self.step(index, x, width, 1)?, self.step(index, y, self.size_px()[1], width)?);
+            let rest = skin.rest(index);
+            let mut normals = [[0.0; SAMPLES]; 3];
+            for (sample, [right, below]) in OFFSETS.iter().map(|offset| offset.map(|px| px as f32)).enumerate() {
+                let there = [0, 1].map(|k| here[k] + right * along[k] + below * down[k]);
+                let normal = skin.at(there, index).map_or(rest, |(normal, _)| normal).to_array();
+                normals.iter_mut().zip(normal).for_each(|(plane, value)| plane[sample] = value);
+            }
+            Some(BentSkin { at: place, weight: *weight, normals })
+        };
+        weight.data.iter().enumerate().filter(|(_, weight)| **weight > 0.0).filter_map(pixel).collect()
+    }
+
+    /// How far on the chart the next pixel is, along one axis of the image; `None` where the gel that is shown ends or is another part.
+    fn step(&self, index: usize, at: usize, count: usize, stride: usize) -> Option<[f32; 2]> {
+        /// Nodes.
+        const FARTHEST: f32 = 16.0;
+        let before = if at > 0 { index - stride } else { index };
+        let after = if at + 1 < count { index + stride } else { index };
+        let known = [before, index, after].map(|index| Some(self.at[index]).filter(|at| at[0].is_finite()));
+        let (from, to, steps) = match known {
+            [Some(before), Some(_), Some(after)] => (before, after, ((at > 0) as u8 + (at + 1 < count) as u8) as f32),
+            [Some(before), Some(here), None] if at > 0 => (before, here, 1.0),
+            [None, Some(here), Some(after)] if at + 1 < count => (here, after, 1.0),
+            _ => return None,
+        };
+        let step = [0, 1].map(|k| (to[k] - from[k]) / steps.max(1.0));
+        step.iter().all(|nodes| nodes.abs() < FARTHEST).then_some(step)
+    }
+
+    /// A layer of a part of the chart, `there`, as a part of the image shows it, bilinear, row by row; `beyond` elsewhere.
+    pub fn layer_of_part(&self, from: &Grid<f32>, there: Rect, part: Rect, beyond: f32) -> Vec<f32> {
+        let width = self.gel.view.resolution_px[0];
+        let origin = [there.x0 as f32, there.y0 as f32];
+        let pixels = (part.y0..part.y1).flat_map(|y| &self.at[y * width + part.x0..y * width + part.x1]);
+        pixels.map(|at| bilinear(from, [at[0] - origin[0], at[1] - origin[1]]).unwrap_or(beyond)).collect()
+    }
+
+    fn skin(&self, surface: &Grid<f32>, touched: Rect) -> SkinAt<'_> {
+        let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
+        SkinAt::new(&self.gel, self.chart.radius_mm(), (lattice, *turn), surface, touched)
     }
 
     /// Motions along the x and y of the chart as the image shows them, along the sensor's x and y as the smallest turn that takes z to
@@ -279,64 +355,6 @@ impl GelMap {
             }
         }
         layer
-    }
-}
-
-/// Displacement and slopes of a pressed gel at the nodes of a chart.
-struct Slopes {
-    /// The nodes outside of which there are none.
-    part: Rect,
-    size: [usize; 2],
-    /// Row by row: displacement, mm, its slopes along x and y, and nothing: a vector of four numbers.
-    nodes: Vec<[f32; 4]>,
-}
-
-impl Slopes {
-    /// Of a displacement, with its border, on the nodes of `view`; it is nothing outside of `touched`.
-    fn new(surface: &Grid<f32>, touched: Rect, view: &View) -> Self {
-        let size = view.resolution_px;
-        let part = touched.grown(1, size[0], size[1]);
-        let per_slope = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
-        let mut nodes = Vec::with_capacity(part.area());
-        for y in part.y0..part.y1 {
-            let row = |dy: usize| &surface.row(y + dy)[part.x0..part.x1 + 2 * SURFACE_BORDER];
-            let (above, here, below) = (row(0), row(1), row(2));
-            nodes.extend((0..part.width()).map(|x| {
-                let slopes = [(here[x + 2] - here[x]) * per_slope[0], (below[x + 1] - above[x + 1]) * per_slope[1]];
-                [here[x + 1], slopes[0], slopes[1], 0.0]
-            }));
-        }
-        Self { part, size, nodes }
-    }
-
-    /// Between the nodes around a place, the displacement, mm, and its slopes along x and y; `None` beyond the outermost nodes, and
-    /// where they have none.
-    #[inline(always)]
-    fn at(&self, [x, y]: [f32; 2]) -> Option<[f32; 3]> {
-        let Self { part, size: [width, height], nodes } = self;
-        let (x, y) = (x - 0.5, y - 0.5);
-        let (last_x, last_y) = ((width - 1) as f32, (height - 1) as f32);
-        if !(x >= -0.5 && y >= -0.5 && x <= last_x + 0.5 && y <= last_y + 0.5) {
-            return None;
-        }
-        let (x, y) = (x.clamp(0.0, last_x), y.clamp(0.0, last_y));
-        let (column, row) = (x as usize, y as usize);
-        if column + 1 < part.x0 || column >= part.x1 || row + 1 < part.y0 || row >= part.y1 {
-            return None;
-        }
-        let (right, down) = (x - column as f32, y - row as f32);
-        let node = |column: usize, row: usize| match part.holds([column, row]) {
-            true => nodes[(row - part.y0) * part.width() + column - part.x0],
-            false => [0.0; 4],
-        };
-        let (next, below) = ((column + 1).min(width - 1), (row + 1).min(height - 1));
-        let (a, b, c, d) = (node(column, row), node(next, row), node(column, below), node(next, below));
-        let between: [f32; 4] = std::array::from_fn(|k| {
-            let (upper, lower) = (a[k] + right * (b[k] - a[k]), c[k] + right * (d[k] - c[k]));
-            upper + down * (lower - upper)
-        });
-        let [down_mm, along_x, along_y, _] = between;
-        Some([down_mm, along_x, along_y])
     }
 }
 

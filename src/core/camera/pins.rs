@@ -10,8 +10,8 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 use super::defocus;
 use super::gel_map::bilinear;
 use super::projection::Projection;
-use crate::core::base::chart::{Chart, Rest};
-use crate::core::base::gel::GelShape;
+use crate::core::base::chart::Chart;
+use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::rng::Stream;
@@ -154,32 +154,31 @@ impl SkinMotion {
         let [dx, dy] = self.pitch_mm;
         let along = point([at[0] + dx, at[1]]) - point([at[0] - dx, at[1]]);
         let down = point([at[0], at[1] + dy]) - point([at[0], at[1] - dy]);
-        (point(at), along.cross(down).normalize_or(self.chart.rest(at).normal))
+        (point(at), along.cross(down).try_normalize().unwrap_or_else(|| self.chart.rest(at).normal))
     }
 }
 
 impl Pins {
-    /// Their tips on the untouched gel.
-    pub fn at_rest(&self, shape: &GelShape, camera: &Projection) -> Vec<Tip> {
+    /// Where they stand on the untouched gel's outside.
+    pub fn sites(&self, shape: &GelShape) -> Vec<Site> {
         let chart = Chart::at_tip(shape);
-        let tip = |at: &[f64; 2]| {
-            let Rest { normal, point_mm, .. } = chart.rest(*at);
-            self.tip(point_mm, normal, camera)
-        };
-        self.at_mm.iter().map(tip).collect()
+        self.at_mm.iter().map(|at| chart.rest(*at).site()).collect()
     }
 
-    /// Their tips under a press.
-    pub fn moved(&self, shape: &GelShape, motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
-        let tip_chart = Chart::at_tip(shape);
-        let tip = |at: &[f64; 2]| {
-            let rest = tip_chart.rest(*at);
-            let at = motion.chart.at(rest.site());
+    /// Their tips on the untouched gel.
+    pub fn at_rest(&self, shape: &GelShape, camera: &Projection) -> Vec<Tip> {
+        self.sites(shape).iter().map(|site| self.tip(site.point_mm, site.normal, camera)).collect()
+    }
+
+    /// Their tips under a press, of pins that stand on these points of the gel.
+    pub fn moved(&self, sites: &[Site], motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
+        let tip = |site: &Site| {
+            let at = motion.chart.at(*site);
             // What lies beyond a mesh's chart stays where it is.
-            let (skin, axis) = if at[0].is_nan() { (rest.point_mm, rest.normal) } else { motion.skin(at) };
+            let (skin, axis) = if at[0].is_nan() { (site.point_mm, site.normal) } else { motion.skin(at) };
             self.tip(skin, axis, camera)
         };
-        self.at_mm.iter().map(tip).collect()
+        sites.iter().map(tip).collect()
     }
 
     fn tip(&self, skin_mm: DVec3, axis: DVec3, camera: &Projection) -> Tip {

@@ -5,11 +5,11 @@ use glam::DVec3;
 use super::Curved;
 use crate::core::base::chart::Chart;
 use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::grid::Grid;
 use crate::core::base::light::Light;
 use crate::core::base::rng;
 use crate::core::base::view::View;
-use crate::core::camera::gel_map::{GelMap, GelView, PressedPart};
+use crate::core::camera::gel_map::{GelMap, GelView};
 use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
 use crate::core::camera::projection::Projection;
 use crate::core::effects::{Effect, EffectLog, Requirement};
@@ -18,7 +18,7 @@ use crate::core::gelpad::sliding::Wrench;
 use crate::core::optics::Illumination;
 use crate::core::optics::background::{BackgroundImage, RenderedBackground};
 use crate::core::optics::phong::Phong;
-use crate::core::optics::skin::{self, AlongGel, PressedSkin, Skin, SkinPoint};
+use crate::core::optics::skin::{self, AlongGel, Skin, SkinPoint};
 
 /// What the camera sees.
 pub(super) enum Seen {
@@ -28,6 +28,8 @@ pub(super) enum Seen {
 
 pub(super) struct PinPicture {
     pins: Pins,
+    /// Where they stand on the untouched gel, and their tips.
+    sites: Vec<Site>,
     resting: Vec<Tip>,
     /// What the mount's ring covers of the image.
     ring: Grid<f32>,
@@ -59,7 +61,7 @@ impl Seen {
     pub fn pins(pins: Pins, shape: &GelShape, camera: &Projection, view: &View, dark: [f64; 3]) -> Self {
         let resting = pins.at_rest(shape, camera);
         let ring = pins.ring(camera, view.resolution_px);
-        Self::Pins(PinPicture { pins, resting, ring, dark })
+        Self::Pins(PinPicture { sites: pins.sites(shape), pins, resting, ring, dark })
     }
 
     /// The light on the skin, of which the image's pixels show these points.
@@ -74,7 +76,7 @@ impl Seen {
             }
             SkinPicture::Photograph(photograph) => photograph.clone(),
         };
-        let skin = Skin::new(look.phong, &look.light, &along_gel, &points, view.resolution_px[0]);
+        let skin = Skin::new(look.phong, &look.light, along_gel, &points, view.resolution_px[0]);
         Self::Skin(Box::new(skin), picture)
     }
 }
@@ -83,7 +85,9 @@ impl Curved {
     /// The light of the untouched gel.
     pub fn untouched(&self) -> Light {
         match &self.seen {
-            Seen::Pins(PinPicture { pins, resting, ring, dark }) => pins.light(resting, &[], &self.camera, *dark, ring),
+            Seen::Pins(PinPicture { pins, resting, ring, dark, .. }) => {
+                pins.light(resting, &[], &self.camera, *dark, ring)
+            }
             Seen::Skin(skin, picture) => skin.untouched(picture, self.gel.inwards()),
         }
     }
@@ -97,10 +101,12 @@ impl Curved {
         effects: &mut EffectLog,
     ) -> (Option<PinPositions>, Light) {
         let picture = match &self.seen {
-            Seen::Skin(skin, picture) => return (None, shaded(skin, picture, map, contact, effects)),
+            Seen::Skin(skin, picture) => {
+                return (None, self.lit(skin, picture, (contact, chart, map), effects));
+            }
             Seen::Pins(picture) => picture,
         };
-        for effect in [Effect::Shading, Effect::Darkening] {
+        for effect in [Effect::Shading, Effect::Supersampling, Effect::Shadows, Effect::Darkening] {
             effects.enable(effect, Requirement::Absent("the camera sees pins, not the skin's relief"));
         }
         effects.timed(Effect::Markers, || {
@@ -114,7 +120,7 @@ impl Curved {
 
     /// Where the pins are.
     fn moved(&self, seen: &PinPicture, contact: &Contact, chart: &Chart, wrench: Option<&Wrench>) -> PinPositions {
-        let PinPicture { pins, resting, .. } = seen;
+        let PinPicture { pins, sites, resting, .. } = seen;
         let direction = match (pins.along, wrench) {
             (Along::Press, Some(wrench)) => DVec3::from_array(wrench.force_n).try_normalize().map(|into| -into),
             _ => None,
@@ -123,7 +129,7 @@ impl Curved {
             true => resting.clone(),
             false => {
                 let motion = SkinMotion::new(contact, chart, &self.view, direction, pins);
-                pins.moved(&self.shape, &motion, &self.camera)
+                pins.moved(sites, &motion, &self.camera)
             }
         };
         PinPositions { rest: resting.clone(), moved }
@@ -148,30 +154,4 @@ impl Curved {
         }
         if all > 0 { f64::from(seen) / f64::from(all) } else { 0.0 }
     }
-}
-
-/// The light on a pressed skin, where it differs from that of the untouched one.
-fn shaded(skin: &Skin, picture: &BackgroundImage, map: &GelMap, contact: &Contact, effects: &mut EffectLog) -> Light {
-    let [width, height] = map.size_px();
-    let seen = map.around(contact.region);
-    let changed = if effects.everywhere() { Rect::whole(width, height) } else { seen };
-    let need = |why| match (contact.region.is_empty(), seen.is_empty()) {
-        (true, _) => Requirement::Unneeded("the skin is untouched"),
-        (false, true) => Requirement::Unneeded("the camera does not see what is pressed"),
-        (false, false) => Requirement::Needed(why),
-    };
-    let shades = effects.enable(Effect::Shading, need("the skin is pressed in"));
-    let darkens = match skin.darkens() {
-        true => need("the skin is pressed in"),
-        false => Requirement::Absent("the optics model has no darkening"),
-    };
-    let darkens = effects.enable(Effect::Darkening, darkens);
-    if !shades {
-        return Light::default();
-    }
-    effects.timed(Effect::Shading, || {
-        let PressedPart { normals, down_mm } = map.pressed(&contact.surface, contact.region, changed);
-        let normals = normals.each_ref().map(|plane| &plane[..]);
-        skin.shade(&PressedSkin { region: changed, normals, displaced_mm: &down_mm }, picture, darkens)
-    })
 }

@@ -9,17 +9,19 @@ use glam::DVec3;
 use super::Illumination;
 use super::background::{BackgroundImage, RenderedBackground};
 use super::heat::Heat;
-use super::led::{Led, reflected};
-use super::phong::{Equation, Phong, WithPower, with_power};
+use super::led::Led;
+use super::phong::{Equation, Phong, Shadows, with_power};
+use super::shadow::Caster;
 use crate::core::base::angle::sin_cos_deg;
 use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::simd::simd_dispatch;
+use crate::core::base::site::Rest;
 use crate::core::base::view::View;
+use reflection::{LANES, Reflection};
 
-/// Pixels that are shaded at once.
-const LANES: usize = 8;
+mod reflection;
 
 /// What a pixel shows of the untouched gel.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +36,8 @@ pub struct SkinPoint {
 pub struct Skin {
     phong: Phong,
     width: usize,
+    lamps: Vec<Led>,
+    along_gel: AlongGel,
     leds: Vec<LitSkin>,
     to_camera: [Vec<f32>; 3],
     /// What the LEDs give at rest, to be taken off: red, green and blue of each pixel.
@@ -72,6 +76,20 @@ pub struct PressedSkin<'a> {
     pub normals: [&'a [f32]; 3],
     /// How far the skin is displaced, mm.
     pub displaced_mm: &'a [f32],
+    /// The share of each LED that each pixel sees; empty, or `None`, for all of it.
+    pub visible: &'a [Option<Vec<f32>>],
+    /// Pixels within which it bends.
+    pub bent: &'a [BentSkin],
+}
+
+/// A pixel within which the skin bends.
+pub struct BentSkin {
+    /// Its number in the part.
+    pub at: usize,
+    /// Weight of what is between pixel centres against the centre itself, over 0 to 1.
+    pub weight: f32,
+    /// Unit normals there, towards the inside of the gel: a plane per component.
+    pub normals: [[f32; LANES]; 3],
 }
 
 impl Skin {
@@ -79,11 +97,11 @@ impl Skin {
     pub fn new(
         phong: Phong,
         light: &Illumination<'_>,
-        along_gel: &AlongGel,
+        along_gel: AlongGel,
         points: &[Option<SkinPoint>],
         width: usize,
     ) -> Self {
-        let leds = light.leds.iter().map(|led| LitSkin::new(led, along_gel, points)).collect();
+        let leds = light.leds.iter().map(|led| LitSkin::new(led, &along_gel, points)).collect();
         let planes = |of: &dyn Fn(&SkinPoint) -> DVec3, without: DVec3| {
             [0, 1, 2]
                 .map(|k| points.iter().map(|point| point.as_ref().map_or(without, of)[k] as f32).collect::<Vec<_>>())
@@ -91,6 +109,8 @@ impl Skin {
         let mut skin = Self {
             phong,
             width,
+            lamps: light.leds.to_vec(),
+            along_gel,
             leds,
             to_camera: planes(&|point| point.to_camera, DVec3::ZERO),
             at_rest: [(); 3].map(|()| vec![0.0; points.len()]),
@@ -101,9 +121,32 @@ impl Skin {
             let normals = planes(&|point| -point.site.normal, DVec3::NEG_Z);
             let region = Rect::whole(width, points.len() / width.max(1));
             let normals = normals.each_ref().map(|plane| &plane[..]);
-            skin.at_rest = skin.reflected(&PressedSkin { region, normals, displaced_mm: &[] });
+            skin.at_rest = skin.reflected(&PressedSkin { region, normals, displaced_mm: &[], visible: &[], bent: &[] });
         }
         skin
+    }
+
+    /// The shadows that its model of light has.
+    pub fn shadows(&self) -> Shadows {
+        self.phong.shadows
+    }
+
+    /// What casts each LED's shadows on a chart whose nodes are `mm_per_px` apart, around a point of the gel with the chart's
+    /// directions there. Light from the rim comes as light does over a flat pad; LEDs inside the gel cast none: held against rays,
+    /// shadows of one direction for all of a press were farther off than none.
+    pub fn casters(&self, rest: &Rest, mm_per_px: [f64; 2]) -> Vec<Caster> {
+        const OVERHEAD_DEG: f64 = 90.0;
+        let caster = |led: &Led| {
+            if led.position_mm.is_some() {
+                return Caster::new(0.0, OVERHEAD_DEG, [0.0; 2], mm_per_px);
+            }
+            let (towards, _) = towards(led, &self.along_gel, &rest.site());
+            let [x, y] = rest.tangents.map(|tangent| tangent.dot(towards));
+            let azimuth_deg = libm::atan2(y, x).to_degrees();
+            let elevation_deg = libm::atan2(-rest.normal.dot(towards), libm::hypot(x, y)).to_degrees();
+            Caster::new(azimuth_deg, elevation_deg, led.angular_size_deg, mm_per_px)
+        };
+        self.lamps.iter().map(caster).collect()
     }
 
     /// True if the light changes with the depth alone.
@@ -120,7 +163,8 @@ impl Skin {
     pub fn untouched(&self, rest: &BackgroundImage, normals: [&[f32]; 3]) -> Light {
         let displaced_mm = vec![0.0; normals[0].len()];
         let region = Rect::whole(rest.width, rest.height);
-        self.shade(&PressedSkin { region, normals, displaced_mm: &displaced_mm }, rest, false)
+        let skin = PressedSkin { region, normals, displaced_mm: &displaced_mm, visible: &[], bent: &[] };
+        self.shade(&skin, rest, false)
     }
 
     /// The light of a pressed skin over the picture of the untouched one; it `darkens` with depth unless that is left out.
@@ -201,107 +245,25 @@ fn straight(position_mm: [f64; 3], point_mm: DVec3) -> (DVec3, f64) {
     (to_led.normalize_or(DVec3::NEG_Z), strength)
 }
 
+/// Towards an LED from a point of the gel, of length 1 at most, and its brightness.
+fn towards(led: &Led, along_gel: &AlongGel, site: &Site) -> (DVec3, f64) {
+    let (sin, cos) = sin_cos_deg(led.elevation_deg);
+    match (led.position_mm, &along_gel.0) {
+        (Some(position_mm), _) => straight(position_mm, site.point_mm),
+        (None, Some(heat)) => (cos * heat.at(*site, led.azimuth_deg.to_radians()).0 - sin * site.normal, 1.0),
+        (None, None) => (DVec3::ZERO, 0.0),
+    }
+}
+
 impl LitSkin {
     fn new(led: &Led, along_gel: &AlongGel, points: &[Option<SkinPoint>]) -> Self {
-        let (sin, cos) = sin_cos_deg(led.elevation_deg);
-        let azimuth = led.azimuth_deg.to_radians();
         let lit = |point: &Option<SkinPoint>| {
             let Some(SkinPoint { site, .. }) = point else { return ([0.0; 3], 0.0) };
-            let (towards, strength) = match (led.position_mm, &along_gel.0) {
-                (Some(position_mm), _) => straight(position_mm, site.point_mm),
-                (None, Some(heat)) => (cos * heat.at(*site, azimuth).0 - sin * site.normal, 1.0),
-                (None, None) => (DVec3::ZERO, 0.0),
-            };
+            let (towards, strength) = towards(led, along_gel, site);
             (towards.as_vec3().to_array(), strength as f32)
         };
         let (towards, strength): (Vec<[f32; 3]>, _) = points.iter().map(lit).unzip();
         let towards = [0, 1, 2].map(|k| towards.iter().map(|towards| towards[k]).collect());
         Self { color: led.color.map(|share| (share * led.intensity) as f32), towards, strength }
     }
-}
-
-struct Reflection<'a> {
-    skin: &'a Skin,
-    pressed: &'a PressedSkin<'a>,
-}
-
-impl WithPower for Reflection<'_> {
-    type Output = [Vec<f32>; 3];
-
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> [Vec<f32>; 3] {
-        let Self { skin, pressed: PressedSkin { region, .. } } = self;
-        let mut sums = [(); 3].map(|()| vec![0.0; region.area()]);
-        simd_dispatch(
-            #[inline(always)]
-            || {
-                for row in 0..region.height() {
-                    for led in &skin.leds {
-                        self.add_row(led, row, power, &mut sums);
-                    }
-                }
-            },
-        );
-        sums
-    }
-}
-
-impl Reflection<'_> {
-    /// Adds what an LED gives along a row of the part, eight pixels at a time.
-    #[inline(always)]
-    fn add_row(&self, led: &LitSkin, row: usize, power: impl Fn(f32) -> f32 + Copy, sums: &mut [Vec<f32>; 3]) {
-        let Self { skin, pressed: PressedSkin { region, normals, .. } } = self;
-        let (width, first) = (region.width(), skin.index(*region, row));
-        let normals = normals.map(|plane| &plane[row * width..][..width]);
-        let towards = led.towards.each_ref().map(|plane| &plane[first..][..width]);
-        let to_camera = skin.to_camera.each_ref().map(|plane| &plane[first..][..width]);
-        let strength = &led.strength[first..][..width];
-        let phong = [skin.phong.diffuse as f32, skin.phong.specular as f32];
-        let [red, green, blue] = sums.each_mut().map(|sum| &mut sum[row * width..][..width]);
-        let whole = width / LANES * LANES;
-        for x in (0..whole).step_by(LANES) {
-            let ([nx, ny, nz], [lx, ly, lz]) =
-                (normals.map(|plane| eight(plane, x)), towards.map(|plane| eight(plane, x)));
-            let ([vx, vy, vz], strength) = (to_camera.map(|plane| eight(plane, x)), eight(strength, x));
-            let given: [f32; LANES] = std::array::from_fn(|k| {
-                strength[k] * given([nx[k], ny[k], nz[k]], [lx[k], ly[k], lz[k]], [vx[k], vy[k], vz[k]], phong, power)
-            });
-            for (sum, share) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(led.color) {
-                sum[x..x + LANES].iter_mut().zip(given).for_each(|(sum, given)| *sum += given * share);
-            }
-        }
-        for x in whole..width {
-            let at = |planes: [&[f32]; 3]| planes.map(|plane| plane[x]);
-            let given = strength[x] * given(at(normals), at(towards), at(to_camera), phong, power);
-            for (sum, share) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(led.color) {
-                sum[x] += given * share;
-            }
-        }
-    }
-}
-
-/// Phong's reflection of light from `l` towards `v` at a normal `n`.
-#[inline(always)]
-fn given(
-    n: [f32; 3],
-    l: [f32; 3],
-    v: [f32; 3],
-    [diffuse, specular]: [f32; 2],
-    power: impl Fn(f32) -> f32 + Copy,
-) -> f32 {
-    let along = dot(n, l);
-    // R.V of R = 2 (N.l) N - l; what is lit from behind gleams no more.
-    let mirrored = if along > 0.0 { 2.0 * along * dot(n, v) - dot(l, v) } else { 0.0 };
-    reflected([along, mirrored], diffuse, specular, power)
-}
-
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Eight values from a place on.
-#[inline(always)]
-fn eight(plane: &[f32], at: usize) -> [f32; LANES] {
-    let plane = &plane[at..at + LANES];
-    std::array::from_fn(|k| plane[k])
 }

@@ -1,0 +1,124 @@
+//! A pressed gel between the nodes of its chart: its displacement and its normals.
+
+use glam::{DMat3, Mat3, Vec3};
+
+use super::GelView;
+use super::lattice::Lattice;
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::view::{SURFACE_BORDER, View};
+
+/// A pressed gel between the nodes of its chart.
+pub struct SkinAt<'a> {
+    gel: &'a GelView,
+    slopes: Slopes,
+    lattice: &'a Lattice,
+    turn: Mat3,
+    per_radius: f32,
+}
+
+impl<'a> SkinAt<'a> {
+    /// Of a displacement `surface` on a chart, nothing outside of `touched`; the chart's lattice is before its turn.
+    pub fn new(
+        gel: &'a GelView,
+        radius_mm: f64,
+        (lattice, turn): (&'a Lattice, DMat3),
+        surface: &Grid<f32>,
+        touched: Rect,
+    ) -> Self {
+        let slopes = Slopes::new(surface, touched, &gel.view);
+        Self { gel, slopes, lattice, turn: turn.as_mat3(), per_radius: (1.0 / radius_mm) as f32 }
+    }
+
+    /// The untouched gel's normal where a pixel shows it, towards its inside.
+    #[inline(always)]
+    pub fn rest(&self, index: usize) -> Vec3 {
+        Vec3::from_array(self.gel.inwards.each_ref().map(|plane| plane[index]))
+    }
+
+    /// The normal at a place of the chart that a pixel shows, and how far the gel is displaced there, mm; `None` where it is not.
+    #[inline(always)]
+    pub fn at(&self, at: [f32; 2], index: usize) -> Option<(Vec3, f32)> {
+        let [down, along_x, along_y] = self.slopes.at(at)?;
+        let rest = self.rest(index);
+        if along_x == 0.0 && along_y == 0.0 {
+            return Some((rest, down));
+        }
+        let [gradient_x, gradient_y] = self.lattice.gradients_at(at);
+        let gradient = self.turn * (along_x * gradient_x + along_y * gradient_y);
+        let slope = match self.lattice.turns_at(at) {
+            // What is pressed in along its normals is narrower, or wider, by how these turn.
+            Some(turns) => {
+                let [turn_x, turn_y] = turns.map(|turn| down * turn);
+                let column = |k: usize| Vec3::AXES[k] - turn_x * gradient_x[k] - turn_y * gradient_y[k];
+                let kept = Mat3::from_cols(column(0), column(1), column(2));
+                if kept.determinant() > 0.05 { kept.inverse() * gradient } else { gradient }
+            }
+            // A round gel has shrunk around its axis, on the ball along it, too.
+            None => {
+                let on_wall = self.gel.sites[index].is_some_and(|site| site.below_mm > 0.0);
+                let along = if on_wall { Vec3::new(0.0, 0.0, gradient.z) } else { Vec3::ZERO };
+                along + (gradient - along) / (1.0 - down * self.per_radius).max(0.05)
+            }
+        };
+        // A dent leans the gel's inside towards where it is deeper.
+        Some(((rest - slope).normalize(), down))
+    }
+}
+
+/// Displacement and slopes of a pressed gel at the nodes of a chart.
+struct Slopes {
+    /// The nodes outside of which there are none.
+    part: Rect,
+    size: [usize; 2],
+    /// Row by row: displacement, mm, its slopes along x and y, and nothing: a vector of four numbers.
+    nodes: Vec<[f32; 4]>,
+}
+
+impl Slopes {
+    /// Of a displacement, with its border, on the nodes of `view`; it is nothing outside of `touched`.
+    fn new(surface: &Grid<f32>, touched: Rect, view: &View) -> Self {
+        let size = view.resolution_px;
+        let part = touched.grown(1, size[0], size[1]);
+        let per_slope = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+        let mut nodes = Vec::with_capacity(part.area());
+        for y in part.y0..part.y1 {
+            let row = |dy: usize| &surface.row(y + dy)[part.x0..part.x1 + 2 * SURFACE_BORDER];
+            let (above, here, below) = (row(0), row(1), row(2));
+            nodes.extend((0..part.width()).map(|x| {
+                let slopes = [(here[x + 2] - here[x]) * per_slope[0], (below[x + 1] - above[x + 1]) * per_slope[1]];
+                [here[x + 1], slopes[0], slopes[1], 0.0]
+            }));
+        }
+        Self { part, size, nodes }
+    }
+
+    /// Between the nodes around a place, the displacement, mm, and its slopes along x and y; `None` beyond the outermost nodes, and
+    /// where they have none.
+    #[inline(always)]
+    fn at(&self, [x, y]: [f32; 2]) -> Option<[f32; 3]> {
+        let Self { part, size: [width, height], nodes } = self;
+        let (x, y) = (x - 0.5, y - 0.5);
+        let (last_x, last_y) = ((width - 1) as f32, (height - 1) as f32);
+        if !(x >= -0.5 && y >= -0.5 && x <= last_x + 0.5 && y <= last_y + 0.5) {
+            return None;
+        }
+        let (x, y) = (x.clamp(0.0, last_x), y.clamp(0.0, last_y));
+        let (column, row) = (x as usize, y as usize);
+        if column + 1 < part.x0 || column >= part.x1 || row + 1 < part.y0 || row >= part.y1 {
+            return None;
+        }
+        let (right, down) = (x - column as f32, y - row as f32);
+        let node = |column: usize, row: usize| match part.holds([column, row]) {
+            true => nodes[(row - part.y0) * part.width() + column - part.x0],
+            false => [0.0; 4],
+        };
+        let (next, below) = ((column + 1).min(width - 1), (row + 1).min(height - 1));
+        let (a, b, c, d) = (node(column, row), node(next, row), node(column, below), node(next, below));
+        let between: [f32; 4] = std::array::from_fn(|k| {
+            let (upper, lower) = (a[k] + right * (b[k] - a[k]), c[k] + right * (d[k] - c[k]));
+            upper + down * (lower - upper)
+        });
+        let [down_mm, along_x, along_y, _] = between;
+        Some([down_mm, along_x, along_y])
+    }
+}
