@@ -6,11 +6,12 @@ import json
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 from operator import index as as_index
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Optional, SupportsIndex, Union, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Optional, SupportsIndex, Union, cast
 
 from gelsim import shards, vectors
 from gelsim._native import UsageError
@@ -99,6 +100,19 @@ class Dataset:
         return Raw(of.path, files, text, label, self.manifest["layers"])
 
 
+class Pad(NamedTuple):
+    """One of a sample's sensors: the only one, or a finger of a gripper."""
+
+    finger: Optional[str]
+    """Its name among `vectors.FINGERS`; None of the only one."""
+    label: dict[str, Any]
+    """What the label says of the sensor."""
+    parts: list[dict[str, Any]]
+    """What the label says of each frame."""
+    files: dict[str, str]
+    """Suffix of each layer's file, without the frame's number."""
+
+
 @dataclass(frozen=True)
 class Raw:
     """A sample's files."""
@@ -122,32 +136,47 @@ class Raw:
         """Its frames; 1 of a press or a grip."""
         return int(self.label["sequence"]["frames"]) if "sequence" in self.label else 1
 
+    @cached_property
+    def pads(self) -> list[Pad]:
+        """Its sensors: one, or the fingers of a gripper, left and right."""
+        frames = self.label["frames"] if "sequence" in self.label else [self.label]
+        files = {suffix.split(".", 1)[0]: suffix for suffix in ["tactile.png", *self.suffixes]}
+        if not vectors.has_fingers(self.label):
+            return [Pad(None, self.label, frames, files)]
+        return [
+            Pad(
+                finger,
+                self.label[finger],
+                [frame[finger] for frame in frames],
+                {name: f"{finger}.{suffix}" for name, suffix in files.items()},
+            )
+            for finger in vectors.FINGERS
+        ]
+
     def frame(self, number: int) -> dict[str, Any]:
         """The arrays of one frame, by layer, of a gripper by finger and layer; without a sequence `number` is 0."""
-        if vectors.has_fingers(self.label):
-            return {finger: self.finger(finger, number) for finger in vectors.FINGERS}
-        return {suffix.split(".", 1)[0]: self.layer(suffix, number) for suffix in ["tactile.png", *self.suffixes]}
+        found: dict[str, Any] = {}
+        for pad in self.pads:
+            layers = self.layers(pad, number)
+            found.update(layers if pad.finger is None else {pad.finger: layers})
+        return found
 
-    def finger(self, finger: str, number: int) -> dict[str, Any]:
-        """The arrays of one finger in a frame, by layer."""
-        files = {suffix.split(".", 1)[0]: f"{finger}.{suffix}" for suffix in ["tactile.png", *self.suffixes]}
-        return {name: self.decoded(name, suffix, number, self.label[finger]) for name, suffix in files.items()}
+    def layers(self, pad: Pad, number: int) -> dict[str, Any]:
+        """The arrays of one sensor in a frame, by layer."""
+        return {name: self.layer(pad, name, number) for name in pad.files}
 
     def data(self, suffix: str, number: int) -> bytes:
         """A file of a frame as it is; `suffix` without the frame's number."""
         return self.files.read(f"f{number:04}.{suffix}" if "sequence" in self.label else suffix)
 
-    def layer(self, suffix: str, number: int) -> Any:
-        """A file of a frame as array."""
-        return self.decoded(suffix.split(".", 1)[0], suffix, number, self.label)
-
-    def decoded(self, name: str, suffix: str, number: int, label: dict[str, Any]) -> Any:
-        """Layer `name` from a file of a frame; `label` has its sensor and steps."""
+    def layer(self, pad: Pad, name: str, number: int) -> Any:
+        """Layer `name` of one sensor in a frame as array."""
         from gelsim.decode import decode
 
+        suffix = pad.files[name]
         data = self.data(suffix, number)
         try:
-            return decode(name, suffix, data, label)
+            return decode(name, suffix, data, pad.label)
         except ImportError:
             raise
         except Exception as error:  # decoders raise what they please for damaged files

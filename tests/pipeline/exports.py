@@ -25,6 +25,7 @@ INSTALLED = Path(sys.executable).with_name("gelsim-export")
 COMMAND = [INSTALLED] if INSTALLED.exists() else [sys.executable, "-m", "gelsim.export.command"]
 KINDS = {"lerobot": "lerobot", "zarr": "zarr", "zip": "zarr", "hdf5": "hdf5"}
 """Formats by what their copies are called."""
+FINGERS = ["left", "right"]
 
 
 def place(folder, name, kind):
@@ -47,14 +48,34 @@ def content(out):
 
 
 def frames(sample):
-    """Frames and what the label says of each."""
-    if "frames" in sample:
-        return list(zip(sample["frames"], sample["label"]["frames"], strict=True))
-    return [(sample, sample["label"])]
+    """Of each frame its pads: the finger ("" where there is one sensor), its arrays and what the label says of it."""
+    label = sample["label"]
+    each = zip(sample["frames"], label["frames"], strict=True) if "frames" in sample else [(sample, label)]
+    fingers = FINGERS if "left" in label else []
+    return [[(its, frame[its], part[its]) for its in fingers] or [("", frame, part)] for frame, part in each]
 
 
 def pose(part):
     return [*part["pose"]["translation_mm"], *part["pose"]["quaternion_xyzw"]]
+
+
+def normal_force(part):
+    """The wrench's z, NaN where it is not known."""
+    if "wrench" in part:
+        return part["wrench"]["force_n"][2]
+    contact = part["contact"]
+    if contact["force_vector_n"]:
+        return contact["force_vector_n"][2]
+    return np.nan if contact["total_force_n"] is None else 0.0 - contact["total_force_n"]
+
+
+def equal(one, other):
+    return np.array_equal(one, other, equal_nan=True)
+
+
+def dotted(kind, finger):
+    """What LeRobot's features of a finger begin with."""
+    return f"observation.{kind}.{finger}" if finger else f"observation.{kind}"
 
 
 def turned(vector, points):
@@ -76,7 +97,7 @@ def lerobot(dataset, out):
     """Files and keys of LeRobotDataset v3.0, and a table row for each frame."""
     info = json.loads((out / "meta/info.json").read_text())
     samples = list(dataset)
-    every = [(sample, number, *frame) for sample in samples for number, frame in enumerate(frames(sample))]
+    every = [(sample, number, pads) for sample in samples for number, pads in enumerate(frames(sample))]
     assert info["codebase_version"] == "v3.0" and info["video_path"] is None
     assert (info["total_episodes"], info["total_frames"]) == (len(samples), len(every))
     ends = [0]
@@ -100,32 +121,41 @@ def lerobot(dataset, out):
             assert (episode["dataset_from_index"], episode["length"]) == (begin, len(frames(sample)))
             assert (episode["data/chunk_index"], episode["data/file_index"]) == (0, number)
             begin = episode["dataset_to_index"]
-            tactile = np.stack([frame["tactile"] for frame, _ in frames(sample)]) / 255
-            known = {"mean": tactile.mean((0, 1, 2)), "std": tactile.std((0, 1, 2)), "max": tactile.max((0, 1, 2))}
-            for name, ours in known.items():
-                assert np.allclose(np.ravel(episode[f"stats/observation.images.tactile/{name}"]), ours, atol=1e-6), name
+            for each in zip(*frames(sample), strict=True):
+                tactile = np.stack([frame["tactile"] for _, frame, _ in each]) / 255
+                known = {"mean": tactile.mean((0, 1, 2)), "std": tactile.std((0, 1, 2)), "max": tactile.max((0, 1, 2))}
+                for name, ours in known.items():
+                    figure = episode[f"stats/{dotted('images', each[0][0])}.tactile/{name}"]
+                    assert np.allclose(np.ravel(figure), ours, atol=1e-6), name
     assert len(rows) == len(every) and begin == len(every)
-    for index, (row, (sample, number, frame, part)) in enumerate(zip(rows, every)):
+    for index, (row, (sample, number, pads)) in enumerate(zip(rows, every)):
         assert (row["index"], row["frame_index"]) == (index, number)
         assert samples[row["episode_index"]] is sample and row["timestamp"] == np.float32(number / info["fps"])
         assert dataset.classes[row["task_index"]] == sample["label"]["object"]["class"]
-        for name in ["tactile", "contact", "instance", "reference", "untouched", "slip"]:
-            assert (f"observation.images.{name}" in row) == (name in frame)
-            if name in frame:
-                image = np.asarray(Image.open(io.BytesIO(row[f"observation.images.{name}"]["bytes"])))
-                assert list(image.shape) == info["features"][f"observation.images.{name}"]["shape"]
+        features = {"timestamp", "frame_index", "episode_index", "index", "task_index"}
+        for finger, frame, part in pads:
+            for name in {"tactile", "contact", "instance", "reference", "untouched", "slip"}.intersection(frame):
+                feature = f"{dotted('images', finger)}.{name}"
+                image = np.asarray(Image.open(io.BytesIO(row[feature]["bytes"])))
+                assert list(image.shape) == info["features"][feature]["shape"]
                 assert np.array_equal(image, frame[name] if frame[name].ndim == 3 else np.stack([frame[name]] * 3, axis=2))
-        assert row["observation.state"] == np.array(pose(part), "float32").tolist()
-        if "wrench" in part:
-            assert row["observation.wrench"] == np.float32(part["wrench"]["force_n"] + part["wrench"]["torque_nmm"]).tolist()
-    assert len(rows[0]["observation.wrench"]) == info["features"]["observation.wrench"]["shape"][0]
+                features.add(feature)
+            state, wrench = dotted("state", finger), dotted("wrench", finger)
+            assert row[state] == np.array(pose(part), "float32").tolist()
+            assert equal(row[wrench][2], np.float32(normal_force(part)))
+            assert len(row[wrench]) == info["features"][wrench]["shape"][0]
+            if "wrench" in part:
+                assert row[wrench] == np.float32(part["wrench"]["force_n"] + part["wrench"]["torque_nmm"]).tolist()
+            features |= {state, wrench}
+        assert features == row.keys() and not any("/" in name for name in features)
     tasks = parquet.read_table(out / "meta/tasks.parquet").to_pandas()
     assert tasks.index.tolist() == dataset.classes and tasks.task_index.tolist() == list(range(len(dataset.classes)))
     stats = json.loads((out / "meta/stats.json").read_text())
-    states = np.array([row["observation.state"] for row in rows])
-    for name, ours in {"mean": states.mean(0), "std": states.std(0), "min": states.min(0), "max": states.max(0)}.items():
-        assert np.allclose(stats["observation.state"][name], ours, atol=1e-5), name
-    assert stats["observation.state"]["count"] == [len(rows)]
+    for state in [dotted("state", finger) for finger, _, _ in every[0][2]]:
+        states = np.array([row[state] for row in rows])
+        for name, ours in {"mean": states.mean(0), "std": states.std(0), "min": states.min(0), "max": states.max(0)}.items():
+            assert np.allclose(stats[state][name], ours, atol=1e-5), name
+        assert stats[state]["count"] == [len(rows)]
     assert stats.keys() == info["features"].keys()
     datasets_of_hugging_face(out, every)
 
@@ -136,8 +166,9 @@ def datasets_of_hugging_face(out, every):
 
     files = sorted(map(str, out.glob("data/*/*.parquet")))
     rows = load_dataset("parquet", data_files=files, split="train", cache_dir=str(out.parent / "cache"))
-    for row, (_, _, frame, _) in zip(rows, every, strict=True):
-        assert np.array_equal(np.asarray(row["observation.images.tactile"]), frame["tactile"])
+    for row, (_, _, pads) in zip(rows, every, strict=True):
+        for finger, frame, _ in pads:
+            assert np.array_equal(np.asarray(row[f"{dotted('images', finger)}.tactile"]), frame["tactile"])
 
 
 def zarr_copy(dataset, out):
@@ -148,28 +179,40 @@ def zarr_copy(dataset, out):
     assert ends.dtype == np.int64 and root.attrs["classes"] == dataset.classes
     lengths = {array.shape[0] for _, array in root["data"].arrays()}
     assert lengths == {int(ends[-1])}, lengths
+    fingers = [finger for finger, _, _ in frames(dataset[0])[0]]
+    assert root.attrs.get("fingers", {"pad0": ""}) == {f"pad{number}": finger for number, finger in enumerate(fingers)}
+    assert root.attrs["pads"].keys() == {name.split("_")[0] for name in root["data"] if name != "timestamp"}
     begin = 0
     for sample, end, kind in zip(dataset, ends, root["meta/class_index"][:], strict=True):
         assert dataset.classes[kind] == sample["label"]["object"]["class"]
-        for number, (frame, part) in zip(range(begin, end), frames(sample), strict=True):
-            for name, value in frame.items():
-                if isinstance(value, np.ndarray):
-                    array = root[f"data/pad0_{name}"]
-                    assert array.chunks == (1, *value.shape) and array.attrs["unit"]
-                    assert np.array_equal(array[number], value) and array.dtype == value.dtype, name
-            its = root["data/pad0_pose"][number]
-            known = pose(part)
-            points = np.eye(3)
-            assert its.shape == (6,) and its[:3].tolist() == known[:3]
-            assert np.allclose(turned(its[3:], points), by_quaternion(known[3:], points), atol=1e-12)
-            if "markers" in frame:
-                first = int(root["ragged/pad0_markers_ends"][number - 1]) if number else 0
-                dots = root["ragged/pad0_markers_moved_px"][first : int(root["ragged/pad0_markers_ends"][number])]
-                assert np.array_equal(dots, frame["markers"]["moved_px"])
+        for number, pads in zip(range(begin, end), frames(sample), strict=True):
+            for pad, (_, frame, part) in enumerate(pads):
+                zarr_pad(root, f"pad{pad}", number, frame, part)
         begin = int(end)
     if out.is_file():
         assert {entry.compress_type for entry in zipfile.ZipFile(out).infolist()} == {zipfile.ZIP_STORED}
         store.close()
+
+
+def zarr_pad(root, pad, number, frame, part):
+    """What the copy holds of one sensor in frame `number` of all."""
+    for name, value in frame.items():
+        if isinstance(value, np.ndarray):
+            array = root[f"data/{pad}_{name}"]
+            assert array.chunks == (1, *value.shape) and array.attrs["unit"]
+            assert np.array_equal(array[number], value) and array.dtype == value.dtype, name
+    its = root[f"data/{pad}_pose"][number]
+    known = pose(part)
+    points = np.eye(3)
+    assert its.shape == (6,) and its[:3].tolist() == known[:3]
+    assert np.allclose(turned(its[3:], points), by_quaternion(known[3:], points), atol=1e-12)
+    assert equal(root[f"data/{pad}_wrench"][number][2], normal_force(part))
+    assert "t_s" not in part or root["data/timestamp"][number] == part["t_s"]
+    if "markers" in frame:
+        ends = root[f"ragged/{pad}_markers_ends"]
+        first = int(ends[number - 1]) if number else 0
+        dots = root[f"ragged/{pad}_markers_moved_px"][first : int(ends[number])]
+        assert np.array_equal(dots, frame["markers"]["moved_px"]) and len(dots)
 
 
 def hdf5(dataset, out):
@@ -180,12 +223,22 @@ def hdf5(dataset, out):
         for sample in dataset:
             group, sequence = file[sample["key"]], "frames" in sample
             assert json.loads(group["label"][()]) == sample["label"] and group.attrs["split"] == sample["label"]["split"]
-            for number, (frame, part) in enumerate(frames(sample)):
-                at = number if sequence else ...
-                for name, value in frame.items():
-                    if isinstance(value, np.ndarray):
-                        assert np.array_equal(group[name][at], value) and group[name].attrs["unit"], name
-                assert group["pose"][at].tolist() == pose(part)
+            for number, pads in enumerate(frames(sample)):
+                for finger, frame, part in pads:
+                    hdf5_pad(group[finger] if finger else group, number if sequence else None, frame, part)
+
+
+def hdf5_pad(group, number, frame, part):
+    """What the copy holds of one sensor in frame `number` of a sequence, or in a press."""
+    at = ... if number is None else number
+    for name, value in frame.items():
+        if isinstance(value, np.ndarray):
+            assert np.array_equal(group[name][at], value) and group[name].attrs["unit"], name
+    assert group["pose"][at].tolist() == pose(part) and equal(group["wrench"][at][2], normal_force(part))
+    if "markers" in frame:
+        ends = [0, *group["markers/ends"]] if number is not None else [0, None]
+        dots = group["markers/moved_px"][ends[number or 0] : ends[(number or 0) + 1]]
+        assert np.array_equal(dots, frame["markers"]["moved_px"])
 
 
 READERS = {"lerobot": lerobot, "zarr": zarr_copy, "zip": zarr_copy, "hdf5": hdf5}
@@ -214,24 +267,26 @@ def killed(source, kind, out):
     assert content(again) == whole and not partial.exists()
 
 
-def changed(dataset, kind, out):
-    """A copy of which a pixel, a number or a label changed is found, and the sample is named."""
+def changed(dataset, kind, out, finger=""):
+    """A copy of which a pixel, a number or a label changed is found, of presses; the sample and the array are named."""
     key = dataset[1]["key"]
     if kind == "hdf5":
+        tactile, wrench = (f"{finger}/{name}".lstrip("/") for name in ["tactile", "wrench"])
         with h5py.File(out, "r+") as file:
-            file[key]["tactile"][2, 3, 1] ^= 1
-        assert f"sample {key}: tactile differs" in export(dataset.path, kind, out, "--check", status=1)
+            file[key][tactile][2, 3, 1] ^= 1
+        assert f"sample {key}: {tactile} differs" in export(dataset.path, kind, out, "--check", status=1)
         with h5py.File(out, "r+") as file:
-            file[key]["tactile"][2, 3, 1] ^= 1
-            file[key]["wrench"][0] = np.nextafter(file[key]["wrench"][0], 9)
-        assert f"sample {key}: wrench differs" in export(dataset.path, kind, out, "--check", status=1)
+            file[key][tactile][2, 3, 1] ^= 1
+            file[key][wrench][0] = np.nextafter(file[key][wrench][0], 9)
+        assert f"sample {key}: {wrench} differs" in export(dataset.path, kind, out, "--check", status=1)
     elif kind == "zarr":
         root = zarr.open_group(out, mode="r+", zarr_format=2)
-        image = root["data/pad0_tactile"][1]
+        tactile = "pad1_tactile" if finger == "right" else "pad0_tactile"
+        image = root[f"data/{tactile}"][1]
         image[2, 3, 1] ^= 1
-        root["data/pad0_tactile"][1] = image
-        assert f"sample {key}: tactile differs" in export(dataset.path, kind, out, "--check", status=1)
-        (out / "data/pad0_tactile/1.0.0.0").write_bytes(b"no chunk")
+        root[f"data/{tactile}"][1] = image
+        assert f"sample {key}: {tactile} differs" in export(dataset.path, kind, out, "--check", status=1)
+        (out / f"data/{tactile}/1.0.0.0").write_bytes(b"no chunk")
         assert f"sample {key}: it cannot be read" in export(dataset.path, kind, out, "--check", status=1)
     elif kind == "zip":
         out.write_bytes(out.read_bytes()[:-30])
@@ -240,14 +295,15 @@ def changed(dataset, kind, out):
         path = out / "data/chunk-000/file-000.parquet"
         table = parquet.read_table(path)
         rows = table.to_pylist()
-        image = np.array(Image.open(io.BytesIO(rows[1]["observation.images.tactile"]["bytes"])))
+        tactile = f"{dotted('images', finger)}.tactile"
+        image = np.array(Image.open(io.BytesIO(rows[1][tactile]["bytes"])))
         image[2, 3, 1] ^= 1
         file = io.BytesIO()
         Image.fromarray(image).save(file, "PNG")
-        rows[1]["observation.images.tactile"]["bytes"] = file.getvalue()
+        rows[1][tactile]["bytes"] = file.getvalue()
         parquet.write_table(table.from_pylist(rows, table.schema), path)
         said = export(dataset.path, kind, out, "--check", status=1)
-        assert f"sample {key}: observation.images.tactile differs" in said, said
+        assert f"sample {key}: {tactile} differs" in said, said
         path.unlink()
         export(dataset.path, kind, out, "--check", status=1)
 
@@ -308,7 +364,10 @@ for root, frames in zip(sys.argv[1::2], map(int, sys.argv[2::2])):
     assert len(dataset) == frames == sum(dataset.meta.episodes["length"]) and dataset.num_episodes == len(dataset.meta.episodes)
     for index in range(frames):
         item = dataset[index]
-        assert item["observation.images.tactile"].shape[0] == 3 and item["observation.state"].shape == (7,)
+        images = [name for name in dataset.features if name.startswith("observation.images.") and name.endswith("tactile")]
+        states = [name for name in dataset.features if name.startswith("observation.state")]
+        assert len(images) == len(states) > 0
+        assert all(item[name].shape[0] == 3 for name in images) and all(item[name].shape == (7,) for name in states)
         assert item["index"] == index and item["task"] in dataset.meta.tasks.index
     part = LeRobotDataset("local/copy", root=root, episodes=[1])
     assert len(part) == dataset.meta.episodes[1]["length"] and part[0]["episode_index"] == 1
@@ -319,7 +378,7 @@ print(f"exports: {len(sys.argv[1::2])} copies opened by LeRobot")
 def own_class(made, folder, python):
     """LeRobot reads what is written for it."""
     arguments = []
-    for name in ["halves", "tactip", "frames"]:
+    for name in ["halves", "tactip", "frames", "lifts"]:
         arguments += [place(folder, name, "lerobot"), sum(len(frames(sample)) for sample in made[name])]
     done = subprocess.run([python, "-c", LEROBOT, *map(str, arguments)], capture_output=True, text=True)
     assert done.returncode == 0 or done.stderr.startswith("no lerobot"), done.stderr
@@ -331,7 +390,8 @@ def check(made, folder, python=None):
     folder.mkdir()
     os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
 
-    work = [(name, kind) for name in ["halves", "steps", "forceless", "tactip", "lamps", "frames"] for kind in KINDS]
+    names = ["halves", "steps", "forceless", "tactip", "lamps", "frames", "grips", "lifts"]
+    work = [(name, kind) for name in names for kind in KINDS]
     for name, kind in work:
         out = place(folder, name, kind)
         for more, word in [([], "samples/s"), (["--check"], "bit for bit"), (["--quiet"], "")]:
@@ -343,10 +403,12 @@ def check(made, folder, python=None):
     print(f"exports: {len(work)} copies, read by pyarrow, datasets, zarr and h5py", flush=True)
     if python:
         own_class(made, folder, python)
-    # Two shards and more, of presses and of sequences.
+    # Three shards and more, of one sensor and of two.
+    several = [("halves", kind) for kind in KINDS] + [("grips", "zarr")]
     with ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda kind: killed(made["halves"].path, kind, place(folder, "halves", kind)), KINDS))
+        list(pool.map(lambda each: killed(made[each[0]].path, each[1], place(folder, *each)), several))
     refused(made["halves"], made["forceless"], folder)
     for kind in KINDS:
         changed(made["halves"], kind, place(folder, "halves", kind))
+        changed(made["grips"], kind, place(folder, "grips", kind), "right")
     print("exports: killed, continued, compared, refused")

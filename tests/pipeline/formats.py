@@ -41,12 +41,19 @@ EVERY_LAYER = f"output.layers={json.dumps(LAYERS)}"
 NPY, FOLDER, PNG16 = 'output.depth_format="npy"', 'output.container="folder"', 'output.depth_format="png16"'
 LAMPS = 'sensor={ preset = "gelsight-series2", resolution_px = [48, 36] }'
 SMALL = "sensor.resolution_px=[40, 30]"
+# Two different fingers: other sizes, other markers.
+FINGERS = [
+    "sensor.resolution_px=[48, 36]",
+    "markers.pitch_mm=1.5",
+    'gripper.right={ preset = "gelsight-mini", resolution_px = [40, 30], markers = { pitch_mm = 2.0 } }',
+]
 HALVES = {"depth", "surface", "normal", "gap", "flow", "lamps"}
 
 
 def datasets():
     """Every kind: name, job, settings and samples."""
     presses, tactip, sequences = Path(root) / "presses.toml", "configs/tactip-edge.toml", "configs/sequences.toml"
+    grips, lifts = "configs/gripper.toml", "configs/gripper-lift.toml"
     presses.write_text(PRESSES.replace("OBJECTS", str(Path("objects").resolve())))
     shards = "dataset.samples_per_shard=2"
     # Forces that nobody knows are null in the labels.
@@ -61,6 +68,8 @@ def datasets():
         "tactip": (tactip, ["dataset.samples_per_shard=1"], 3),
         "sequences": (sequences, [SMALL, shards], 3),
         "frames": (sequences, [SMALL, shards, NPY, FOLDER], 3),
+        "grips": (grips, [*FINGERS, 'output.layers=["depth", "contact", "markers"]', shards], 5),
+        "lifts": (lifts, [*FINGERS, 'output.layers=["slip", "markers"]', shards, "sequence.frame_rate_hz=8.0"], 3),
     }
 
 
@@ -80,6 +89,8 @@ def same(where, ours, theirs, job_settings):
         its = ours[name]
         if name == "label":
             assert {**its, "png16": None} == {**value, "png16": None}, where
+        elif name in ("left", "right"):
+            same((*where, name), its, value, job_settings)
         elif isinstance(value, dict):
             assert all(np.array_equal(its[key], value[key]) and its[key].dtype == value[key].dtype for key in value), where
             assert its.keys() == value.keys()

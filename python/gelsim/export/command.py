@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Optional
 
-from gelsim import __version__, vectors
+from gelsim import __version__
 from gelsim._native import RunError, UsageError
 from gelsim.dataset import Dataset
 from gelsim.export import check, parts
@@ -73,9 +73,6 @@ def run(options: argparse.Namespace) -> int:
     dataset = Dataset(options.dataset)
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples")
-    if vectors.has_fingers(dataset.raw(0).label):
-        load = "gelsim.load reads it, with `left` and `right` in each sample"
-        raise UsageError(f"{options.dataset} holds samples of two fingers, and {options.to} copies have one sensor: {load}")
     out = Path(options.out)
     progress = Progress(dataset, sys.stderr.isatty() and not options.quiet)
     whence = identity(dataset, options.to)

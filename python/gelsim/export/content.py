@@ -6,7 +6,7 @@ import hashlib
 from typing import TYPE_CHECKING, Any
 
 from gelsim import vectors
-from gelsim.dataset import Dataset, Raw
+from gelsim.dataset import Dataset, Pad, Raw
 from gelsim.needed import need
 
 if TYPE_CHECKING:
@@ -59,23 +59,23 @@ def identity(dataset: Dataset, to: str) -> dict[str, Any]:
     }
 
 
-def layers(raw: Raw, number: int) -> Arrays:
-    """The arrays of frame `number`, markers and pins as `markers/rest_px` and so on."""
+def layers(raw: Raw, pad: Pad, number: int) -> Arrays:
+    """The arrays of one sensor in frame `number`, markers and pins as `markers/rest_px` and so on."""
     flat: Arrays = {}
-    for name, value in raw.frame(number).items():
+    for name, value in raw.layers(pad, number).items():
         flat |= {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
     return flat
 
 
-def poses(raw: Raw) -> NDArray[Any]:
+def poses(pad: Pad) -> NDArray[Any]:
     """Float64 (T, 7), `gelsim.vectors.POSE`."""
-    found: NDArray[Any] = need("numpy", "export").array([vectors.pose(part) for part in vectors.parts(raw.label)])
+    found: NDArray[Any] = need("numpy", "export").array([vectors.pose(part) for part in pad.parts])
     return found
 
 
-def wrenches(raw: Raw) -> NDArray[Any]:
+def wrenches(pad: Pad) -> NDArray[Any]:
     """Float64 (T, 6), `gelsim.vectors.WRENCH`."""
-    found: NDArray[Any] = need("numpy", "export").array([vectors.wrench(part) for part in vectors.parts(raw.label)])
+    found: NDArray[Any] = need("numpy", "export").array([vectors.wrench(part) for part in pad.parts])
     return found
 
 

@@ -1,19 +1,21 @@
-"""HDF5: a group for each sample. A shard becomes a file of its own first; the last step puts them together."""
+"""HDF5: a group for each sample, of a gripper with one for each finger in it. A shard becomes a file of its own first; the last
+step puts them together."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Optional
 
-from gelsim.dataset import Dataset, Raw
+from gelsim.dataset import Dataset, Pad, Raw
 from gelsim.export import content
 from gelsim.export.content import Arrays
 from gelsim.export.parts import Place
 from gelsim.needed import need
-from gelsim.vectors import POSE, WRENCH
+from gelsim.vectors import FINGERS, POSE, WRENCH
 
 VERSIONS = ("v110", "v110")
 """HDF5 1.10 or later: before it each array, also one of a single chunk, had a tree of chunks, which takes 18 kB of memory."""
@@ -67,27 +69,33 @@ class Writer:
 
 
 def write(group: Any, raw: Raw) -> None:
-    """Writes a sample; arrays of a sequence have the frames as their first axis."""
-    numpy = need("numpy", "export")
-    sequence, count = "sequence" in raw.label, len(raw)
+    """Writes a sample."""
     group.attrs["key"] = raw.files.key
     group.attrs["split"] = raw.label["split"]
     group.attrs["class"] = raw.label["object"]["class"]
     group.attrs["class_index"] = raw.label["object"]["class_index"]
     group.attrs["object"] = raw.label["object"]["id"]
-    if sequence:
+    if "sequence" in raw.label:
         group.attrs["frame_rate_hz"] = content.frame_rate_hz(raw)
     text = need("h5py", "export").string_dtype("utf-8", len(raw.label_json))
     group.create_dataset("label", data=raw.label_json, dtype=text).attrs["unit"] = "JSON"
+    for pad in raw.pads:
+        write_pad(group if pad.finger is None else group.create_group(pad.finger), raw, pad)
+
+
+def write_pad(group: Any, raw: Raw, pad: Pad) -> None:
+    """Writes what one sensor has; arrays of a sequence have the frames as their first axis."""
+    numpy = need("numpy", "export")
+    sequence, count = "sequence" in raw.label, len(raw)
     for name, rows, parts, unit in [
-        ("pose", content.poses(raw), POSE, POSE_UNIT),
-        ("wrench", content.wrenches(raw), WRENCH, content.UNITS["wrench"]),
+        ("pose", content.poses(pad), POSE, POSE_UNIT),
+        ("wrench", content.wrenches(pad), WRENCH, content.UNITS["wrench"]),
     ]:
         data = group.create_dataset(name, data=rows if sequence else rows[0])
         data.attrs["unit"], data.attrs["components"] = unit, parts
     dots: dict[str, list[Any]] = {}
     for number in range(count):
-        for name, array in content.layers(raw, number).items():
+        for name, array in content.layers(raw, pad, number).items():
             if "/" in name:
                 dots.setdefault(name, []).append(array)
                 continue
@@ -112,9 +120,13 @@ def expectation(dataset: Dataset) -> Any:
     """What a copy holds of each frame of a sample."""
 
     def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
-        poses, wrenches = content.poses(raw), content.wrenches(raw)
+        pads = [(pad, content.poses(pad), content.wrenches(pad)) for pad in raw.pads]
         for number in range(len(raw)):
-            yield {**content.layers(raw, number), "pose": poses[number], "wrench": wrenches[number]}
+            found: Arrays = {}
+            for pad, poses, wrenches in pads:
+                its = {**content.layers(raw, pad, number), "pose": poses[number], "wrench": wrenches[number]}
+                found |= within(pad.finger, its)
+            yield found
 
     return frames
 
@@ -127,10 +139,26 @@ def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
             yield bytes(file[key]["label"][()]), frames(file[key])
 
 
+def within(finger: Optional[str], arrays: Arrays) -> Arrays:
+    """What a finger's arrays are called in a sample's group: `left/tactile` and so on."""
+    return arrays if finger is None else {f"{finger}/{name}": value for name, value in arrays.items()}
+
+
 def frames(group: Any) -> Iterator[Arrays]:
     """The frames of a sample."""
-    numpy = need("numpy", "export")
     sequence = "frame_rate_hz" in group.attrs
+    fingers: list[Optional[str]] = [finger for finger in FINGERS if finger in group] or [None]
+    each = [frames_of_pad(group if finger is None else group[finger], sequence) for finger in fingers]
+    for of_pads in zip_longest(*each, fillvalue={}):
+        found: Arrays = {}
+        for finger, its in zip(fingers, of_pads):
+            found |= within(finger, its)
+        yield found
+
+
+def frames_of_pad(group: Any, sequence: bool) -> Iterator[Arrays]:
+    """The frames of one sensor."""
+    numpy = need("numpy", "export")
     for number in range(len(group["pose"]) if sequence else 1):
         found: Arrays = {}
         for name, value in group.items():

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from io import BytesIO
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Optional
 
 from gelsim import vectors
-from gelsim.dataset import Dataset, Raw
+from gelsim.dataset import Dataset, Pad, Raw
 from gelsim.decode import png
 from gelsim.export import content, statistics
 from gelsim.export.content import Arrays
@@ -50,27 +50,44 @@ def file(kind: str, number: int) -> str:
     return f"{kind}/chunk-{chunk:03}/file-{index:03}.parquet"
 
 
+def feature(kind: str, finger: Optional[str], layer: Optional[str] = None) -> str:
+    """The name of a feature: `observation.state`, of a finger `observation.state.left`; LeRobot allows no slash."""
+    return ".".join(["observation", kind, *filter(None, [finger, layer])])
+
+
+def images(raw: Raw) -> dict[str, tuple[Pad, str]]:
+    """The features that are images: sensor and layer of each."""
+    return {feature("images", pad.finger, layer): (pad, layer) for pad in raw.pads for layer in pad.files if layer in PIXELS}
+
+
 class Features:
     """What each frame has; it follows from the first sample."""
 
     def __init__(self, dataset: Dataset) -> None:
         first = dataset.raw(0)
-        self.sensor: str = first.label["sensor"]["name"]
+        self.sensors = "+".join(pad.label["sensor"]["name"] for pad in first.pads)
         self.fps = content.frame_rate_hz(first)
-        self.images = {suffix.split(".", 1)[0]: suffix for suffix in ["tactile.png", *first.suffixes]}
-        self.images = {name: suffix for name, suffix in self.images.items() if name in PIXELS}
-        size = [first.label["sensor"]["height_px"], first.label["sensor"]["width_px"], 3]
-        # No torque is known of presses on flat pads.
-        part = vectors.parts(first.label)[0]
-        self.wrench = vectors.WRENCH if "wrench" in part or part["contact"].get("force_vector_n") else vectors.WRENCH[:3]
-        channels = ["height", "width", "channels"]
-        images = {"dtype": "image", "shape": size, "names": channels}
         vector = {"dtype": "float32", "fps": self.rate()}
         counter = {"dtype": "int64", "shape": [1], "names": None}
+        values: dict[str, Any] = {}
+        self.units: dict[str, str] = {}
+        for pad in first.pads:
+            state, wrench = feature("state", pad.finger), feature("wrench", pad.finger)
+            values[state] = {**vector, "shape": [7], "names": vectors.POSE}
+            # No torque is known of presses on flat pads.
+            part = pad.parts[0]
+            known = vectors.WRENCH if "wrench" in part or part["contact"].get("force_vector_n") else vectors.WRENCH[:3]
+            values[wrench] = {**vector, "shape": [len(known)], "names": known}
+            self.units[state] = "mm and quaternion: the object's pose in the sensor's frame"
+            self.units[wrench] = content.UNITS["wrench"]
+        pictures: dict[str, Any] = {}
+        for name, (pad, layer) in images(first).items():
+            size = [pad.label["sensor"]["height_px"], pad.label["sensor"]["width_px"], 3]
+            pictures[name] = {"dtype": "image", "shape": size, "names": ["height", "width", "channels"]}
+            self.units[name] = content.UNITS[layer]
         self.described: dict[str, Any] = {
-            **{f"observation.images.{name}": images for name in self.images},
-            "observation.state": {**vector, "shape": [7], "names": vectors.POSE},
-            "observation.wrench": {**vector, "shape": [len(self.wrench)], "names": self.wrench},
+            **pictures,
+            **values,
             "timestamp": {"dtype": "float32", "shape": [1], "names": None},
             **{name: counter for name in ["frame_index", "episode_index", "index", "task_index"]},
         }
@@ -142,10 +159,11 @@ class Writer:
     def frames(self, raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
         """The frames of an episode: images as PNG, which becomes RGB where it is grey; the rest as numbers."""
         for number, row in enumerate(numbers(raw, episode, first, self.features)):
-            images = {}
-            for name, suffix in self.features.images.items():
-                images[f"observation.images.{name}"] = rgb(raw.data(suffix, number), raw.layer(suffix, number))
-            yield {**images, **row}
+            pictures = {
+                name: rgb(raw.data(pad.files[layer], number), raw.layer(pad, layer, number))
+                for name, (pad, layer) in images(raw).items()
+            }
+            yield {**pictures, **row}
 
     def row(self, frame: Arrays) -> dict[str, Any]:
         """A row of the table."""
@@ -185,7 +203,7 @@ class Writer:
             meta / "info.json",
             {
                 "codebase_version": VERSION,
-                "robot_type": self.features.sensor,
+                "robot_type": self.features.sensors,
                 "total_episodes": len(self.dataset),
                 "total_frames": sum(part["frames"] for part in parts),
                 "total_tasks": len(self.dataset.classes),
@@ -199,11 +217,7 @@ class Writer:
                 "features": self.features.described,
                 "gelsim": {
                     "frame": content.FRAME,
-                    "units": {
-                        "observation.state": "mm and quaternion: the object's pose in the sensor's frame",
-                        "observation.wrench": content.UNITS["wrench"],
-                        **{f"observation.images.{name}": content.UNITS[name] for name in self.features.images},
-                    },
+                    "units": self.features.units,
                 },
             },
         )
@@ -216,12 +230,14 @@ class Writer:
 def numbers(raw: Raw, episode: int, first: int, features: Features) -> Iterator[Arrays]:
     """All but the images, of each frame."""
     numpy = need("numpy", "export")
-    poses = content.poses(raw).astype("float32")
-    wrenches = content.wrenches(raw).astype("float32")[:, : len(features.wrench)]
+    known: Arrays = {}
+    for pad in raw.pads:
+        for name, rows in [("state", content.poses(pad)), ("wrench", content.wrenches(pad))]:
+            name = feature(name, pad.finger)
+            known[name] = rows.astype("float32")[:, : features.described[name]["shape"][0]]
     for number in range(len(raw)):
         yield {
-            "observation.state": poses[number],
-            "observation.wrench": wrenches[number],
+            **{name: rows[number] for name, rows in known.items()},
             "timestamp": numpy.float32(number / features.fps),
             "frame_index": numpy.int64(number),
             "episode_index": numpy.int64(episode),
@@ -268,10 +284,8 @@ def expectation(dataset: Dataset) -> Any:
 
     def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
         for number, row in enumerate(numbers(raw, episode, first, features)):
-            images = {
-                f"observation.images.{name}": coloured(raw.layer(suffix, number)) for name, suffix in features.images.items()
-            }
-            yield {**images, **row}
+            pictures = {name: coloured(raw.layer(pad, layer, number)) for name, (pad, layer) in images(raw).items()}
+            yield {**pictures, **row}
 
     return frames
 

@@ -11,16 +11,15 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from gelsim import vectors
-from gelsim.dataset import Dataset, Raw
+from gelsim.dataset import Dataset, Pad, Raw
 from gelsim.export import content
 from gelsim.export.content import Arrays
 from gelsim.export.parts import Place, write
 from gelsim.needed import need
 from gelsim.vectors import WRENCH
 
-PAD = "pad0"
-"""The first pad, and of a dataset of gelsim the only one."""
+PAD = "pad"
+"""With a number: the only pad, and of a gripper the left one, is pad0, the right one pad1."""
 POSE = ["x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"]
 POSE_UNIT = "mm (x, y, z) and rotation vector in radians: p = R q + t takes a point of the mesh to the sensor's frame"
 META = {
@@ -72,15 +71,15 @@ class Writer:
         if "sequence" in first.label:
             lengths = sum(len(self.dataset.raw(index)) for index in range(len(self.dataset)))
         root = self.zarr.open_group(self.folder / "out", mode="w", zarr_format=2)
-        for name, array in content.layers(first, 0).items():
+        for name, array in layers(first, 0).items():
             if "/" not in name:
-                path = f"data/{PAD}_{name}"
-                create(root, path, (lengths, *array.shape), array.dtype, (1, *array.shape), content.UNITS[name])
+                path = f"data/{name}"
+                create(root, path, (lengths, *array.shape), array.dtype, (1, *array.shape), unit(path))
 
     def part(self, number: int, samples: Iterator[Raw], at: Place) -> dict[str, Any]:
         """Writes the images of shard `number`, and keeps the rest of it."""
         kept: dict[str, list[Any]] = {}
-        images = {name: self.root[f"data/{PAD}_{name}"] for name in self.names()}
+        images = {name: self.root[f"data/{name}"] for name in self.names()}
         frames = count(at.frames)
         for raw in samples:
             small = {"data/" + name: rows for name, rows in vectors_of(raw).items()}
@@ -92,7 +91,7 @@ class Writer:
             for name, rows in small.items():
                 kept.setdefault(name, []).append(rows)
             for number_in, frame in zip(range(len(raw)), frames):
-                for name, array in content.layers(raw, number_in).items():
+                for name, array in layers(raw, number_in).items():
                     if name in images:
                         images[name][frame] = array
                     else:
@@ -108,23 +107,28 @@ class Writer:
 
     def names(self) -> list[str]:
         """The layers that are arrays."""
-        return [name for name in ["tactile", *self.dataset.layers] if name not in ("markers", "pins")]
+        pads = pads_of(self.dataset.raw(0))
+        return [f"{at}_{name}" for at, pad in pads.items() for name in pad.files if name not in ("markers", "pins")]
 
     def finish(self, parts: list[dict[str, Any]]) -> Path:
         """Writes what is small, and the zip."""
         for name in parts[0]["rows"]:
             self.join(name, parts)
-        self.root[f"data/{PAD}_pose"].attrs["components"] = POSE
-        self.root[f"data/{PAD}_wrench"].attrs["components"] = WRENCH
         first = self.dataset.raw(0)
+        pads = pads_of(first)
+        for at in pads:
+            self.root[f"data/{at}_pose"].attrs["components"] = POSE
+            self.root[f"data/{at}_wrench"].attrs["components"] = WRENCH
         about = {
             "gelsim": self.identity,
             "frame": content.FRAME,
             "frame_rate_hz": content.frame_rate_hz(first),
             "classes": self.dataset.classes,
             "splits": self.dataset.splits,
-            "pads": {PAD: first.label["sensor"]["name"]},
+            "pads": {at: pad.label["sensor"]["name"] for at, pad in pads.items()},
         }
+        if fingers := {at: pad.finger for at, pad in pads.items() if pad.finger is not None}:
+            about["fingers"] = fingers
         for name, value in about.items():
             self.root.attrs[name] = value
         return packed(self.folder) if self.zipped else self.folder / "out"
@@ -163,19 +167,32 @@ def create(root: Any, name: str, shape: Any, dtype: Any, chunks: Any, meaning: s
     return array
 
 
+def pads_of(raw: Raw) -> dict[str, Pad]:
+    """A sample's sensors by what the names of their arrays begin with."""
+    return {f"{PAD}{number}": pad for number, pad in enumerate(raw.pads)}
+
+
+def layers(raw: Raw, number: int) -> Arrays:
+    """The arrays of a frame: `pad0_tactile`, `pad0_markers/rest_px` and so on."""
+    each = {at: content.layers(raw, pad, number) for at, pad in pads_of(raw).items()}
+    return {f"{at}_{name}": array for at, its in each.items() for name, array in its.items()}
+
+
 def ragged(name: str) -> str:
     """The array of markers or pins of all frames, one after another."""
-    return f"ragged/{PAD}_{name.replace('/', '_')}"
+    return f"ragged/{name.replace('/', '_')}"
 
 
 def unit(name: str) -> str:
-    """What the numbers of a small array mean."""
+    """What the numbers of an array mean."""
     group, own = name.split("/")
-    own = own.removeprefix(f"{PAD}_")
     if group == "meta":
         return META[own]
-    known = {"pose": POSE_UNIT, "wrench": content.UNITS["wrench"], "timestamp": "s since the sequence began; 0 of presses"}
-    return known.get(own) or content.UNITS.get(own.replace("_", "/", 1), "rows before the end of each frame")
+    own = own.split("_", 1)[1] if own.startswith(PAD) else own
+    if own.endswith("_ends"):
+        return "rows before the end of each frame"
+    known = {"pose": POSE_UNIT, "timestamp": "s since the sequence began; 0 of presses"}
+    return known[own] if own in known else content.UNITS[own.replace("_", "/", 1)]
 
 
 def packed(folder: Path) -> Path:
@@ -190,15 +207,15 @@ def packed(folder: Path) -> Path:
 
 
 def vectors_of(raw: Raw) -> Arrays:
-    """Pose, wrench and time of each frame."""
+    """Poses, wrenches and time of each frame."""
     numpy = need("numpy", "export")
-    poses = content.poses(raw)
-    times = [part.get("t_s", 0.0) for part in vectors.parts(raw.label)]
-    return {
-        f"{PAD}_pose": numpy.concatenate([poses[:, :3], rotation_vectors(poses[:, 3:])], axis=1),
-        f"{PAD}_wrench": content.wrenches(raw),
-        "timestamp": numpy.array(times, "float64"),
-    }
+    found: Arrays = {}
+    for at, pad in pads_of(raw).items():
+        poses = content.poses(pad)
+        found[f"{at}_pose"] = numpy.concatenate([poses[:, :3], rotation_vectors(poses[:, 3:])], axis=1)
+        found[f"{at}_wrench"] = content.wrenches(pad)
+    found["timestamp"] = numpy.array([part.get("t_s", 0.0) for part in raw.pads[0].parts], "float64")
+    return found
 
 
 def rotation_vectors(quaternions: Any) -> Any:
@@ -221,7 +238,7 @@ def expectation(dataset: Dataset) -> Any:
         about = {"class_index": raw.label["object"]["class_index"], "index": raw.label["index"]}
         for number in range(len(raw)):
             yield {
-                **content.layers(raw, number),
+                **{name.replace("/", "_"): array for name, array in layers(raw, number).items()},
                 **{name: rows[number] for name, rows in small.items()},
                 **{name: numpy.int64(value) for name, value in about.items()},
             }
@@ -247,11 +264,10 @@ def frames(root: Any, numbers: range, about: Arrays) -> Iterator[Arrays]:
     data = dict(root["data"].arrays())
     dots = dict(root["ragged"].arrays()) if "ragged" in root else {}
     for number in numbers:
-        found: Arrays = {name.removeprefix(f"{PAD}_"): array[number] for name, array in data.items()}
-        found = {f"{PAD}_{name}" if name in ("pose", "wrench") else name: value for name, value in found.items()}
+        found: Arrays = {name: array[number] for name, array in data.items()}
         for name, array in dots.items():
-            layer, _, part = name.removeprefix(f"{PAD}_").partition("_")
+            at, layer, part = name.split("_", 2)
             if part != "ends":
-                ends = dots[f"{PAD}_{layer}_ends"]
-                found[f"{layer}/{part}"] = array[int(ends[number - 1]) if number else 0 : int(ends[number])]
+                ends = dots[f"{at}_{layer}_ends"]
+                found[name] = array[int(ends[number - 1]) if number else 0 : int(ends[number])]
         yield {**found, **about}
