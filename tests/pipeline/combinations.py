@@ -83,6 +83,11 @@ AXES = {
         "one": {},
         "several": {"scene.objects_per_sample": [1, 3], "pose.x_mm": [-6.0, 6.0], "pose.y_mm": [-5.0, 5.0]},
     },
+    "fingers": {
+        "one": {},
+        "two": {"gripper.squeeze_mm": 1.0},
+        "two sensors": {"gripper.squeeze_mm": 1.0, "gripper.right": {"preset": "gelsight-mini", "resolution_px": [28, 20]}},
+    },
     "place": {
         "the middle": {},
         "on the gel": {"pose.from_tip_mm": [0.0, 4.0], "pose.around_deg": [0.0, 360.0]},
@@ -138,6 +143,10 @@ def moves(row):
     return row["motion"] in {"sequence", "forces"}
 
 
+def held(row):
+    return row["fingers"] != "one"
+
+
 def elastic(row):
     return row["gelpad"] == "stick" or (row["gelpad"] == "the level's" and row["fidelity"] != "paper")
 
@@ -167,6 +176,13 @@ REFUSALS = [
     (lambda row: row["objects"] == "several" and row["object"] == "soft", "the objects of one press are one rigid body", SEVERAL, "an object's `youngs_modulus_kpa`"),
     (lambda row: row["objects"] == "several" and row["object"] == "own friction", "one body with one friction", SEVERAL, "an object's `friction`"),
     (lambda row: row["objects"] == "several" and row["object"] == "own texture", "one texture lies over all objects", SEVERAL, "an object's `texture`"),
+    (lambda row: held(row) and not elastic(row), "knows no force, by which two fingers hold an object", "`[gripper]`", BLURS),
+    (lambda row: held(row) and shaped(row), "a gripper's fingers are flat sensors", "`[gripper]`", "`[shape]`"),
+    (lambda row: held(row) and row["files"] in {"folder", "floats"}, "a row of metadata.jsonl has one tactile image", "`[gripper]`", '`[output] container = "folder"`'),
+    (lambda row: held(row) and row["place"] == "on the axis", "says how deep each finger is pressed", "`[gripper]`", '`[indentation] depth_mm`, `at = "axis"`'),
+    (lambda row: held(row) and not moves(row) and row["fidelity"] == "a bound", "the level of a gripper is not chosen", "`[gripper]`", BOUND),
+    (lambda row: held(row) and row["objects"] == "several", "a gripper holds one object", SEVERAL, "`[gripper]`"),
+    (lambda row: row["fingers"] == "two sensors" and row["sensor"] in {"gelsight-series2", "calibrated"}, "a job has one model of the light", "`[gripper.right]`", "a sensor with another model of the light"),
     (lambda row: row["place"] == "on the gel" and not shaped(row), "this one is flat", "`from_tip_mm`, `around_deg`", "a sensor without `[shape]`"),
     (lambda row: shaped(row) and not elastic(row), "a pad that is not elastic on a gel that has a shape", "`[shape]`", BLURS),
     (lambda row: shaped(row) and row["extras"] == "print", "print on a gel that has a shape", "`[shape]`", "`[markers]`"),
@@ -195,6 +211,16 @@ def job(row):
     keys |= {} if row["sensor"] == "calibrated" else {"sensor.resolution_px": [32, 24]}
     for axis, value in row.items():
         keys |= AXES[axis][value]
+    if held(row):
+        # Fingers are closed, not pressed in.
+        keys.pop("indentation.depth_mm", None)
+        if moves(row):
+            keys.pop("gripper.squeeze_mm")
+            keys["sequence.phase"] = [
+                {"squeeze_mm" if key == "depth_mm" else key: value for key, value in phase.items()}
+                for phase in keys["sequence.phase"]
+            ]
+            keys.setdefault("gripper", {}) if row["fingers"] == "two" else None
     return "".join(f"{key} = {toml(value)}\n" for key, value in keys.items())
 
 
@@ -277,11 +303,11 @@ def unfit(row):
     return bool(
         refusals(row)
         or (command == "film" and not moves(row))
-        or (command == "effects" and (moves(row) or row["place"] == "above"))
+        or (command == "effects" and (moves(row) or held(row) or row["place"] == "above"))
         or (command == "parts" and row["fidelity"] == "a bound")
-        or (command == "augment" and (row["sensor"] != "gelsight-2014" or moves(row) or row["effects"] == "all"))
+        or (command == "augment" and (row["sensor"] != "gelsight-2014" or moves(row) or held(row) or row["effects"] == "all"))
         # Rendering it anew and again takes a minute.
-        or (command == "tradeoff" and row["sensor"] == "a mesh")
+        or (command == "tradeoff" and (row["sensor"] == "a mesh" or held(row)))
     )
 
 

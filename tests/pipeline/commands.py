@@ -60,6 +60,7 @@ ELSEWHERE = {
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/pipeline/taxim_pictures.py OUT": ("the packages of the line before", ".ci/run"),
     "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/transfer-tactip.md"),
+    "python tests/pipeline/combinations.py GELSIM": ("minutes", ".ci/run"),
     "python tests/bench/others.py GELSIM": ("numpy, OpenCV and 400 MB", ".ci/run"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/pipeline/install.py"),
     "pip install '.[load]'": ("a compiler; there without extras", "tests/pipeline/install.py"),
