@@ -759,6 +759,7 @@ fn a_job_that_is_no_text_or_not_there_is_refused() {
     let folder = Folder::new();
     let said = folder.fail("generate nothing.toml", 2);
     assert!(said.contains("nothing.toml: cannot read the job") && said.contains("gelsim init FILE.toml"), "{said}");
+    folder.write("job.toml", JOB);
     assert!(folder.fail("generate jobs.toml", 2).contains("did you mean job.toml?"));
     folder.write("job.toml", b"name = \"\xff\"");
     assert!(folder.fail("generate job.toml", 2).contains("job.toml: not UTF-8 at byte 8"));
