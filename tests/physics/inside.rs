@@ -119,9 +119,9 @@ fn a_frame_of_the_sensors_own_lens_gives_the_press_of_the_object_that_it_shows()
             println!("{name} {at:?}: force {share:.4}, {over} of {} over 2, {most} at most", whole.image.rgb.len());
             assert_eq!(by_axis.1, 0, "{name} {at:?}");
             assert!((share - 1.0).abs() < 0.01, "{name} {at:?}: {share}");
-            assert!(over * 1000 <= whole.image.rgb.len(), "{name} {at:?}: {over}");
+            assert!(over * 500 <= whole.image.rgb.len(), "{name} {at:?}: {over}");
             // Pins are black or white.
-            assert!(most <= 12 || sensor.pins.is_some(), "{name} {at:?}: {most}");
+            assert!(most <= 40 || sensor.pins.is_some(), "{name} {at:?}: {most}");
             assert!((force_n(&by_ray.0) / force_n(&by_axis.0) - 1.0).abs() < 1e-5, "{name} {at:?}");
         }
     }
