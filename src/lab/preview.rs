@@ -157,7 +157,7 @@ fn film_frame(files: &Files, number: usize, both: bool) -> Result<RgbImage, Stri
     if !both {
         return tactile(files, number, None);
     }
-    let panels = vec![tactile(files, number, Some("left"))?, tactile(files, number, Some("right"))?];
+    let panels = [tactile(files, number, Some("left"))?, tactile(files, number, Some("right"))?];
     Ok(beside(&panels))
 }
 
