@@ -1,6 +1,6 @@
 //! Object stores, as far as a dataset needs one: whole objects below an address, put, read, listed and removed.
 //!
-//! What talks to a store is [`objects`], which the cargo feature `stores` brings; addresses are recognised without it.
+//! What talks to a store is `objects.rs`, which the cargo feature `stores` brings; addresses are recognised without it.
 
 use std::fmt;
 use std::io;
