@@ -42,7 +42,8 @@ def main():
             ["cargo", *arguments], cwd=folder, check=True, stdout=subprocess.PIPE, text=True
         ).stdout
         tree = cargo("tree", "--edges", "normal", "--prefix", "none", "--format", "{p}")
-        crates = {line.split(" (")[0] for line in tree.splitlines() if line} - {"ball v0.0.0", "gelsim v0.1.0"}
+        lines = {line.split(" (")[0] for line in tree.splitlines() if line}
+        crates = {line for line in lines if line.split(" ")[0] not in ("ball", "gelsim")}
         print(f"{len(crates)} crates beneath the library; allowed: {MOST_CRATES}")
         if len(crates) > MOST_CRATES or len(crates) != said:
             sys.exit(f"the README says {said}: " + ", ".join(sorted(crates)))

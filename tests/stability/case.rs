@@ -53,7 +53,7 @@ pub enum Touches {
 /// A hard case.
 #[derive(Clone)]
 pub struct Case {
-    /// As in docs/stability-reference.md.
+    /// As in the docs: docs/stability-contact.md, stability-geometry.md or stability-light.md.
     pub name: &'static str,
     /// What could go wrong.
     pub trouble: &'static str,

@@ -9,7 +9,8 @@
 //! time, in f64, and `stages` each stage from the one before; `properties` draws random jobs. `curved` holds the hard cases of gels that
 //! are not flat.
 //!
-//! What was found stands in docs/stability-reference.md, whose figures `cargo test --release --test library stability -- --nocapture` prints.
+//! What was found stands in docs/stability-reference.md and the pages that it lists. The figures are printed by
+//! `cargo test --release --test library stability -- --nocapture`.
 
 mod case;
 mod contact;
@@ -39,14 +40,16 @@ fn all() -> impl Iterator<Item = &'static Case> {
 
 #[test]
 fn every_case_stands_in_the_docs_once() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/stability-reference.md");
-    let docs = std::fs::read_to_string(path).expect("the repository has docs/stability-reference.md");
+    let docs: String = ["contact", "geometry", "light"]
+        .map(|page| format!("{}/docs/stability-{page}.md", env!("CARGO_MANIFEST_DIR")))
+        .map(|path| std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}")))
+        .concat();
     for case in all() {
         let row = format!("| {} |", case.name);
         assert_eq!(
             docs.matches(&row).count(),
             1,
-            "docs/stability-reference.md has no row, or more than one, for `{}`",
+            "docs/stability-contact.md, -geometry.md and -light.md have no row, or more than one, for `{}`",
             case.name
         );
     }
