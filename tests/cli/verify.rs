@@ -412,7 +412,7 @@ fn every_finding_has_a_cure_that_mends_it() {
         ),
         (
             "dataset.json: says generator.version is \"9.9.9\"",
-            Box::new(|| text("dataset.json", "\"0.1.0\"", "\"9.9.9\"")),
+            Box::new(|| text("dataset.json", concat!("\"", env!("CARGO_PKG_VERSION"), "\""), "\"9.9.9\"")),
         ),
         ("job.toml: is not what was written", Box::new(|| text("job.toml", "\n\n", "\n\n# Mine.\n"))),
         (

@@ -34,7 +34,7 @@ INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|gelsim-export|cargo|pip
 # Words of a page.
 MOST_WORDS = 2500
 # What is looked things up in, not read.
-LONG = {"changelog.md", "stability-reference.md", "job.md"}
+LONG = {"job.md"}
 
 # Options of the documentation that make a run shorter.
 SMALL = "--set 'sensor.resolution_px=[160, 120]'"

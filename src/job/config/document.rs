@@ -393,7 +393,12 @@ mod tests {
         let objects = "[[object]]\npath = \"../objects/ball.obj\"\nclass = \"ball\"\n\n".repeat(40_000);
         assert!(oversize(&objects).is_some());
         let mut problems = Diagnostics::default();
-        Document::parse("job.toml", format!("{RESOLVED} 0.1.0.\n{objects}"), Path::new(""), &mut problems);
+        Document::parse(
+            "job.toml",
+            format!("{RESOLVED} {}.\n{objects}", env!("CARGO_PKG_VERSION")),
+            Path::new(""),
+            &mut problems,
+        );
         assert!(problems.is_empty());
     }
 }
