@@ -33,8 +33,6 @@ INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|gelsim-export|cargo|pip
 
 # Words of a page.
 MOST_WORDS = 2500
-# What is looked things up in, not read.
-LONG = {"job.md"}
 
 # Options of the documentation that make a run shorter.
 SMALL = "--set 'sensor.resolution_px=[160, 120]'"
@@ -264,7 +262,7 @@ def misguided(page):
         elif anchor and anchor not in anchors(there.read_text()):
             yield f"{page.name}: {target} has no such heading"
     words = len(page.read_text().split())
-    if words > MOST_WORDS and page.name not in LONG:
+    if words > MOST_WORDS:
         yield f"{page.name} has {words} words; {MOST_WORDS} are the most of a page"
 
 
