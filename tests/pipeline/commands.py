@@ -40,6 +40,7 @@ CALIBRATION = "gelsim calibrate presses.csv --background untouched.png --out my-
 SHORTER = {
     "gelsim generate configs/quickstart.toml --set dataset.samples=3000 --set 'sensor.resolution_px=[320, 240]'": "--samples 8",
     "gelsim generate job.toml": "--samples 4",
+    "gelsim generate job.toml --out presses": "--samples 4",
     "gelsim generate job.toml --all-effects": "--samples 4",
     "gelsim generate job.toml --set 'sensor.resolution_px=[320, 240]' --set 'object.0.path=\"other.stl\"'": "--samples 4",
     "gelsim augment configs/augment.toml": "--set mixing.synthetic_per_real=0.1",
@@ -48,7 +49,8 @@ SHORTER = {
     "gelsim preview job.toml --effects --out effects.png": SMALL,
     "gelsim tradeoff job.toml": f"--samples 2 {SMALL}",
     "gelsim tradeoff configs/quickstart.toml": f"--samples 2 {SMALL}",
-    CALIBRATION: "--thickness-mm 3.0 --contact-over-disc 1.0",
+    "gelsim tradeoff configs/slip.toml --samples 6": f"--set sequence.frame_rate_hz=5 {SMALL}",
+    CALIBRATION: "--thickness-mm 3.0 --contact-over-disc 1.0 --steps 100",
 }
 
 # What does not run here: why, and what runs it.

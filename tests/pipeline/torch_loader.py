@@ -15,15 +15,15 @@ def main(path):
     job = gelsim.Job.load(path)
     truth = [sample["tactile"] for sample in job.samples(range(len(job)))]
     for method, workers in [("fork", 2), ("spawn", 2), (None, 0)]:
-        loader = DataLoader(job, batch_size=5, shuffle=True, num_workers=workers, multiprocessing_context=method)
+        how = {"num_workers": workers, "multiprocessing_context": method, "collate_fn": gelsim.collate}
+        loader = DataLoader(job, batch_size=5, shuffle=True, **how)
         seen = {}
         for batch in loader:
-            # The label is collated, too: its numbers are tensors, its texts lists.
-            indices = batch["label"]["index"]
+            indices = [label["index"] for label in batch["label"]]
             assert batch["tactile"].dtype == torch.uint8 and batch["depth"].dtype == torch.float32
             assert batch["tactile"].shape == (len(indices), *truth[0].shape)
-            assert len(batch["label"]["object"]["class"]) == len(indices)
-            seen |= {int(index): image.numpy() for index, image in zip(indices, batch["tactile"])}
+            assert all(label["object"]["class"] for label in batch["label"])
+            seen |= {index: image.numpy() for index, image in zip(indices, batch["tactile"])}
         assert sorted(seen) == list(range(len(job))), (method, sorted(seen))
         assert all(np.array_equal(seen[index], image) for index, image in enumerate(truth)), method
         part = DataLoader(Subset(job, job.indices("train")), batch_size=None, num_workers=workers)
