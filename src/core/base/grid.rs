@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::simd::simd_dispatch;
+use super::simd::{largest, simd_dispatch};
 
 /// A row-major image. Row 0 is the top one.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -84,13 +84,10 @@ impl<T: Copy + Default> Grid<T> {
 impl Grid<f32> {
     /// The largest of what is made of the values, 0 if nothing is above it.
     pub fn largest(&self, of: impl Fn(f32) -> f32) -> f32 {
-        // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
-        let mut bits = 0;
         simd_dispatch(
             #[inline(always)]
-            || bits = self.data.iter().fold(0, |most, value| of(*value).max(0.0).to_bits().max(most)),
-        );
-        f32::from_bits(bits)
+            || largest(self.data.iter().map(|value| of(*value))),
+        )
     }
 
     /// The value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between pixel

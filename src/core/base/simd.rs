@@ -4,14 +4,16 @@ use std::cell::Cell;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Runs `kernel`, compiled once for every x86-64 and once for those with AVX2, chosen when the program runs.
+/// Runs `kernel`, compiled once for every x86-64 and once for those with AVX2, chosen when the program runs, and returns
+/// what it does.
 ///
 /// The compiler vectorises plain loops; it neither reorders sums nor fuses multiplications into additions on its own,
 /// so both versions give the same bits. The closure and all that it calls must be `#[inline(always)]`, or it stays
-/// as it is for every x86-64.
+/// as it is for every x86-64. What it counts or compares it returns: a variable of the caller's would lie in memory, and
+/// its loop would take one number at a time. It is `move` for the same reason, where its loop reads numbers of the caller's.
 #[inline(always)]
-pub fn simd_dispatch(kernel: impl FnMut()) {
-    dispatch(Kernel(kernel));
+pub fn simd_dispatch<R>(kernel: impl FnOnce() -> R) -> R {
+    dispatch(Kernel(kernel))
 }
 
 /// Runs a kernel that names its vectors itself, for loops that the compiler does not vectorise. It gets vectors of
@@ -32,6 +34,27 @@ pub fn split(number: f32) -> (u32, f32) {
     ((below + WHOLE).to_bits() - WHOLE.to_bits(), number - below)
 }
 
+/// The sum of values: eight partial sums, the same on every processor.
+#[inline(always)]
+pub fn sum(values: &[f32]) -> f64 {
+    let mut sums = [0.0_f64; 8];
+    let (eights, rest) = values.as_chunks::<8>();
+    for eight in eights {
+        for k in 0..8 {
+            sums[k] += f64::from(eight[k]);
+        }
+    }
+    sums.iter_mut().zip(rest).for_each(|(sum, value)| *sum += f64::from(*value));
+    sums.iter().sum()
+}
+
+/// The largest of values, 0 if none is above it.
+#[inline(always)]
+pub fn largest(values: impl Iterator<Item = f32>) -> f32 {
+    // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+    f32::from_bits(values.fold(0, |most, value| value.max(0.0).to_bits().max(most)))
+}
+
 thread_local! {
     static NARROW: Cell<bool> = const { Cell::new(false) };
 }
@@ -47,11 +70,11 @@ pub fn scalar_only<T>(work: impl FnOnce() -> T) -> T {
 /// pulp takes closures too, but calls them through a shim that the compiler does not inline.
 struct Kernel<F>(F);
 
-impl<F: FnMut()> WithSimd for Kernel<F> {
-    type Output = ();
+impl<R, F: FnOnce() -> R> WithSimd for Kernel<F> {
+    type Output = R;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) {
-        (self.0)();
+    fn with_simd<S: Simd>(self, _: S) -> R {
+        (self.0)()
     }
 }

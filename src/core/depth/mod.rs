@@ -5,7 +5,7 @@
 //! bounding-volume query finds above the window is 8 to 25 times quicker and leaves no hole.
 
 use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
+use crate::core::base::simd::{largest, simd_dispatch};
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::effects::{Effect, EffectLog, Requirement};
 use crate::core::mesh::clusters::Clusters;
@@ -68,19 +68,13 @@ impl Depth {
     pub fn measure(&mut self) {
         self.touching = bounding_box(&self.overlap, |mm| mm > 0.0);
         let view = Rect::whole(self.overlap.width - 2 * self.margin_px, self.overlap.height - 2 * self.margin_px);
-        // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
-        let mut deepest_bits = 0;
-        simd_dispatch(
+        self.deepest_mm = simd_dispatch(
             #[inline(always)]
             || {
-                for y in 0..view.height() {
-                    for mm in &self.overlap.row(y + self.margin_px)[self.margin_px..][..view.width()] {
-                        deepest_bits = mm.max(0.0).to_bits().max(deepest_bits);
-                    }
-                }
+                let row = |y| &self.overlap.row(y + self.margin_px)[self.margin_px..][..view.width()];
+                (0..view.height()).fold(0.0, |deepest: f32, y| deepest.max(largest(row(y).iter().copied())))
             },
         );
-        self.deepest_mm = f32::from_bits(deepest_bits);
     }
 
     /// How far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
@@ -167,10 +161,7 @@ pub fn capture(object: &Clusters, placement: &Placement, view: &View, window: Wi
     let projection = Projection::new(placement, view, object.centre_mm());
     let mut overlap = Grid { width: canvas.width, height: canvas.height, data: Vec::new() };
     overlap.data.resize(canvas.width * canvas.height, canvas.ceiling);
-    simd_dispatch(
-        #[inline(always)]
-        || raster::raster(object, &projection, canvas, &mut overlap),
-    );
+    raster::raster(object, &projection, canvas, &mut overlap);
     limited(overlap, margin_px, thickness_mm)
 }
 
@@ -186,10 +177,7 @@ pub fn capture_samples(
 ) -> Vec<[f32; SAMPLES]> {
     let (canvas, projection) = part(object, pose, view, region, window);
     let mut heights = vec![[canvas.ceiling; SAMPLES]; sampled.count];
-    simd_dispatch(
-        #[inline(always)]
-        || raster::raster_samples(object, &projection, canvas, sampled, &mut heights),
-    );
+    raster::raster_samples(object, &projection, canvas, sampled, &mut heights);
     heights
 }
 
@@ -198,10 +186,7 @@ pub fn capture_part(object: &Clusters, pose: &Pose, view: &View, region: Rect, w
     let (canvas, projection) = part(object, pose, view, region, window);
     let Canvas { width, height, ceiling, .. } = canvas;
     let mut heights = Grid { width, height, data: vec![ceiling; width * height] };
-    simd_dispatch(
-        #[inline(always)]
-        || raster::raster(object, &projection, canvas, &mut heights),
-    );
+    raster::raster(object, &projection, canvas, &mut heights);
     heights
 }
 
@@ -245,11 +230,10 @@ fn limited(heights: Grid<f32>, margin_px: usize, thickness_mm: f64) -> Depth {
 /// pixels in view were cut.
 fn limit(heights: &mut Grid<f32>, margin_px: usize, thickness: f32) -> (f32, u64) {
     let [width, height] = [heights.width, heights.height].map(|px| px - 2 * margin_px);
-    // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
-    let (mut deepest_bits, mut cut) = (0, 0);
     simd_dispatch(
         #[inline(always)]
-        || {
+        move || {
+            let (mut deepest, mut cut) = (0.0_f32, 0);
             let columns = heights.width;
             for (y, row) in heights.data.chunks_exact_mut(columns).enumerate() {
                 let in_view = (margin_px..margin_px + height).contains(&y);
@@ -261,12 +245,10 @@ fn limit(heights: &mut Grid<f32>, margin_px: usize, thickness: f32) -> (f32, u64
                     *value = (0.0 - *value).min(thickness);
                 }
                 if in_view {
-                    for depth in &row[margin_px..margin_px + width] {
-                        deepest_bits = depth.max(0.0).to_bits().max(deepest_bits);
-                    }
+                    deepest = deepest.max(largest(row[margin_px..margin_px + width].iter().copied()));
                 }
             }
+            (deepest, cut)
         },
-    );
-    (f32::from_bits(deepest_bits), cut)
+    )
 }

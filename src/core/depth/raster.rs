@@ -5,8 +5,11 @@
 //! each other, so that, with edges counted in on both sides, no centre falls between them. No fused multiply-add: the
 //! result is the same on every x86-64.
 
+use pulp::{Simd, WithSimd};
+
 use super::Placement;
 use crate::core::base::grid::Grid;
+use crate::core::base::simd::dispatch;
 use crate::core::base::view::View;
 use crate::core::mesh::clusters::{Clusters, MAX_VERTICES, Part};
 
@@ -188,27 +191,43 @@ impl Projection {
 }
 
 /// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below.
-#[inline(always)]
 pub fn raster(object: &Clusters, projection: &Projection, canvas: Canvas, heights: &mut Grid<f32>) {
-    let mut seen = Seen::default();
-    object.query(
-        #[inline(always)]
-        |min, max| projection.may_touch(canvas, 0.0, None, min, max),
-        #[inline(always)]
-        |part: Part<'_>| {
-            seen.look(&part, projection, canvas);
-            for corners in part.corners {
-                let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
-                if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
-                    triangle([seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
+    dispatch(Raster { object, projection, canvas, heights });
+}
+
+/// Names its vectors: left to the compiler, pixels are taken one by one.
+struct Raster<'a> {
+    object: &'a Clusters,
+    projection: &'a Projection,
+    canvas: Canvas,
+    heights: &'a mut Grid<f32>,
+}
+
+impl WithSimd for Raster<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { object, projection, canvas, heights } = self;
+        let mut seen = Seen::default();
+        object.query(
+            #[inline(always)]
+            |min, max| projection.may_touch(canvas, 0.0, None, min, max),
+            #[inline(always)]
+            |part: Part<'_>| {
+                seen.look(&part, projection, canvas);
+                for corners in part.corners {
+                    let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
+                    if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
+                        triangle(simd, [seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
+                    }
                 }
-            }
-        },
-    );
+            },
+        );
+    }
 }
 
 /// The same at the samples of pixels: `heights` are those of each sampled pixel.
-#[inline(always)]
 pub fn raster_samples(
     object: &Clusters,
     projection: &Projection,
@@ -216,22 +235,41 @@ pub fn raster_samples(
     sampled: &Sampled,
     heights: &mut [[f32; SAMPLES]],
 ) {
-    let mut seen = Seen::default();
-    object.query(
-        #[inline(always)]
-        |min, max| projection.may_touch(canvas, sampled.reach, Some(&sampled.tiles), min, max),
-        #[inline(always)]
-        |part: Part<'_>| {
-            seen.look(&part, projection, canvas);
-            for corners in part.corners {
-                let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
-                if seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
-                    let corners = [seen.corner(a), seen.corner(b), seen.corner(c)];
-                    triangle_samples(corners, canvas, sampled, heights);
+    dispatch(RasterSamples { object, projection, canvas, sampled, heights });
+}
+
+/// Names its vectors as [`Raster`] does.
+struct RasterSamples<'a> {
+    object: &'a Clusters,
+    projection: &'a Projection,
+    canvas: Canvas,
+    sampled: &'a Sampled,
+    heights: &'a mut [[f32; SAMPLES]],
+}
+
+impl WithSimd for RasterSamples<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { object, projection, canvas, sampled, heights } = self;
+        let mut seen = Seen::default();
+        object.query(
+            #[inline(always)]
+            |min, max| projection.may_touch(canvas, sampled.reach, Some(&sampled.tiles), min, max),
+            #[inline(always)]
+            |part: Part<'_>| {
+                seen.look(&part, projection, canvas);
+                for corners in part.corners {
+                    let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
+                    if seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
+                        let corners = [seen.corner(a), seen.corner(b), seen.corner(c)];
+                        triangle_samples(simd, corners, canvas, sampled, heights);
+                    }
                 }
-            }
-        },
-    );
+            },
+        );
+    }
 }
 
 /// The vertices of a part as the camera sees them.
@@ -307,7 +345,7 @@ fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
 
 /// Rasterises one triangle: corners in px, px, mm.
 #[inline(always)]
-fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
+fn triangle<S: Simd>(simd: S, [a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
     let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
     let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
     if x0 >= x1 || y0 >= y1 {
@@ -321,18 +359,18 @@ fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
             0..=8 => (x0, x1),
             _ => span([a, b, c], py, 0.0, (x0, x1), canvas.margin),
         };
-        let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
         let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
         let mut x = canvas.centre(x0);
         let mut eights = row.chunks_exact_mut(8);
         for eight in &mut eights {
-            for (k, value) in eight.iter_mut().enumerate() {
-                let (inside, height) = at_pixel(&rows, x + k as f32);
-                // A triangle seen edge-on gives 0 / 0: not below anything.
-                *value = if inside & (height < *value) { height } else { *value };
+            let places = S::as_simd_f32s(&EIGHT).0;
+            for (values, place) in S::as_mut_simd_f32s(eight).0.iter_mut().zip(places) {
+                let point = [simd.add_f32s(simd.splat_f32s(x), *place), simd.splat_f32s(py)];
+                *values = lowered(simd, *values, [a, b, c], point);
             }
             x += 8.0;
         }
+        let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
         for value in eights.into_remainder() {
             let (inside, height) = at_pixel(&rows, x);
             if inside && height < *value {
@@ -343,9 +381,13 @@ fn triangle([a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
     }
 }
 
+/// Places of eight pixels after the first.
+const EIGHT: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
 /// Rasterises one triangle at samples.
 #[inline(always)]
-fn triangle_samples(
+fn triangle_samples<S: Simd>(
+    simd: S,
     [a, b, c]: [[f32; 3]; 3],
     canvas: Canvas,
     Sampled { tiles, numbers, across, down, reach, .. }: &Sampled,
@@ -376,12 +418,11 @@ fn triangle_samples(
             |(x0, x1)| {
                 for (x, number) in (x0..x1).zip(&numbers.row(y)[x0..x1]) {
                     let Some(values) = heights.get_mut(*number as usize) else { continue };
-                    let px = canvas.centre(x);
-                    for (k, value) in values.iter_mut().enumerate() {
-                        let row = py + down[k];
-                        let corners = [a, b, c].map(|corner| [corner[0], corner[1] - row, corner[2]]);
-                        let (inside, height) = at_pixel(&corners, px + across[k]);
-                        *value = if inside & (height < *value) { height } else { *value };
+                    let (px, row) = (simd.splat_f32s(canvas.centre(x)), simd.splat_f32s(py));
+                    let places = S::as_simd_f32s(across).0.iter().zip(S::as_simd_f32s(down).0);
+                    for (value, (across, down)) in S::as_mut_simd_f32s(values).0.iter_mut().zip(places) {
+                        let point = [simd.add_f32s(px, *across), simd.add_f32s(row, *down)];
+                        *value = lowered(simd, *value, [a, b, c], point);
                     }
                 }
             },
@@ -397,6 +438,25 @@ fn at_pixel([a, b, c]: &[[f32; 3]; 3], x: f32) -> (bool, f32) {
     let (ea, eb, ec) = (bx * c[1] - b[1] * cx, cx * a[1] - c[1] * ax, ax * b[1] - a[1] * bx);
     let inside = ((ea >= 0.0) & (eb >= 0.0) & (ec >= 0.0)) | ((ea <= 0.0) & (eb <= 0.0) & (ec <= 0.0));
     (inside, (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec))
+}
+
+/// Heights at points, lowered to a triangle where that covers them from below.
+#[inline(always)]
+fn lowered<S: Simd>(simd: S, heights: S::f32s, corners: [[f32; 3]; 3], point: [S::f32s; 2]) -> S::f32s {
+    let from = |k: usize, corner: [f32; 3]| simd.sub_f32s(simd.splat_f32s(corner[k]), point[k]);
+    let [[ax, ay], [bx, by], [cx, cy]] = corners.map(|corner| [from(0, corner), from(1, corner)]);
+    let cross = |px, qy, py, qx| simd.sub_f32s(simd.mul_f32s(px, qy), simd.mul_f32s(py, qx));
+    let edges = [cross(bx, cy, by, cx), cross(cx, ay, cy, ax), cross(ax, by, ay, bx)];
+    let zero = simd.splat_f32s(0.0);
+    let all = |[a, b, c]: [S::m32s; 3]| simd.and_m32s(simd.and_m32s(a, b), c);
+    let left = all(edges.map(|edge| simd.less_than_or_equal_f32s(zero, edge)));
+    let right = all(edges.map(|edge| simd.less_than_or_equal_f32s(edge, zero)));
+    let sum = |[a, b, c]: [S::f32s; 3]| simd.add_f32s(simd.add_f32s(a, b), c);
+    let of = |k: usize| simd.mul_f32s(edges[k], simd.splat_f32s(corners[k][2]));
+    let height = simd.div_f32s(sum([of(0), of(1), of(2)]), sum(edges));
+    // A triangle seen edge-on gives 0 / 0: not below anything.
+    let is_lower = simd.and_m32s(simd.or_m32s(left, right), simd.less_than_f32s(height, heights));
+    simd.select_f32s(is_lower, height, heights)
 }
 
 /// Columns of a row at height `py` that a triangle can cover within `reach` of their centres, a little too many rather than

@@ -174,7 +174,9 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
         || {
             let mut rows = [0; 3].map(|_| vec![0.0_f32; width]);
             for (y, any) in any.iter_mut().enumerate().take(part.y1).skip(part.y0) {
-                *any = bends(surface, part, per_px, y, &mut rows[0][part.x0..part.x1]) > BEND;
+                let row = &mut rows[0][part.x0..part.x1];
+                bends(surface, part, per_px, y, row);
+                *any = row.iter().fold(false, |any, bend| any | (*bend > BEND));
             }
             if !any.contains(&true) {
                 return;
@@ -190,7 +192,7 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
                 }
                 for (row, y) in rows.iter_mut().zip([before, y, after]) {
                     match (part.y0..part.y1).contains(&y) {
-                        true => _ = bends(surface, part, per_px, y, &mut row[part.x0..part.x1]),
+                        true => bends(surface, part, per_px, y, &mut row[part.x0..part.x1]),
                         false => row.fill(0.0),
                     }
                 }
@@ -209,20 +211,17 @@ fn weights(contact: &Contact, view: &View) -> Grid<f32> {
     weight
 }
 
-/// By how much the surface bends at the pixels of a row of a part of the view, and the most of it.
+/// By how much the surface bends at the pixels of a row of a part of the view.
 #[inline(always)]
-fn bends(surface: &Grid<f32>, part: Rect, per_px: [f32; 2], y: usize, bends: &mut [f32]) -> f32 {
-    let row = |dy: usize| &surface.row(y + dy)[part.x0..part.x1 + 2 * SURFACE_BORDER];
-    let (above, here, below) = (row(0), row(1), row(2));
-    let mut most = 0.0_f32;
+fn bends(surface: &Grid<f32>, part: Rect, per_px: [f32; 2], y: usize, bends: &mut [f32]) {
+    let window = |dx: usize, dy: usize| &surface.row(y + dy)[part.x0 + dx..][..bends.len()];
+    let (left, here, right, above, below) = (window(0, 1), window(1, 1), window(2, 1), window(1, 0), window(1, 2));
     for (x, bend) in bends.iter_mut().enumerate() {
-        let twice = 2.0 * here[x + 1];
-        let along_x = (here[x] + here[x + 2] - twice).abs() * per_px[0];
-        let along_y = (above[x + 1] + below[x + 1] - twice).abs() * per_px[1];
-        *bend = along_x.max(along_y);
-        most = if *bend > most { *bend } else { most };
+        let twice = 2.0 * here[x];
+        let along_x = (left[x] + right[x] - twice).abs() * per_px[0];
+        let along_y = (above[x] + below[x] - twice).abs() * per_px[1];
+        *bend = if along_y > along_x { along_y } else { along_x };
     }
-    most
 }
 
 /// Of the pixels around one, that which lies on the side of each sample along the row, and down: the first or the last.

@@ -118,19 +118,19 @@ impl Values {
         for ((value, above), below) in line.iter_mut().zip(above).zip(below) {
             *value = above + (below - above) * down;
         }
-        self.across(&line[..count], x0, out);
+        self.across(&line[..count], x0 as isize, out);
     }
 
     /// The values at pixels from column `x0` of the view on, along row `node` of the coarse grid itself.
     #[inline(always)]
-    pub fn node_row(&self, node: usize, x0: usize, out: &mut [f32]) {
+    pub fn node_row(&self, node: usize, x0: isize, out: &mut [f32]) {
         self.across(self.values.row(node), x0, out);
     }
 
     /// Interpolates along x: from the first value on, in whole steps of the grid, to the last.
     #[inline(always)]
-    fn across(&self, line: &[f32], x0: usize, out: &mut [f32]) {
-        let offset = x0 as isize - self.first[0];
+    fn across(&self, line: &[f32], x0: isize, out: &mut [f32]) {
+        let offset = x0 - self.first[0];
         let before = (-offset).clamp(0, out.len() as isize) as usize;
         let (outside, inside) = out.split_at_mut(before);
         outside.fill(line[0]);

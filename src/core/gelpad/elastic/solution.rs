@@ -4,7 +4,7 @@ use super::friction::{Drag, Placed};
 use super::lattice::Lattice;
 use super::walls::CutPixel;
 use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
+use crate::core::base::simd::{largest, simd_dispatch};
 
 /// Pressure and displacement on the solver's grid.
 pub(super) struct Solution {
@@ -94,16 +94,12 @@ impl Solution {
                 }
             }
             let (w, g) = (self.displacement.row(y - self.seen.y0), &overlap.row(y)[x0..x1]);
-            let (mut worst, mut through) = (0.0_f32, 0.0_f32);
-            simd_dispatch(
+            let (worst, through) = simd_dispatch(
                 #[inline(always)]
                 || {
-                    for (((w, g), p), gives) in w.iter().zip(g).zip(&touching).zip(&gives) {
-                        let gap = w + gives - g;
-                        let wrong = if *p > 0.0 { gap.abs() } else { -gap };
-                        worst = if wrong > worst { wrong } else { worst };
-                        through = if -gap > through { -gap } else { through };
-                    }
+                    let gaps = || w.iter().zip(g).zip(&gives).map(|((w, g), gives)| w + gives - g);
+                    let wrong = |(gap, p): (f32, &f32)| if *p > 0.0 { gap.abs() } else { -gap };
+                    (largest(gaps().zip(&touching).map(wrong)), largest(gaps().map(|gap| -gap)))
                 },
             );
             self.residual_mm = self.residual_mm.max(worst);

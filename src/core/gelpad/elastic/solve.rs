@@ -208,10 +208,10 @@ impl ContactProblem<'_> {
 /// Writes w - g of the contact's pixels to `residual`, 0 elsewhere; the largest violation of the conditions.
 fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, overlap: &Grid<f32>, residual: &mut Grid<f32>) -> f32 {
     // Floats from 0 up are ordered like their bits, and whole numbers are compared eight at a time; NaN comes out on top.
-    let mut worst = 0;
-    simd_dispatch(
+    let worst = simd_dispatch(
         #[inline(always)]
         || {
+            let mut worst = 0;
             let rows = pressure.data.iter().zip(&displacement.data).zip(&overlap.data).zip(&mut residual.data);
             for (((p, w), g), r) in rows {
                 let gap = w - g;
@@ -220,6 +220,7 @@ fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, overlap: &Grid<f32>
                 let wrong = if touches { gap.abs() } else { (-gap).max(0.0) + gap * 0.0 };
                 worst = wrong.to_bits().max(worst);
             }
+            worst
         },
     );
     f32::from_bits(worst)
@@ -228,10 +229,10 @@ fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, overlap: &Grid<f32>
 /// Scalar product. Eight partial sums per row, in f32, whatever the processor; rows are summed in f64, because the
 /// squares of 300,000 small numbers do not fit the 24 bits of one sum.
 fn dot(a: &Grid<f32>, b: &Grid<f32>) -> f64 {
-    let mut total = 0.0;
     simd_dispatch(
         #[inline(always)]
         || {
+            let mut total = 0.0;
             for (a, b) in a.data.chunks_exact(a.width).zip(b.data.chunks_exact(b.width)) {
                 let mut sums = [0.0_f32; 8];
                 let (a, a_rest) = a.as_chunks::<8>();
@@ -246,16 +247,16 @@ fn dot(a: &Grid<f32>, b: &Grid<f32>) -> f64 {
                 }
                 total += sums.iter().map(|sum| f64::from(*sum)).sum::<f64>();
             }
+            total
         },
-    );
-    total
+    )
 }
 
 /// The next search direction, in the contact only; the step outside it is dropped.
 fn turn(direction: &mut Grid<f32>, step: &mut Grid<f32>, pressure: &Grid<f32>, share: f32) {
     simd_dispatch(
         #[inline(always)]
-        || {
+        move || {
             for ((t, z), p) in direction.data.iter_mut().zip(&mut step.data).zip(&pressure.data) {
                 let touches = *p > 0.0;
                 *z = if touches { *z } else { 0.0 };
@@ -280,10 +281,10 @@ fn advance(
     length: f32,
     stiffness: f32,
 ) -> Changes {
-    let (mut joined, mut left) = (0_u32, 0_u32);
-    simd_dispatch(
+    let (joined, left) = simd_dispatch(
         #[inline(always)]
-        || {
+        move || {
+            let (mut joined, mut left) = (0_u32, 0_u32);
             let rows = direction.data.iter().zip(&displacement.data).zip(&overlap.data);
             for (p, ((t, w), g)) in pressure.data.iter_mut().zip(rows) {
                 let touches = *p > 0.0;
@@ -296,6 +297,7 @@ fn advance(
                 left |= u32::from(leaves);
                 joined |= u32::from(joins);
             }
+            (joined, left)
         },
     );
     Changes { joined: joined > 0, left: left > 0 }

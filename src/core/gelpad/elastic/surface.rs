@@ -10,7 +10,7 @@ use super::resample::Shape;
 use super::walls::CutPixel;
 use super::{Pad, Solution, edge};
 use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
+use crate::core::base::simd::{largest, simd_dispatch, sum};
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::depth::Depth;
 use crate::core::gelpad::Contact;
@@ -55,10 +55,10 @@ impl Pad {
         let through = (self.elastic.tolerance_um * 1e-3) as f32;
         // The part of the surface that pressure is known for, in its own columns and rows.
         let pressed = area.seen_from(seen.x0, seen.y0, width, height);
-        let (mut force, mut peak, mut not_finite) = (0.0, 0.0_f32, 0_u32);
-        simd_dispatch(
+        let (force, peak, not_finite) = simd_dispatch(
             #[inline(always)]
             || {
+                let (mut force, mut peak, mut not_finite) = (0.0, 0.0_f32, 0_u32);
                 for y in 0..height {
                     let object = &depth.overlap.row(seen.y0 + y)[seen.x0..seen.x1];
                     let surface = contact.surface.row_mut(y);
@@ -97,18 +97,11 @@ impl Pad {
                         for (kpa, p) in kpa.iter_mut().zip(from) {
                             *kpa = p * youngs_modulus_kpa;
                         }
-                        // Eight sums at a time, the same on every processor.
-                        let mut sums = [0.0_f64; 8];
-                        let (eights, rest) = kpa.as_chunks::<8>();
-                        for eight in eights.iter().map(|eight| &eight[..]).chain([rest]) {
-                            for (sum, kpa) in sums.iter_mut().zip(eight) {
-                                *sum += f64::from(*kpa);
-                                peak = if *kpa > peak { *kpa } else { peak };
-                            }
-                        }
-                        force += sums.iter().sum::<f64>();
+                        force += sum(kpa);
+                        peak = peak.max(largest(kpa.iter().copied()));
                     }
                 }
+                (force, peak, not_finite)
             },
         );
         // kPa mm^2 are mN.
@@ -191,13 +184,7 @@ impl Pad {
                         surface[x] = if p > 0.0 { near } else { w };
                         to[x] = p;
                     }
-                    // Eight sums at a time, the same on every processor.
-                    let mut sums = [0.0_f64; 8];
-                    let (eights, rest) = to.as_chunks::<8>();
-                    for eight in eights.iter().map(|eight| &eight[..]).chain([rest]) {
-                        sums.iter_mut().zip(eight).for_each(|(sum, p)| *sum += f64::from(*p));
-                    }
-                    fine_sum += sums.iter().sum::<f64>();
+                    fine_sum += sum(to);
                 }
             },
         );

@@ -1,15 +1,13 @@
-//! The network of a [`Response`] on many points at once: eight in each vector, several outputs for each load.
+//! The network of a [`Response`] on many points at once: as many as a vector holds, several outputs for each load.
+
+use pulp::{Simd, WithSimd};
 
 use super::response::{INPUTS, OUTPUTS, Response, squashed};
+use crate::core::base::simd::dispatch;
 
-/// Points in a vector.
-const LANES: usize = 8;
 /// Outputs that are summed together, so that a hidden unit is loaded once for all of them.
 const GROUP: usize = 5;
 const GROUPS: usize = OUTPUTS / GROUP;
-
-/// A value at each of eight points.
-type Vector = [f32; LANES];
 
 /// Weights in the order in which they are used.
 pub struct Kernel {
@@ -34,49 +32,65 @@ impl Kernel {
     }
 
     /// The outputs at points, one plane per output, from planes of inputs of one length.
-    #[inline(always)]
     pub fn run(&self, inputs: &[Vec<f32>; INPUTS], outputs: &mut [Vec<f32>]) {
-        let count = inputs[0].len();
-        for output in outputs.iter_mut() {
-            output.resize(count, 0.0);
-        }
-        let units = self.hidden.len();
-        let mut known = vec![[0.0; LANES]; units + INPUTS];
-        for start in (0..count).step_by(LANES) {
-            let end = (start + LANES).min(count);
-            let (hidden, given) = known.split_at_mut(units);
-            for (vector, plane) in given.iter_mut().zip(inputs) {
-                vector[..end - start].copy_from_slice(&plane[start..end]);
-            }
-            for (unit, weights) in hidden.iter_mut().zip(&self.hidden) {
-                let mut sum = [weights[INPUTS]; LANES];
-                for (input, weight) in given.iter().zip(weights) {
-                    add_scaled(&mut sum, input, *weight);
-                }
-                for lane in 0..LANES {
-                    unit[lane] = squashed(sum[lane]);
-                }
-            }
-            for (group, biases) in self.biases.iter().enumerate() {
-                let mut sums: [Vector; GROUP] = std::array::from_fn(|g| [biases[g]; LANES]);
-                let weights = &self.weights[group * known.len()..][..known.len()];
-                for (vector, weights) in known.iter().zip(weights) {
-                    for (sum, weight) in sums.iter_mut().zip(weights) {
-                        add_scaled(sum, vector, *weight);
-                    }
-                }
-                for (sum, output) in sums.iter().zip(&mut outputs[GROUP * group..]) {
-                    output[start..end].copy_from_slice(&sum[..end - start]);
-                }
-            }
-        }
+        dispatch(Run { kernel: self, inputs, outputs });
     }
 }
 
-#[inline(always)]
-fn add_scaled(sum: &mut Vector, values: &Vector, by: f32) {
-    for lane in 0..LANES {
-        sum[lane] += by * values[lane];
+/// Names its vectors: left to the compiler, the sums of a group became as many single numbers, five times slower.
+struct Run<'a> {
+    kernel: &'a Kernel,
+    inputs: &'a [Vec<f32>; INPUTS],
+    outputs: &'a mut [Vec<f32>],
+}
+
+impl WithSimd for Run<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { kernel, inputs, outputs } = self;
+        let count = inputs[0].len();
+        // Whole vectors are stored.
+        for output in outputs.iter_mut() {
+            output.resize(count.next_multiple_of(S::F32_LANES), 0.0);
+        }
+        // At the points of a vector: what the hidden units give, then the inputs.
+        let units = kernel.hidden.len();
+        let mut known = vec![0.0; (units + INPUTS) * S::F32_LANES];
+        for start in (0..count).step_by(S::F32_LANES) {
+            let end = (start + S::F32_LANES).min(count);
+            let (hidden, given) = known.split_at_mut(units * S::F32_LANES);
+            let given = S::as_mut_simd_f32s(given).0;
+            for (vector, plane) in given.iter_mut().zip(inputs) {
+                *vector = simd.partial_load_f32s(&plane[start..end]);
+            }
+            for (sum, weights) in S::as_mut_simd_f32s(hidden).0.iter_mut().zip(&kernel.hidden) {
+                *sum = simd.splat_f32s(weights[INPUTS]);
+                for (input, weight) in given.iter().zip(weights) {
+                    *sum = simd.add_f32s(*sum, simd.mul_f32s(simd.splat_f32s(*weight), *input));
+                }
+            }
+            for unit in hidden {
+                *unit = squashed(*unit);
+            }
+            let known = S::as_simd_f32s(&known).0;
+            for (group, biases) in kernel.biases.iter().enumerate() {
+                let mut sums = biases.map(|bias| simd.splat_f32s(bias));
+                let weights = &kernel.weights[group * known.len()..][..known.len()];
+                for (vector, weights) in known.iter().zip(weights) {
+                    for (sum, weight) in sums.iter_mut().zip(weights) {
+                        *sum = simd.add_f32s(*sum, simd.mul_f32s(simd.splat_f32s(*weight), *vector));
+                    }
+                }
+                for (sum, output) in sums.iter().zip(&mut outputs[GROUP * group..]) {
+                    S::as_mut_simd_f32s(&mut output[start..]).0[0] = *sum;
+                }
+            }
+        }
+        for output in outputs {
+            output.truncate(count);
+        }
     }
 }
 

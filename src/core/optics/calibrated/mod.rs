@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::background::BackgroundImage;
 use super::coarse::{Coarse, Values};
+use super::led::Normals;
 use super::phong::set_normals;
 use super::shadow::casting::Casting;
 use super::visible::{BOUND, Threshold};
@@ -27,7 +28,7 @@ pub mod taxim;
 
 use beyond::{Beyond, Continuation, Range, Run};
 use kernel::Kernel;
-use nodes::{Between, Nodes, Rows};
+use nodes::{Between, Memory, Nodes};
 use response::{DEGREES, FLATTEST_CASTER, Response, TERMS};
 use taxim::{Lookup, Taxim};
 
@@ -236,16 +237,24 @@ impl Network {
             }
         }
         let between = Between::new(&nodes, outputs, self.response.steepest);
-        let (mut rows, mut run) = (Rows::default(), Run::default());
+        let (mut normals, mut memory, mut run) = (Vec::new(), Memory::default(), Run::default());
         simd_dispatch(
             #[inline(always)]
             || {
-                for row in 0..region.height() {
-                    set_normals(view.mm_per_px, surface, region, row, &mut rows.normals);
-                    between.add_row(light, row, &mut rows);
-                    if let Some((beyond, rest)) = beyond {
-                        beyond.add_row(light, row, &rows.normals, surface, rest, shares, &mut run);
+                let mut row = 0;
+                while row < region.height() {
+                    let band = between.band(region, row);
+                    normals.resize_with(band.len(), Normals::default);
+                    for (row, normals) in band.clone().zip(&mut normals) {
+                        set_normals(view.mm_per_px, surface, region, row, normals);
                     }
+                    between.add_band(light, band.clone(), &normals, &mut memory);
+                    if let Some((beyond, rest)) = beyond {
+                        for (row, normals) in band.clone().zip(&normals) {
+                            beyond.add_row(light, row, normals, surface, rest, shares, &mut run);
+                        }
+                    }
+                    row = band.end;
                 }
             },
         );

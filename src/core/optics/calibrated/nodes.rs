@@ -1,10 +1,14 @@
 //! The pixels of a coarse grid at which coefficients are found, and the polynomials between them.
 
+use std::ops::Range;
+
+use pulp::{Simd, WithSimd};
+
 use super::kernel::Kernel;
 use super::response::{DEGREES, FACTORS, INPUTS, OUTPUTS, Response, TERMS};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
-use crate::core::base::simd::simd_dispatch;
+use crate::core::base::simd::dispatch;
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
 use crate::core::optics::coarse::{Coarse, Values};
@@ -41,10 +45,7 @@ impl<'a> Nodes<'a> {
     ) -> Vec<Vec<f32>> {
         let inputs = self.inputs(response, surface, shares);
         let mut outputs = vec![Vec::new(); OUTPUTS];
-        simd_dispatch(
-            #[inline(always)]
-            || kernel.run(&inputs, &mut outputs),
-        );
+        kernel.run(&inputs, &mut outputs);
         outputs
     }
 
@@ -113,15 +114,11 @@ pub struct Between {
     enough: [f32; 3],
 }
 
-/// Memory for rows of the view.
+/// Memory for bands of rows: the coefficients at the pixels of a run along a row of nodes, and how much they grow to the next
+/// row of nodes; those of a vector of pixels stand together. For one run they fit into the nearest cache, where all rows of a
+/// band find them; for a whole row they would not.
 #[derive(Default)]
-pub struct Rows {
-    /// Of the row that is added next.
-    pub normals: Normals,
-    terms: [Vec<f32>; TERMS],
-    /// The row of nodes at or above that row.
-    node: Option<usize>,
-    /// Each coefficient along it, at all pixels of the region, and how much it grows to the next row of nodes.
+pub struct Memory {
     line: Vec<f32>,
     step: Vec<f32>,
 }
@@ -141,36 +138,23 @@ impl Between {
         Self { coefficients: outputs.into_iter().map(values).collect(), steepest, enough }
     }
 
-    /// Adds the polynomials at the normals of row `row` of the light's region.
-    #[inline(always)]
-    pub fn add_row(&self, light: &mut Light, row: usize, rows: &mut Rows) {
-        let (region, width) = (light.region, light.region.width());
+    /// Rows of the light's region from `row` on that lie between the same two rows of nodes.
+    pub fn band(&self, region: Rect, row: usize) -> Range<usize> {
+        let same = |other: &usize| self.between(region, *other).0 == self.between(region, row).0;
+        row..(row + 1..region.height()).take_while(same).last().unwrap_or(row) + 1
+    }
+
+    /// The row of nodes at or above row `row` of the light's region, and how far this is on the way to the next one, 0 to 1.
+    fn between(&self, region: Rect, row: usize) -> (usize, f32) {
         let Values { factor, first, values } = &self.coefficients[0];
         let offset = (region.y0 + row) as isize - first[1];
         let offset = offset.clamp(0, ((values.height - 1) * factor) as isize) as usize;
-        let (node, down) = (offset / factor, (offset % factor) as f32 / *factor as f32);
-        if rows.node != Some(node) {
-            self.set_lines(node, region, rows);
-        }
-        let mut planes = light.planes.each_mut().map(|plane| &mut plane[row * width..][..width]);
-        for x0 in (0..width).step_by(RUN_PX) {
-            let run = x0..(x0 + RUN_PX).min(width);
-            let (nx, ny) = (&rows.normals.x[run.clone()], &rows.normals.y[run.clone()]);
-            let last = LAST[self.degree(nx, ny) - 1];
-            set_terms(nx, ny, self.steepest, &mut rows.terms[..=last]);
-            for (channel, plane) in planes.iter_mut().enumerate() {
-                let plane = &mut plane[run.clone()];
-                let coefficient = |m: usize| {
-                    let first = (channel * TERMS + m) * width + x0;
-                    (&rows.line[first..][..run.len()], &rows.step[first..][..run.len()])
-                };
-                add_line(plane, coefficient(0), down);
-                for m in (1..last).step_by(2) {
-                    let terms = [&rows.terms[m][..], &rows.terms[m + 1][..]];
-                    add_products(plane, terms, [coefficient(m), coefficient(m + 1)], down);
-                }
-            }
-        }
+        (offset / factor, (offset % factor) as f32 / *factor as f32)
+    }
+
+    /// Adds the polynomials at the normals of the rows of a [`band`](Self::band) of the light's region.
+    pub fn add_band(&self, light: &mut Light, band: Range<usize>, normals: &[Normals], memory: &mut Memory) {
+        dispatch(AddBand { between: self, light, band, normals, memory });
     }
 
     /// The degree of the terms that count at these normals.
@@ -185,19 +169,27 @@ impl Between {
         1 + self.enough.iter().filter(beyond).count()
     }
 
-    /// The coefficients along a row of nodes, and the steps to the next one, if there is one.
+    /// Sets the coefficients along a row of nodes at the run of `count` pixels from column `x0` of the view on, and the steps
+    /// to the next row, if there is one.
     #[inline(always)]
-    fn set_lines(&self, node: usize, region: Rect, rows: &mut Rows) {
-        let width = region.width();
-        rows.node = Some(node);
-        rows.line.resize(OUTPUTS * width, 0.0);
-        rows.step.resize(OUTPUTS * width, 0.0);
-        let lines = rows.line.chunks_exact_mut(width).zip(rows.step.chunks_exact_mut(width));
-        for (values, (line, step)) in self.coefficients.iter().zip(lines) {
-            values.node_row(node, region.x0, line);
-            values.node_row((node + 1).min(values.values.height - 1), region.x0, step);
-            for (step, here) in step.iter_mut().zip(&*line) {
-                *step -= here;
+    fn set_lines<S: Simd>(&self, simd: S, node: usize, x0: usize, count: usize, memory: &mut Memory) {
+        memory.line.resize(OUTPUTS * RUN_PX, 0.0);
+        memory.step.resize(OUTPUTS * RUN_PX, 0.0);
+        let (line, step) = (S::as_mut_simd_f32s(&mut memory.line).0, S::as_mut_simd_f32s(&mut memory.step).0);
+        let Values { factor, first, values } = &self.coefficients[0];
+        let next = (node + 1).min(values.height - 1);
+        // From a node on: what lies between nodes is found in whole steps.
+        let lead = (x0 as isize - first[0]).max(0) as usize % factor;
+        let (x0, count) = (x0 as isize - lead as isize, (lead + count).next_multiple_of(*factor));
+        let (mut here, mut there) = ([0.0; RUN_PX + 8], [0.0; RUN_PX + 8]);
+        for (k, values) in self.coefficients.iter().enumerate() {
+            values.node_row(node, x0, &mut here[..count]);
+            values.node_row(next, x0, &mut there[..count]);
+            let (here, there) = (&here[lead..][..RUN_PX], &there[lead..][..RUN_PX]);
+            let (here, there) = (S::as_simd_f32s(here).0, S::as_simd_f32s(there).0);
+            for (vector, (here, there)) in here.iter().zip(there).enumerate() {
+                line[vector * OUTPUTS + k] = *here;
+                step[vector * OUTPUTS + k] = simd.sub_f32s(*there, *here);
             }
         }
     }
@@ -227,46 +219,100 @@ fn enough(outputs: &[Vec<f32>]) -> [f32; 3] {
     })
 }
 
-/// Adds a line and a share of the step to the next.
-#[inline(always)]
-fn add_line(sums: &mut [f32], (line, step): (&[f32], &[f32]), share: f32) {
-    for ((sum, line), step) in sums.iter_mut().zip(line).zip(step) {
-        *sum += line + step * share;
-    }
+/// Names its vectors, so that all terms at eight pixels and the sum of a channel stay in registers.
+struct AddBand<'a> {
+    between: &'a Between,
+    light: &'a mut Light,
+    band: Range<usize>,
+    normals: &'a [Normals],
+    memory: &'a mut Memory,
 }
 
-/// Adds two terms times their coefficients. Two at once halve the stores; more pointers than these, and the compiler would
-/// not check that they lie apart, and take one number at a time.
-#[inline(always)]
-fn add_products(sums: &mut [f32], terms: [&[f32]; 2], [a, b]: [(&[f32], &[f32]); 2], share: f32) {
-    let count = sums.len();
-    let (terms_a, terms_b) = (&terms[0][..count], &terms[1][..count]);
-    let ((line_a, step_a), (line_b, step_b)) = ((&a.0[..count], &a.1[..count]), (&b.0[..count], &b.1[..count]));
-    for k in 0..count {
-        let first = terms_a[k] * (line_a[k] + step_a[k] * share);
-        sums[k] += first + terms_b[k] * (line_b[k] + step_b[k] * share);
-    }
-}
+impl WithSimd for AddBand<'_> {
+    type Output = ();
 
-/// The first terms at normals no steeper than `steepest`; the constant one is left out.
-#[inline(always)]
-fn set_terms(nx: &[f32], ny: &[f32], steepest: f32, terms: &mut [Vec<f32>]) {
-    let count = nx.len();
-    for plane in terms.iter_mut() {
-        plane.resize(RUN_PX, 0.0);
-    }
-    let [_, y, x, higher @ ..] = terms else { return };
-    let (nx, ny, x, y) = (&nx[..count], &ny[..count], &mut x[..count], &mut y[..count]);
-    for k in 0..count {
-        let length = (nx[k] * nx[k] + ny[k] * ny[k]).sqrt();
-        let kept = if length > steepest { steepest / length } else { 1.0 };
-        (x[k], y[k]) = (nx[k] * kept, ny[k] * kept);
-    }
-    let first = TERMS - FACTORS.len();
-    for (number, [a, b]) in (first..first + higher.len()).zip(FACTORS) {
-        let (known, new) = terms.split_at_mut(number);
-        for ((product, a), b) in new[0].iter_mut().zip(&known[a]).zip(&known[b]) {
-            *product = a * b;
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { between, light: Light { region, planes }, band, normals, memory } = self;
+        let width = region.width();
+        let (node, _) = between.between(*region, band.start);
+        for x0 in (0..width).step_by(RUN_PX) {
+            let run = x0..(x0 + RUN_PX).min(width);
+            between.set_lines(simd, node, region.x0 + x0, run.len(), memory);
+            for (row, normals) in band.clone().zip(normals) {
+                let (_, down) = between.between(*region, row);
+                let pixels = Pixels {
+                    normals: [&normals.x[run.clone()], &normals.y[run.clone()]],
+                    steepest: between.steepest,
+                    memory,
+                    down,
+                    sums: planes.each_mut().map(|plane| &mut plane[row * width..][run.clone()]),
+                };
+                match between.degree(pixels.normals[0], pixels.normals[1]) {
+                    1 => pixels.add::<S, { LAST[0] }>(simd),
+                    2 => pixels.add::<S, { LAST[1] }>(simd),
+                    3 => pixels.add::<S, { LAST[2] }>(simd),
+                    _ => pixels.add::<S, { LAST[3] }>(simd),
+                }
+            }
         }
     }
+}
+
+/// A run of pixels of a row.
+struct Pixels<'a> {
+    normals: [&'a [f32]; 2],
+    steepest: f32,
+    memory: &'a Memory,
+    /// How far the row is on the way to the next row of nodes.
+    down: f32,
+    /// A channel each.
+    sums: [&'a mut [f32]; 3],
+}
+
+impl Pixels<'_> {
+    /// Adds the terms up to number `LAST`.
+    #[inline(always)]
+    fn add<S: Simd, const LAST: usize>(self, simd: S) {
+        let Self { normals: [nx, ny], steepest, memory, down, mut sums } = self;
+        let down = simd.splat_f32s(down);
+        let lines = S::as_simd_f32s(&memory.line).0.chunks_exact(OUTPUTS);
+        let lines = lines.zip(S::as_simd_f32s(&memory.step).0.chunks_exact(OUTPUTS));
+        for (start, (line, step)) in (0..nx.len()).step_by(S::F32_LANES).zip(lines) {
+            let pixels = start..(start + S::F32_LANES).min(nx.len());
+            // A part of a vector is slow where the processor loads and stores it by itself.
+            let load = |plane: &[f32]| match S::as_simd_f32s(&plane[pixels.clone()]) {
+                ([whole], _) => *whole,
+                (_, part) => simd.partial_load_f32s(part),
+            };
+            let coefficient = |k: usize| simd.add_f32s(line[k], simd.mul_f32s(step[k], down));
+            let terms = terms::<S, LAST>(simd, [load(nx), load(ny)], steepest);
+            for (channel, sums) in sums.iter_mut().enumerate() {
+                let product = |m: usize| simd.mul_f32s(terms[m], coefficient(channel * TERMS + m));
+                let mut sum = simd.add_f32s(load(sums), coefficient(channel * TERMS));
+                for m in (1..LAST).step_by(2) {
+                    sum = simd.add_f32s(sum, simd.add_f32s(product(m), product(m + 1)));
+                }
+                match S::as_mut_simd_f32s(&mut sums[pixels.clone()]) {
+                    ([whole], _) => *whole = sum,
+                    (_, part) => simd.partial_store_f32s(part, sum),
+                }
+            }
+        }
+    }
+}
+
+/// The terms up to number `LAST` at normals, taken to be no steeper than `steepest`.
+#[inline(always)]
+fn terms<S: Simd, const LAST: usize>(simd: S, [nx, ny]: [S::f32s; 2], steepest: f32) -> [S::f32s; TERMS] {
+    let (one, steepest) = (simd.splat_f32s(1.0), simd.splat_f32s(steepest));
+    let length = simd.sqrt_f32s(simd.add_f32s(simd.mul_f32s(nx, nx), simd.mul_f32s(ny, ny)));
+    let is_steeper = simd.less_than_f32s(steepest, length);
+    let kept = simd.select_f32s(is_steeper, simd.div_f32s(steepest, length), one);
+    let mut terms = [one; TERMS];
+    (terms[1], terms[2]) = (simd.mul_f32s(ny, kept), simd.mul_f32s(nx, kept));
+    for (number, [a, b]) in (TERMS - FACTORS.len()..=LAST).zip(FACTORS) {
+        terms[number] = simd.mul_f32s(terms[a], terms[b]);
+    }
+    terms
 }
