@@ -39,7 +39,7 @@ impl Init {
             None => (TEMPLATE.to_owned(), "put a mesh into it, then gelsim generate"),
             Some(folder) => {
                 let sensor = self.sensor.as_deref().unwrap_or(PRESETS[0].0);
-                (template::of_folder(folder, sensor, self.file.as_deref())?, "gelsim generate")
+                (template::of_folder(folder, sensor, self.file.as_deref())?, "gelsim preview")
             }
         };
         let Some(path) = self.file else {

@@ -46,12 +46,16 @@ impl Verify {
             1 => String::from("1 thing is wrong\n"),
             count => format!("{count} things are wrong\n"),
         };
-        if let Some(version) = &verified.made_by {
-            text += &format!(
-                "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say\n"
-            );
-        }
-        text += &mended_by(&self.dir, &verified.findings);
+        text += &match &verified.made_by {
+            None => mended_by(&self.dir, &verified.findings),
+            // `generate` and `finalize` leave its folder as it is.
+            Some(version) => {
+                let mends = if count == 0 { "" } else { ", and only it mends them" };
+                format!(
+                    "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say{mends}\n"
+                )
+            }
+        };
         print(&text)?;
         // What is wrong has been said.
         if count == 0 { Ok(()) } else { Err(Failure::reported(1)) }

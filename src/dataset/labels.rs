@@ -59,7 +59,7 @@ impl SampleLabel {
         Ok(Self::Sequence(label, Box::new(summary)))
     }
 
-    /// The same, if it has no key that the schema does not know.
+    /// The same, if its keys are those of the schema.
     pub fn read_strictly(bytes: &[u8]) -> Result<Self, String> {
         let label = Self::read(bytes)?;
         let written = match &label {
@@ -68,8 +68,11 @@ impl SampleLabel {
             Self::Grip(label, _) => value(&**label),
             Self::GripSequence(label, _) => value(&**label),
         };
-        let same = serde_json::from_slice::<Value>(bytes).is_ok_and(|read| Some(read) == written);
-        if same { Ok(label) } else { Err(String::from("has keys that the schema does not know")) }
+        let read = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+        match written.and_then(|written| difference(&read, &written, "")) {
+            None => Ok(label),
+            Some(difference) => Err(difference),
+        }
     }
 
     /// What counts of the sample as a whole.
@@ -128,4 +131,24 @@ pub fn split(suffix: &str) -> Suffix<'_> {
 
 fn value(label: &impl Serialize) -> Option<Value> {
     serde_json::to_value(label).ok()
+}
+
+/// The first place, of those beneath `place`, in which a label differs from what the schema makes of it.
+fn difference(read: &Value, written: &Value, place: &str) -> Option<String> {
+    let beneath = |key: &str| if place.is_empty() { String::from(key) } else { format!("{place}.{key}") };
+    match (read, written) {
+        (Value::Object(read), Value::Object(written)) => {
+            let unknown = read.keys().find(|key| !written.contains_key(*key));
+            let lacking = written.keys().find(|key| !read.contains_key(*key));
+            let unknown = unknown.map(|key| format!("has `{}`, which the schema does not know", beneath(key)));
+            let lacking = || lacking.map(|key| format!("lacks `{}`", beneath(key)));
+            let deeper = || read.iter().find_map(|(key, value)| difference(value, &written[key], &beneath(key)));
+            unknown.or_else(lacking).or_else(deeper)
+        }
+        (Value::Array(read), Value::Array(written)) if read.len() == written.len() => {
+            let mut pairs = read.iter().zip(written).enumerate();
+            pairs.find_map(|(number, (read, written))| difference(read, written, &format!("{place}[{number}]")))
+        }
+        _ => (read != written).then(|| format!("has {read} at `{place}` instead of {written}")),
+    }
 }

@@ -109,6 +109,7 @@ ELSEWHERE = {
     ),
     "python tests/transfer/run.py GELSIM --self-test": ("NumPy", ".ci/run"),
     "python docs/first-hour/train.py out/objects": ("PyTorch", ".ci/run"),
+    "python tests/bench/accuracy.py target/release/gelsim": ("minutes", ".ci/run"),
     "bash python/wheels.sh": ("minutes", ".ci/run"),
     "pip install dist/gelsim-*.whl": ("the wheel; there from another folder", ".ci/run"),
     "cargo install --path . --features stores": ("minutes; there it is built", ".ci/run"),

@@ -11,12 +11,36 @@ const MODULI_KPA: [f64; 2] = [1.0, 1e5];
 /// Less than this no camera shows, mm.
 const SHALLOWEST_MM: f64 = 1e-3;
 
+/// Pixels longer by this factor one way than the other are seen to be.
+const STRETCHED: f64 = 1.1;
+
 /// All of them.
 pub fn of(job: &Job) -> Vec<String> {
-    [strain(job), squeezed(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)]
+    [stretched(job), strain(job), squeezed(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)]
         .into_iter()
         .flatten()
         .collect()
+}
+
+/// Pixels that are longer one way than the other: mostly a resolution for a camera that is held the other way.
+fn stretched(job: &Job) -> Option<String> {
+    let sensor = Some(&job.sensor).filter(|sensor| sensor.shape.is_none())?;
+    let (px, mm) = (sensor.resolution_px, sensor.field_of_view_mm);
+    let [x, y]: [f64; 2] = std::array::from_fn(|k| mm[k] / px[k].max(1) as f64);
+    let kept = |k: usize| {
+        let longest = *px.iter().max().expect("two") as f64;
+        (longest * mm[k] / mm[0].max(mm[1])).round().max(1.0)
+    };
+    (x.max(y) > STRETCHED * x.min(y)).then(|| {
+        format!(
+            "pixels are {x:.3} x {y:.3} mm: images are out of proportion; `sensor.resolution_px = [{}, {}]` keeps that of the \
+             view, {} x {} mm",
+            kept(0),
+            kept(1),
+            mm[0],
+            mm[1]
+        )
+    })
 }
 
 /// Where the object of a sequence may be moved out of the view: the first phase in which it may.

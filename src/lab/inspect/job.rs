@@ -75,11 +75,12 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Str
     Ok(format!(
         "# {} in {}. Look first:  gelsim preview THIS-FILE --out sheet.png\n\
          # Every key: gelsim init my-job.toml\n\n\
-         [dataset]\nname = \"{}\"\nsamples = {}\n\n\
+         [dataset]\nname = \"{}\"\nsamples = {}\n\
+         splits = {{ train = 0.8, val = 0.1, test = 0.1 }}\n\n\
          [sensor]\npreset = \"{preset}\"\n\n\
          {objects}\
          [pose]\n\
-         face = \"any\"                              # any side of the object faces the pad\n\
+         face = \"any\"                              # any side of the object faces the pad; \"auto\": the one with relief\n\
          yaw_deg = [0.0, 360.0]\n\
          tilt_deg = [0.0, 5.0]\n\
          {place}\
