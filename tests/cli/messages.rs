@@ -461,6 +461,10 @@ fn what_is_probably_not_meant_is_noted_and_refused_where_notes_count_as_errors()
             "sensor.gelpad_youngs_modulus_kpa may be 0.145, where gelpads have 1 to",
         ),
         ("sensor.gelpad_youngs_modulus_kpa=145000.0", "sensor.gelpad_youngs_modulus_kpa may be 145000, where"),
+        (
+            "sensor.resolution_px=[36,48]",
+            "pixels are 0.556 x 0.312 mm: images are out of proportion; `sensor.resolution_px = [48, 36]`",
+        ),
     ] {
         let said = folder.succeed(&format!("generate job.toml --overwrite --samples 1 --out out --set {set}"));
         assert_eq!(said.matches("note: ").count(), 1, "{said}");

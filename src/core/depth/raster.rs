@@ -5,7 +5,7 @@
 //! each other, so that, with edges counted in on both sides, no centre falls between them. No fused multiply-add: the
 //! result is the same on every x86-64.
 
-use pulp::{Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 
 use super::Placement;
 use crate::core::base::grid::Grid;
@@ -370,12 +370,8 @@ fn triangle<S: Simd>(simd: S, [a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights:
             }
             x += 8.0;
         }
-        let rows = [a, b, c].map(|corner| [corner[0], corner[1] - py, corner[2]]);
         for value in eights.into_remainder() {
-            let (inside, height) = at_pixel(&rows, x);
-            if inside && height < *value {
-                *value = height;
-            }
+            *value = lowered(Scalar, *value, [a, b, c], [x, py]);
             x += 1.0;
         }
     }
@@ -428,16 +424,6 @@ fn triangle_samples<S: Simd>(
             },
         );
     }
-}
-
-/// Whether a triangle covers the point at column `x` of a row, and its height there. The corners' second coordinates
-/// are relative to the row.
-#[inline(always)]
-fn at_pixel([a, b, c]: &[[f32; 3]; 3], x: f32) -> (bool, f32) {
-    let (ax, bx, cx) = (a[0] - x, b[0] - x, c[0] - x);
-    let (ea, eb, ec) = (bx * c[1] - b[1] * cx, cx * a[1] - c[1] * ax, ax * b[1] - a[1] * bx);
-    let inside = ((ea >= 0.0) & (eb >= 0.0) & (ec >= 0.0)) | ((ea <= 0.0) & (eb <= 0.0) & (ec <= 0.0));
-    (inside, (ea * a[2] + eb * b[2] + ec * c[2]) / (ea + eb + ec))
 }
 
 /// Heights at points, lowered to a triangle where that covers them from below.

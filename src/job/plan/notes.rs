@@ -28,7 +28,7 @@ fn stretched(job: &Job) -> Option<String> {
     let (px, mm) = (sensor.resolution_px, sensor.field_of_view_mm);
     let [x, y]: [f64; 2] = std::array::from_fn(|k| mm[k] / px[k].max(1) as f64);
     let kept = |k: usize| {
-        let longest = *px.iter().max().expect("two") as f64;
+        let longest = px[0].max(px[1]) as f64;
         (longest * mm[k] / mm[0].max(mm[1])).round().max(1.0)
     };
     (x.max(y) > STRETCHED * x.min(y)).then(|| {

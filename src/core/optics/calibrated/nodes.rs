@@ -8,7 +8,7 @@ use super::kernel::Kernel;
 use super::response::{DEGREES, FACTORS, INPUTS, OUTPUTS, Response, TERMS};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
-use crate::core::base::simd::dispatch;
+use crate::core::base::simd::{dispatch, largest};
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
 use crate::core::optics::coarse::{Coarse, Values};
@@ -140,12 +140,12 @@ impl Between {
 
     /// Rows of the light's region from `row` on that lie between the same two rows of nodes.
     pub fn band(&self, region: Rect, row: usize) -> Range<usize> {
-        let same = |other: &usize| self.between(region, *other).0 == self.between(region, row).0;
+        let same = |other: &usize| self.node_above(region, *other).0 == self.node_above(region, row).0;
         row..(row + 1..region.height()).take_while(same).last().unwrap_or(row) + 1
     }
 
     /// The row of nodes at or above row `row` of the light's region, and how far this is on the way to the next one, 0 to 1.
-    fn between(&self, region: Rect, row: usize) -> (usize, f32) {
+    fn node_above(&self, region: Rect, row: usize) -> (usize, f32) {
         let Values { factor, first, values } = &self.coefficients[0];
         let offset = (region.y0 + row) as isize - first[1];
         let offset = offset.clamp(0, ((values.height - 1) * factor) as isize) as usize;
@@ -160,13 +160,8 @@ impl Between {
     /// The degree of the terms that count at these normals.
     #[inline(always)]
     fn degree(&self, nx: &[f32], ny: &[f32]) -> usize {
-        // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
-        let mut most = 0;
-        for (x, y) in nx.iter().zip(ny) {
-            most = most.max((x * x + y * y).to_bits());
-        }
-        let beyond = |enough: &&f32| most > enough.to_bits();
-        1 + self.enough.iter().filter(beyond).count()
+        let most = largest(nx.iter().zip(ny).map(|(x, y)| x * x + y * y));
+        1 + self.enough.iter().filter(|enough| most > **enough).count()
     }
 
     /// Sets the coefficients along a row of nodes at the run of `count` pixels from column `x0` of the view on, and the steps
@@ -235,12 +230,12 @@ impl WithSimd for AddBand<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { between, light: Light { region, planes }, band, normals, memory } = self;
         let width = region.width();
-        let (node, _) = between.between(*region, band.start);
+        let (node, _) = between.node_above(*region, band.start);
         for x0 in (0..width).step_by(RUN_PX) {
             let run = x0..(x0 + RUN_PX).min(width);
             between.set_lines(simd, node, region.x0 + x0, run.len(), memory);
             for (row, normals) in band.clone().zip(normals) {
-                let (_, down) = between.between(*region, row);
+                let (_, down) = between.node_above(*region, row);
                 let pixels = Pixels {
                     normals: [&normals.x[run.clone()], &normals.y[run.clone()]],
                     steepest: between.steepest,
