@@ -28,6 +28,7 @@ use crate::core::gelpad::whole::Whole;
 use crate::core::gelpad::{self, Contact, Pad};
 use crate::core::impression::Slid;
 use crate::core::pose::PadPlane;
+use lit::CastShadows;
 use on_core::Pressed;
 use seen::Seen;
 
@@ -210,8 +211,10 @@ impl Curved {
         seconds.gelpad += clock.lap();
 
         effects.enable(Effect::Grain, Requirement::Absent("not simulated on a gel that has a shape"));
-        let map = self.map(&chart, &depth, &contact, window);
-        let (pins, light) = self.looked_at((&contact, &chart, &map), wrench.as_ref(), unit_key, effects);
+        let shadows = self.cast_shadows(&contact, &chart, effects);
+        let map = self.map(&chart, &depth, &contact, window, shadows.as_ref());
+        let (pins, light) =
+            self.looked_at((&contact, &chart, &map), shadows.as_ref(), wrench.as_ref(), unit_key, effects);
         seconds.optics += clock.lap();
         let wrench = wrench.filter(|_| contact.force_n.is_some());
         CurvedPress { depth, contact, map, pins, wrench, slid, light, above_mm: window.above_mm }
@@ -240,14 +243,21 @@ impl Curved {
     }
 
     /// Where the image's pixels lie on a chart, as far as there is something to show.
-    fn map(&self, chart: &Chart, depth: &Depth, contact: &Contact, window: Window) -> GelMap {
+    fn map(
+        &self,
+        chart: &Chart,
+        depth: &Depth,
+        contact: &Contact,
+        window: Window,
+        shadows: Option<&CastShadows>,
+    ) -> GelMap {
         let [width, height] = self.view.resolution_px;
         // What is in reach is shown by gaps; the gel moves in its own plane far beyond.
         let reached = bounding_box(&depth.overlap, |mm| mm > -window.above_mm as f32);
         let reached = reached.seen_from(depth.margin_px, depth.margin_px, width, height);
         let part = match contact.tangential {
             Some(_) => Rect::whole(width, height),
-            None => contact.region.united(reached),
+            None => contact.region.united(reached).united(shadows.map_or_else(Rect::default, |shadows| shadows.part)),
         };
         GelMap::new(&self.gel, chart, part)
     }

@@ -9,33 +9,31 @@ use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::Light;
 use crate::core::base::view::View;
 use crate::core::camera::markers::{MarkerPattern, MarkerPositions};
-use crate::core::camera::pins::Pins;
 use crate::core::camera::{Camera, CameraParams, Image};
-use crate::core::curved::sequence::MovingObject;
-use crate::core::curved::{Curved, CurvedPress, PressedGel, SkinLight, SkinPicture};
+use crate::core::curved::{Curved, CurvedPress, PressedGel};
 use crate::core::depth::beyond::Surroundings;
 use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::texture::{Laid, Texture};
-use crate::core::depth::{self, Depth, Window, rest};
+use crate::core::depth::texture::Texture;
+use crate::core::depth::{self, Depth, Window};
 use crate::core::effects::{Effect, EffectLog, EffectPolicy, Requirement};
-use crate::core::fidelity::{Fidelity, Models};
+use crate::core::fidelity::Models;
 use crate::core::gelpad::elastic::friction::Drag;
 use crate::core::gelpad::elastic::inplane::InPlane;
 use crate::core::gelpad::elastic::model_error::curvature_error_mm;
 use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::material::Material;
 use crate::core::gelpad::object::ObjectMaterial;
-use crate::core::gelpad::sliding::{FramePad, Ground, ObjectStep, Sliding};
-use crate::core::gelpad::subpixel;
+use crate::core::gelpad::sliding::{FramePad, Sliding};
 use crate::core::gelpad::tangential::{Shear, tangential};
 use crate::core::gelpad::whole::Whole;
-use crate::core::gelpad::{self, Contact, Pad};
+use crate::core::gelpad::{self, Contact, Pad, subpixel};
 use crate::core::impression::{Impression, Slid};
 use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::lamps;
-use crate::core::optics::{self, Illumination, Shader};
-use crate::core::pose::{PadPlane, Pose};
-use crate::core::sensor::{Background, Markers, Sensor, SensorError};
+use crate::core::optics::{Shader, lamps};
+use crate::core::pose::PadPlane;
+use crate::core::sensor::{Markers, Sensor};
+
+mod frames;
+mod ready;
 
 /// Everything about a sensor that is the same in every press, computed once.
 ///
@@ -99,230 +97,6 @@ struct Touched {
 }
 
 impl Simulator {
-    /// Makes a sensor ready at a fidelity level. This takes from a few milliseconds to a second.
-    ///
-    /// # Errors
-    ///
-    /// What makes the sensor impossible to simulate.
-    pub fn new(sensor: &Sensor, fidelity: Fidelity) -> Result<Self, SensorError> {
-        sensor.check()?;
-        Ok(Self::with_models(sensor.clone(), fidelity.models(sensor.light_source()), EffectPolicy::default()))
-    }
-
-    /// The same with any models, and with a policy for the effects: one that leaves an effect out takes it from the
-    /// background image, too. The sensor must be sound ([`Sensor::check`]).
-    pub fn with_models(sensor: Sensor, models: Models, policy: EffectPolicy) -> Self {
-        Self::make(sensor, models, policy, None)
-    }
-
-    /// Another sensor of the same models and policy: the same as [`Simulator::with_models`] of it, but what both have in
-    /// common (the pad's response, the background image, its light) is shared and not computed again.
-    pub fn variant(&self, sensor: Sensor) -> Self {
-        Self::make(sensor, self.models.clone(), self.policy, Some(self))
-    }
-
-    /// The same, but every press says how the pad's surface moves in its plane, markers or not; see
-    /// [`Impression::flow_mm`].
-    pub fn with_flow(self) -> Self {
-        let in_plane = self.in_plane.or_else(|| {
-            let Sensor { gelpad, .. } = &self.sensor;
-            self.pad.in_plane(gelpad, self.sensor.window_mm(), &self.view).map(Arc::new)
-        });
-        Self { flow: true, in_plane, ..self }
-    }
-
-    /// Takes from `like`, of the same models and policy, all that is the same in `sensor`.
-    fn make(sensor: Sensor, models: Models, policy: EffectPolicy, like: Option<&Self>) -> Self {
-        let view = sensor.view();
-        // A chart's pixels are not the image's.
-        let at_tip = sensor.shape.as_ref().and_then(|_| sensor.projection().view_at_tip());
-        let in_image = at_tip.unwrap_or(view);
-        let like = like.filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            let same_gel = a.shape == b.shape && a.lens == b.lens && a.pins == b.pins;
-            like.view == view && a.field_of_view_mm == b.field_of_view_mm && same_gel
-        });
-
-        let same_look = like.filter(|like| like.sensor.background.looks_like(&sensor.background));
-        let same_lamps = like.filter(|like| like.sensor.lamps == sensor.lamps);
-        let same_background = same_look
-            .filter(|like| sensor.has_photograph() || (same_lamps.is_some() && like.sensor.leds_glow_like(&sensor)));
-        let noise = match &sensor.background {
-            Background::Photograph(_) => None,
-            // The picture is the lamps'.
-            Background::Rendered(_) if !sensor.lamps.is_empty() => None,
-            Background::Rendered(look) => {
-                let known = like.filter(|like| like.sensor.background.grain_size_mm() == Some(look.grain_size_mm));
-                Some(known.and_then(|like| like.noise.clone()).unwrap_or_else(|| Arc::new(look.noise(&in_image))))
-            }
-        };
-        let background = match (same_background, &sensor.background, &noise) {
-            (Some(like), ..) => Arc::clone(&like.background),
-            (None, Background::Rendered(look), Some(noise)) => {
-                let (leds, field_of_view_mm) = (&sensor.leds, sensor.field_of_view_mm);
-                Arc::new(BackgroundImage::rendered_with(noise, look, leds, field_of_view_mm, &in_image))
-            }
-            _ => sensor.background(),
-        };
-
-        let same_rest = like.filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            a.rest_surface == b.rest_surface && a.coating == b.coating
-        });
-        let (drop_mm, relief) = match same_rest {
-            Some(like) => (like.drop_mm.clone(), like.relief.clone()),
-            None => {
-                let drop_mm = sensor.rest_surface.as_ref().map(|shape| rest::drop_mm(shape, &view));
-                let relief = match policy {
-                    EffectPolicy::Without(Effect::Grain) => None,
-                    EffectPolicy::Without(Effect::RestShape) => rest::relief(None, sensor.coating.as_ref(), &view),
-                    _ => rest::relief(drop_mm.as_ref(), sensor.coating.as_ref(), &view),
-                };
-                (drop_mm.map(Arc::new), relief.map(Arc::new))
-            }
-        };
-
-        let pad = match like {
-            Some(like) if like.sensor.gelpad == sensor.gelpad => Arc::clone(&like.pad),
-            // Displacements do not depend on it.
-            Some(like)
-                if Material { youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa, ..like.sensor.gelpad }
-                    == sensor.gelpad =>
-            {
-                Arc::new(like.pad.with_youngs_modulus(sensor.gelpad.youngs_modulus_kpa))
-            }
-            _ => Arc::new(Pad::new(&models.gelpad, &sensor.gelpad, &view)),
-        };
-
-        let frame_pad = match like {
-            Some(like) if like.sensor.gelpad == sensor.gelpad => Arc::clone(&like.frame_pad),
-            _ => Arc::default(),
-        };
-
-        let light = Illumination {
-            leds: &sensor.leds,
-            lamps: &sensor.lamps,
-            field_of_view_mm: sensor.field_of_view_mm,
-            thickness_mm: sensor.gelpad.thickness_mm,
-            photograph: sensor.has_photograph(),
-            darkening: sensor.darkening,
-            stray_light: sensor.stray_light,
-            residual: sensor.light_residual.as_deref(),
-        };
-        // What decides the light of the untouched pad; then what decides that of a pressed one beside it.
-        let same_leds = same_rest.and(same_lamps).filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            let same_table = match (&a.calibration, &b.calibration) {
-                (None, None) => true,
-                (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-                _ => false,
-            };
-            let same_light = a.leds == b.leds && a.stray_light == b.stray_light && a.light_residual == b.light_residual;
-            // A thickness decides which LEDs are too far for heights to matter.
-            let near = matches!(models.optics, optics::Model::Led(_));
-            let same_light = same_light && (!near || a.gelpad.thickness_mm == b.gelpad.thickness_mm);
-            same_light && a.has_photograph() == b.has_photograph() && same_table
-        });
-        let same_shader = same_leds.filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            a.darkening == b.darkening && a.gelpad.thickness_mm == b.gelpad.thickness_mm
-        });
-        let shader = match same_shader {
-            Some(like) => Arc::clone(&like.shader),
-            None => {
-                let relief = relief.as_deref().cloned();
-                Arc::new(Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief))
-            }
-        };
-        let lamps = match same_lamps {
-            _ if sensor.lamps.is_empty() => None,
-            Some(like) => like.lamps.clone(),
-            None => Some(Arc::new(lamps::Shader::new(&sensor.lamps, &view))),
-        };
-
-        let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
-        let flow = like.is_some_and(|like| like.flow);
-        let in_plane = match like {
-            Some(like) if like.markers.is_some() == markers.is_some() && Arc::ptr_eq(&like.pad, &pad) => {
-                like.in_plane.clone()
-            }
-            _ if markers.is_none() && !flow && sensor.pins.is_none() => None,
-            _ => pad.in_plane(&sensor.gelpad, sensor.window_mm(), &view).map(Arc::new),
-        };
-        let curved = sensor.shape.clone().map(|shape| {
-            let known = like.filter(|like| Arc::ptr_eq(&like.pad, &pad)).filter(|like| match sensor.pins {
-                Some(_) => like.sensor.background.looks_like(&sensor.background),
-                None => Arc::ptr_eq(&like.shader, &shader) && Arc::ptr_eq(&like.background, &background),
-            });
-            let make = || {
-                let (camera, margin_px) = (sensor.projection(), pad.window(0.0).margin_px);
-                let Some(pins) = &sensor.pins else {
-                    let picture = match (&sensor.background, &noise) {
-                        (Background::Rendered(look), Some(noise)) => SkinPicture::Rendered(look, noise),
-                        _ => SkinPicture::Photograph(&background),
-                    };
-                    let phong = models.optics.phong().copied().unwrap_or_default();
-                    let look = SkinLight { phong, light, background: picture, in_image };
-                    return Arc::new(Curved::with_skin(shape, camera, view, margin_px, &look));
-                };
-                let dark = match &sensor.background {
-                    Background::Rendered(look) => look.color,
-                    Background::Photograph(_) => [0.0; 3],
-                };
-                // A policy that leaves markers out leaves pins out, too.
-                let at_mm = match policy {
-                    EffectPolicy::Without(Effect::Markers) => Vec::new(),
-                    _ => pins.at_mm.clone(),
-                };
-                let pins = Pins { at_mm, ..pins.clone() };
-                Arc::new(Curved::with_pins(shape, camera, view, margin_px, pins, dark))
-            };
-            known.and_then(|like| like.curved.clone()).unwrap_or_else(make)
-        });
-        let same_camera = same_leds.zip(same_background).map(|(like, _)| like).filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            a.camera == b.camera && a.markers == b.markers
-        });
-        let camera = match same_camera {
-            Some(like) => Arc::clone(&like.camera),
-            None => {
-                let printed = markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
-                let untouched = match &curved {
-                    Some(curved) => curved.untouched(),
-                    None => shader.untouched(&background),
-                };
-                let resting = sensor.camera.under(policy);
-                Arc::new(Camera::new(&in_image, untouched, sensor.has_photograph(), resting, printed))
-            }
-        };
-        let background = match &curved {
-            Some(_) => {
-                let Image { width, height, rgb, .. } = &camera.untouched;
-                Arc::new(BackgroundImage::new(*width, *height, rgb.clone()))
-            }
-            None => background,
-        };
-        Self {
-            sensor,
-            models,
-            policy,
-            view,
-            background,
-            noise,
-            drop_mm,
-            relief,
-            pad,
-            frame_pad,
-            markers,
-            flow,
-            in_plane,
-            shader,
-            lamps,
-            camera,
-            curved,
-        }
-    }
-
     /// Presses an indenter into the pad, with the sensor's own markers and camera.
     ///
     /// # Panics
@@ -341,81 +115,6 @@ impl Simulator {
         self.pressed(press, None)
     }
 
-    /// An object that is to slide, turn and roll on the pad; `None` if the model of the gelpad knows no tractions.
-    pub fn sliding(&self, friction: Friction) -> Option<Sliding> {
-        match &self.models.gelpad {
-            gelpad::Model::Elastic(elastic) => {
-                let pad = || FramePad::new(elastic, &self.sensor.gelpad, &self.view);
-                Some(Sliding::new(self.frame_pad.get_or_init(pad), friction))
-            }
-            _ => None,
-        }
-    }
-
-    /// The next frame of a sequence: the object goes through `steps`, the last of which leads to where `press` has it, and
-    /// friction remembers in `sliding` what it did. The press's texture lies where it lay at the start of the sequence; its
-    /// shear is left out.
-    ///
-    /// ```
-    /// use gelsim::{Fidelity, Friction, Indenter, ObjectStep, PlanarMotion, Pose, Press, Sensor, Simulator};
-    ///
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let sensor = Sensor::preset("gelsight-2014")?.with_resolution([80, 60]);
-    /// let simulator = Simulator::new(&sensor, Fidelity::Draft)?;
-    /// let view = sensor.view();
-    /// let mut sliding = simulator.sliding(Friction::Coulomb { coefficient: 0.3 }).expect("an elastic pad");
-    /// let mut wrench = Default::default();
-    /// for frame in 0..12 {
-    ///     // A ball of 4 mm: pressed in for four frames, then pushed to the right.
-    ///     let (deep, right, by) = (0.2 * f64::from(frame.min(3) + 1), 0.2 * f64::from((frame - 3).max(0)), 0.2);
-    ///     let ball = |i: usize| {
-    ///         let [x, y] = view.point_mm([(i % 80) as f64 + 0.5, (i / 80) as f64 + 0.5]);
-    ///         let left = 16.0 - (x - right) * (x - right) - y * y;
-    ///         if left > 0.0 { (deep - 4.0 + left.sqrt()) as f32 } else { f32::NEG_INFINITY }
-    ///     };
-    ///     let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [right, 0.0, -deep]);
-    ///     let indenter = Indenter { pose, ..Indenter::height_map([80, 60], (0..80 * 60).map(ball).collect())? };
-    ///     let shift_mm = [if frame > 3 { by } else { 0.0 }, 0.0];
-    ///     let motion = PlanarMotion { shift_mm, ..PlanarMotion::default() };
-    ///     let step = ObjectStep { pose, depth_mm: indenter.depth_mm, motion };
-    ///     let impression = simulator.press_next(&Press::new(indenter, &sensor), &[step], &mut sliding);
-    ///     wrench = impression.sliding.expect("a frame of a sequence").wrench;
-    /// }
-    /// let [x, _, z] = wrench.force_n;
-    /// assert!(x > 0.25 * -z && x < 0.301 * -z, "{wrench:?}"); // it slips
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Panics
-    ///
-    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
-    pub fn press_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
-        let mut clock = Clock::start();
-        match &self.curved {
-            Some(curved) => curved.advance(sliding, steps, &self.moving(press)),
-            None => sliding.advance(steps, &press.indenter, self.ground(press)),
-        }
-        let carried = |texture: &Texture| {
-            let laid = texture.laid.unwrap_or_else(|| Laid::over(&press.indenter.pose, &press.plane));
-            texture.laid_out(sliding.carried(laid))
-        };
-        let press = Press { texture: press.texture.as_ref().map(carried), shear: None, ..press.clone() };
-        let seconds = clock.lap();
-        let mut impression = self.pressed(&press, Some(sliding));
-        impression.seconds.gelpad += seconds;
-        impression.effects.seconds[Effect::Friction] += seconds;
-        impression
-    }
-
-    /// Normal force of the whole object on the pad if it were pressed so deep at a pose, N.
-    pub fn force_n(&self, sliding: &Sliding, press: &Press, pose: Pose, depth_mm: f64) -> f64 {
-        match &self.curved {
-            Some(curved) => curved.force_n(sliding, &self.moving(press), &pose),
-            None => sliding.normal_force_n(&press.indenter, pose, depth_mm, self.ground(press)),
-        }
-    }
-
     /// Normal force of the whole object on the pad, in view and beyond, N: to the bit what [`Simulator::press_with`] has as
     /// `contact.whole.total_force_n`, on a flat pad without its light and image. `None` where that is not known.
     ///
@@ -431,26 +130,6 @@ impl Simulator {
         let mut effects = EffectLog::new(self.policy);
         let pad = own_pad.as_ref().unwrap_or(&self.pad);
         self.touched(press, pad, None, &mut clock, &mut seconds, &mut effects).contact.whole.total_force_n
-    }
-
-    /// What moves over a gel that is not flat.
-    fn moving<'a>(&'a self, press: &'a Press) -> MovingObject<'a> {
-        MovingObject {
-            indenter: &press.indenter,
-            plane: &press.plane,
-            texture: self.ground(press).texture,
-            thickness_mm: self.sensor.gelpad.thickness_mm,
-        }
-    }
-
-    /// What beside the object's shape decides where it meets the pad, unless it is left out.
-    fn ground<'a>(&'a self, press: &'a Press) -> Ground<'a> {
-        let unless = |effect| self.policy != EffectPolicy::Without(effect);
-        Ground {
-            camera: &self.view,
-            texture: press.texture.as_ref().filter(|_| unless(Effect::Texture)),
-            drop_mm: self.drop_mm.as_deref().filter(|_| unless(Effect::RestShape)),
-        }
     }
 
     /// What holds the pad to the object while it is pressed in, if anything does.

@@ -29,6 +29,8 @@ pub struct GelView {
     view: View,
     /// What the pixels show of the gel, row by row.
     sites: Vec<Option<Site>>,
+    /// The same in short, as it is asked for in every press.
+    shows: Vec<Shows>,
     /// The part of the image outside of which no pixel shows any.
     part: Rect,
     /// Unit normals towards the inside of the gel; (0, 0, -1) where there is none.
@@ -37,21 +39,43 @@ pub struct GelView {
     lattices: Vec<OnceLock<Arc<Lattice>>>,
 }
 
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Shows {
+    /// No gel.
+    #[default]
+    Nothing,
+    /// A wall: it is below the middle of a capsule's cap.
+    Wall,
+    /// Any other part of a gel.
+    Gel,
+}
+
+impl Shows {
+    fn new(site: &Option<Site>) -> Self {
+        match site {
+            None => Self::Nothing,
+            Some(site) if site.below_mm > 0.0 => Self::Wall,
+            Some(_) => Self::Gel,
+        }
+    }
+}
+
 impl GelView {
     /// Of a gel whose charts have the nodes of `view`.
     pub fn new(shape: GelShape, camera: Projection, view: View) -> Self {
         let [width, height] = view.resolution_px;
         let centre = |at: usize| [(at % width) as f64 + 0.5, (at / width) as f64 + 0.5];
         let sites: Vec<Option<Site>> = (0..width * height).map(|at| camera.site(&shape, centre(at))).collect();
-        let seen = Grid { width, height, data: sites.iter().map(|site| u8::from(site.is_some())).collect() };
-        let part = bounding_box(&seen, |seen| seen > 0);
+        let seen = Grid { width, height, data: sites.iter().map(Shows::new).collect() };
+        let part = bounding_box(&seen, |shows| shows != Shows::Nothing);
         let inwards = [0, 1, 2].map(|k| {
             let normal = |site: &Option<Site>| site.map_or(DVec3::NEG_Z, |site| -site.normal);
             sites.iter().map(|site| normal(site)[k] as f32).collect()
         });
         let latitudes = shape.wall_mm().map_or(1, |_| Latitude::count(&shape));
         let lattices = (0..latitudes).map(|_| OnceLock::new()).collect();
-        Self { shape, camera, view, sites, part, inwards, lattices }
+        Self { shape, camera, view, sites, shows: seen.data, part, inwards, lattices }
     }
 
     /// What the image's pixels show of the gel, row by row.
@@ -91,8 +115,6 @@ pub struct GelMap {
     at: Vec<[f32; 2]>,
     /// The part of the image outside of which there are none.
     part: Rect,
-    /// The part of the chart that was looked for.
-    covered: Rect,
     lattice: OnceLock<(Arc<Lattice>, DMat3)>,
 }
 
@@ -108,16 +130,13 @@ impl GelMap {
     /// Of a chart. But for a dome's only a part is looked for: outside of it there is nothing to be shown.
     pub fn new(gel: &Arc<GelView>, chart: &Chart, part: Rect) -> Self {
         let lattice = OnceLock::new();
-        let GelView { shape, camera, view, sites, .. } = &**gel;
+        let GelView { shape, camera, view, sites, shows, .. } = &**gel;
         let over_mm = CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
         let drawn = || {
             let (lattice, turn) = lattice.get_or_init(|| gel.lattice(chart));
-            Drawn { camera, sites, lattice, turn: *turn }
+            Drawn { camera, sites, shows, lattice, turn: *turn }
         };
         let cells = Cells::around(part, view);
-        let [width, height] = view.resolution_px;
-        let is_dome = shape.wall_mm().is_none() && chart.geodesics().is_none();
-        let covered = if is_dome { Rect::whole(width, height) } else { part };
         let (at, part) = match (shape.wall_mm(), chart.geodesics()) {
             (None, None) => (on_dome(sites, chart, view), gel.part),
             (Some(wall_mm), _) => {
@@ -130,7 +149,7 @@ impl GelMap {
                 drawn().places(view, &cells, |at, _| geodesics.is_on_gel(at, over_mm), Some(shown))
             }
         };
-        Self { gel: Arc::clone(gel), chart: chart.clone(), at, part, covered, lattice }
+        Self { gel: Arc::clone(gel), chart: chart.clone(), at, part, lattice }
     }
 
     /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
@@ -171,11 +190,6 @@ impl GelMap {
         around
     }
 
-    /// True if it was looked for where the image shows a part of the chart.
-    pub fn covers(&self, part: Rect) -> bool {
-        self.covered.united(part) == self.covered
-    }
-
     /// Where a point of the chart is from the sensor's axis, mm.
     pub fn place_mm(&self, at: [f64; 2]) -> [f64; 2] {
         let DVec3 { x, y, .. } = self.chart.point_mm(at);
@@ -197,7 +211,7 @@ impl GelMap {
     /// them: towards the inside of the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
     pub fn normals(&self, surface: &Grid<f32>, touched: Rect) -> Vec<[f32; 3]> {
         let [width, height] = self.size_px();
-        let [x, y, z] = self.pressed(surface, touched, Rect::whole(width, height)).normals;
+        let [x, y, z] = self.pressed(&self.skin(surface, touched), Rect::whole(width, height)).normals;
         x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
     }
 
@@ -212,9 +226,8 @@ impl GelMap {
     }
 
     /// Such a gel as a part of the image shows it.
-    pub fn pressed(&self, surface: &Grid<f32>, touched: Rect, part: Rect) -> PressedPart {
+    pub fn pressed(&self, skin: &SkinAt<'_>, part: Rect) -> PressedPart {
         let GelView { view, inwards, .. } = &*self.gel;
-        let skin = self.skin(surface, touched);
         let [width, _] = view.resolution_px;
         let mut normals = [(); 3].map(|()| Vec::with_capacity(part.area()));
         let mut down_mm = vec![0.0; part.area()];
@@ -235,12 +248,7 @@ impl GelMap {
 
     /// The pixels of a part within which such a gel bends, and its normals at [`OFFSETS`] from their centres; `pressed` is what the
     /// part shows, in which nothing is pressed but `within` another one.
-    pub fn bent(
-        &self,
-        (surface, touched): (&Grid<f32>, Rect),
-        (part, within): (Rect, Rect),
-        pressed: &PressedPart,
-    ) -> Vec<BentSkin> {
+    pub fn bent(&self, skin: &SkinAt<'_>, (part, within): (Rect, Rect), pressed: &PressedPart) -> Vec<BentSkin> {
         let width = self.gel.view.resolution_px[0];
         let (columns, rows) = (within.width(), within.height());
         let in_part = |x: usize, y: usize| (within.y0 + y - part.y0) * part.width() + within.x0 + x - part.x0;
@@ -270,7 +278,6 @@ impl GelMap {
                 }
             }
         }
-        let skin = self.skin(surface, touched);
         let pixel = |(at, weight): (usize, &f32)| {
             let place = in_part(at % columns, at / columns);
             let [x, y] = [within.x0 + at % columns, within.y0 + at / columns];
@@ -314,7 +321,8 @@ impl GelMap {
         pixels.map(|at| bilinear(from, [at[0] - origin[0], at[1] - origin[1]]).unwrap_or(beyond)).collect()
     }
 
-    fn skin(&self, surface: &Grid<f32>, touched: Rect) -> SkinAt<'_> {
+    /// A gel whose displacement on the chart is `surface`, nothing outside of `touched`, between the chart's nodes.
+    pub fn skin(&self, surface: &Grid<f32>, touched: Rect) -> SkinAt<'_> {
         let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
         SkinAt::new(&self.gel, self.chart.radius_mm(), (lattice, *turn), surface, touched)
     }

@@ -1,6 +1,7 @@
 //! The light on a pressed skin: its reflection, its shadows on itself, and its average over pixels within which it bends.
 
 use super::Curved;
+use super::seen::Seen;
 use crate::core::base::chart::Chart;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::light::Light;
@@ -16,35 +17,34 @@ use crate::core::optics::skin::{PressedSkin, Skin};
 /// How far, in nodes, slopes and what lies between nodes reach beyond what is displaced.
 const BESIDE: usize = 2;
 
+/// Shadows of a press on the nodes of its chart.
+pub(super) struct CastShadows {
+    /// For each LED the part of the chart where its shadow falls, and the share of it that is seen there; `None` if it casts none.
+    shares: Vec<Option<(Rect, Grid<f32>)>>,
+    /// The part of the chart that any falls on.
+    pub part: Rect,
+}
+
 impl Curved {
     /// The light on a pressed skin, where it differs from that of the untouched one.
     pub(super) fn lit(
         &self,
         skin: &Skin,
         picture: &BackgroundImage,
-        (contact, chart, map): (&Contact, &Chart, &GelMap),
+        (contact, map, shadows): (&Contact, &GelMap, Option<&CastShadows>),
         effects: &mut EffectLog,
     ) -> Light {
         let [width, height] = self.view.resolution_px;
         let displaced = contact.region.grown(BESIDE, width, height);
         let everywhere = effects.everywhere();
-        let shadows = effects.timed(Effect::Shadows, || self.casting(skin, contact, chart, everywhere));
-        // A shadow may be in view where the press is not.
-        let in_view = !map.around(displaced).is_empty() || shadows.is_some();
-        let need = |why| match (contact.region.is_empty(), in_view) {
+        let part = displaced.united(shadows.map_or_else(Rect::default, |shadows| shadows.part));
+        let changed = if everywhere { Rect::whole(width, height) } else { map.around(part) };
+        let need = |why| match (contact.region.is_empty(), changed.is_empty()) {
             (true, _) => Requirement::Unneeded("the skin is untouched"),
-            (false, false) => Requirement::Unneeded("the camera does not see what is pressed"),
-            (false, true) => Requirement::Needed(why),
+            (false, true) => Requirement::Unneeded("the camera does not see what is pressed"),
+            (false, false) => Requirement::Needed(why),
         };
         let shades = effects.enable(Effect::Shading, need("the skin is pressed in"));
-        let shadows_needed = match skin.shadows() {
-            Shadows::None => Requirement::Absent("the optics model has no shadows"),
-            Shadows::Soft(_) if !contact.region.is_empty() && shadows.is_none() => {
-                Requirement::Unneeded("no slope rises above an LED")
-            }
-            Shadows::Soft(_) => need("a slope rises above an LED"),
-        };
-        let shadows = if effects.enable(Effect::Shadows, shadows_needed) { shadows } else { None };
         let darkens = match skin.darkens() {
             true => need("the skin is pressed in"),
             false => Requirement::Absent("the optics model has no darkening"),
@@ -54,25 +54,19 @@ impl Curved {
             effects.enable(Effect::Supersampling, need("the skin bends within pixels"));
             return Light::default();
         }
-        let (there, shares, shadowed) = effects.timed(Effect::Shadows, || self.shares(shadows, displaced, everywhere));
-        let wider = (!map.covers(shadowed)).then(|| GelMap::new(&self.gel, chart, displaced.united(shadowed)));
-        let map = wider.as_ref().unwrap_or(map);
-        let changed = match everywhere {
-            true => Rect::whole(width, height),
-            false => map.around(displaced.united(shadowed)),
-        };
-        let pressed = effects.timed(Effect::Shading, || map.pressed(&contact.surface, contact.region, changed));
+        let pressed_skin = effects.timed(Effect::Shading, || map.skin(&contact.surface, contact.region));
+        let pressed = effects.timed(Effect::Shading, || map.pressed(&pressed_skin, changed));
         let within = if everywhere { changed } else { map.around(displaced) };
-        let bent = effects
-            .timed(Effect::Supersampling, || map.bent((&contact.surface, contact.region), (changed, within), &pressed));
+        let bent = effects.timed(Effect::Supersampling, || map.bent(&pressed_skin, (changed, within), &pressed));
         let need = match bent.is_empty() {
             true => Requirement::Unneeded("the skin bends little from pixel to pixel"),
             false => Requirement::Needed("the skin bends within pixels"),
         };
         let averages = effects.enable(Effect::Supersampling, need);
+        let shares = shadows.map_or(&[][..], |shadows| &shadows.shares);
         let visible: Vec<Option<Vec<f32>>> = effects.timed(Effect::Shadows, || {
-            let in_image = |shares: &Option<Grid<f32>>| Some(map.layer_of_part(shares.as_ref()?, there, changed, 1.0));
-            shares.iter().map(in_image).collect()
+            let in_image = |(there, shares): &(Rect, Grid<f32>)| map.layer_of_part(shares, *there, changed, 1.0);
+            shares.iter().map(|shares| shares.as_ref().map(in_image)).collect()
         });
         let pressed = PressedSkin {
             region: changed,
@@ -82,6 +76,26 @@ impl Curved {
             bent: if averages { &bent } else { &[] },
         };
         effects.timed(Effect::Shading, || skin.shade(&pressed, picture, darkens))
+    }
+
+    /// The shadows that a press casts on its chart, if the camera sees light on a skin and any falls.
+    pub(super) fn cast_shadows(
+        &self,
+        contact: &Contact,
+        chart: &Chart,
+        effects: &mut EffectLog,
+    ) -> Option<CastShadows> {
+        let Seen::Skin(skin, _) = &self.seen else { return None };
+        let everywhere = effects.everywhere();
+        let casting = effects.timed(Effect::Shadows, || self.casting(skin, contact, chart, everywhere));
+        let need = match skin.shadows() {
+            Shadows::None => Requirement::Absent("the optics model has no shadows"),
+            Shadows::Soft(_) if contact.region.is_empty() => Requirement::Unneeded("the skin is untouched"),
+            Shadows::Soft(_) if casting.is_none() => Requirement::Unneeded("no slope rises above an LED"),
+            Shadows::Soft(_) => Requirement::Needed("a slope rises above an LED"),
+        };
+        let casting = if effects.enable(Effect::Shadows, need) { casting? } else { return None };
+        Some(effects.timed(Effect::Shadows, || self.shares(&casting, contact, everywhere)))
     }
 
     /// What casts shadows on a chart, if anything does. The gel itself, which bulges away from all light inside it, casts none.
@@ -98,35 +112,37 @@ impl Curved {
         Casting::new(Coarse::new(soft.resolution), &contact.surface, &self.view, everywhere, lights)
     }
 
-    /// The share of each LED that is seen from a part of the chart, that part, and the part of it that any shadow falls on.
-    fn shares(
-        &self,
-        shadows: Option<Casting>,
-        displaced: Rect,
-        everywhere: bool,
-    ) -> (Rect, Vec<Option<Grid<f32>>>, Rect) {
-        let Some(shadows) = shadows else { return Default::default() };
+    /// The share of each LED that is seen where its shadow falls on the chart.
+    fn shares(&self, casting: &Casting, contact: &Contact, everywhere: bool) -> CastShadows {
         let [width, height] = self.view.resolution_px;
-        let there = match everywhere {
+        let reach = match everywhere {
             true => Rect::whole(width, height),
-            false => shadows.reach(displaced, &self.view),
+            false => casting.reach(contact.region.grown(BESIDE, width, height), &self.view),
         };
         let mut line = Vec::new();
-        let mut shadowed = Rect::default();
-        let shares = shadows.shares(&self.view, there).into_iter().map(|values| {
+        let mut all = Grid { width: reach.width(), height: reach.height(), data: vec![1.0; reach.area()] };
+        let mut part = Rect::default();
+        let shares = casting.shares(&self.view, reach).into_iter().map(|values| {
             let values = values?;
-            let mut shares = Grid { width: there.width(), height: there.height(), data: vec![1.0; there.area()] };
-            for y in 0..there.height() {
-                values.row(there.y0 + y, there.x0, &mut line, shares.row_mut(y));
+            for y in 0..all.height {
+                values.row(reach.y0 + y, reach.x0, &mut line, all.row_mut(y));
             }
-            let Rect { x0, y0, x1, y1 } = bounding_box(&shares, |share| share < 1.0);
-            if x0 < x1 && y0 < y1 {
-                let (x0, x1, y0, y1) = (x0 + there.x0, x1 + there.x0, y0 + there.y0, y1 + there.y0);
-                shadowed = shadowed.united(Rect { x0, y0, x1, y1 });
+            // With a border where all is seen, between which and what lies beyond nothing changes.
+            let shadow = bounding_box(&all, |share| share < 1.0).grown(1, all.width, all.height);
+            if shadow.is_empty() {
+                return None;
             }
-            Some(shares)
+            let rows = (shadow.y0..shadow.y1).flat_map(|y| &all.row(y)[shadow.x0..shadow.x1]);
+            let shares = Grid { width: shadow.width(), height: shadow.height(), data: rows.copied().collect() };
+            let there = Rect {
+                x0: shadow.x0 + reach.x0,
+                y0: shadow.y0 + reach.y0,
+                x1: shadow.x1 + reach.x0,
+                y1: shadow.y1 + reach.y0,
+            };
+            part = part.united(there);
+            Some((there, shares))
         });
-        let shares = shares.collect();
-        (there, shares, shadowed.grown(1, width, height))
+        CastShadows { shares: shares.collect(), part }
     }
 }

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::Curved;
+use super::lit::CastShadows;
 use crate::core::base::chart::Chart;
 use crate::core::base::gel::{GelShape, Site};
 use crate::core::base::grid::Grid;
@@ -92,17 +93,18 @@ impl Curved {
         }
     }
 
-    /// What the camera sees of a pressed gel: its light, and where the pins are, if it has any.
+    /// What the camera sees of a pressed gel: its light, with shadows on the chart, and where the pins are, if it has any.
     pub(super) fn looked_at(
         &self,
         (contact, chart, map): (&Contact, &Chart, &GelMap),
+        shadows: Option<&CastShadows>,
         wrench: Option<&Wrench>,
         unit_key: u64,
         effects: &mut EffectLog,
     ) -> (Option<PinPositions>, Light) {
         let picture = match &self.seen {
             Seen::Skin(skin, picture) => {
-                return (None, self.lit(skin, picture, (contact, chart, map), effects));
+                return (None, self.lit(skin, picture, (contact, map, shadows), effects));
             }
             Seen::Pins(picture) => picture,
         };

@@ -197,13 +197,21 @@ impl Normals {
         }
         // Below the ball's middle a dome has no gel.
         let up = back * DVec3::Z;
-        let [nx, ny, nz] = &nodes.planes;
-        let heights = distances.into_iter().zip(nx).zip(ny).zip(nz).map(|(((distance, x), y), z)| {
-            let on_gel = up.x * x + up.y * y + up.z * z >= 0.0;
-            // What is out of reach is exactly that.
-            (if on_gel && distance < farthest { distance - nodes.radius_mm } else { above_mm }) as f32
-        });
-        Grid { width: nodes.width, height: nodes.height(), data: heights.collect() }
+        let [nx, ny, nz] = nodes.planes.each_ref().map(|plane| &plane[..distances.len()]);
+        let mut data = vec![0.0; distances.len()];
+        let (heights, distances) = (&mut data[..], &distances[..]);
+        simd_dispatch(
+            #[inline(always)]
+            move || {
+                for at in 0..distances.len() {
+                    let on_gel = up.x * nx[at] + up.y * ny[at] + up.z * nz[at] >= 0.0;
+                    let height = distances[at] - nodes.radius_mm;
+                    // What is out of reach is exactly that.
+                    heights[at] = (if on_gel & (distances[at] < farthest) { height } else { above_mm }) as f32;
+                }
+            },
+        );
+        Grid { width: nodes.width, height: nodes.height(), data }
     }
 
     /// The nodes of a latitude.

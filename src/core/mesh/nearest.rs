@@ -19,6 +19,11 @@ pub fn nearest_from(object: &Clusters, to: DVec3, known: Option<DVec3>) -> DVec3
         |min, max| to.distance_squared(nearest_of_box(to, min, max)) < best.get().0,
         |part| {
             for [a, b, c] in triangles(part) {
+                // Few triangles of a part come as close as its box does.
+                let in_box = to.clamp(a.min(b).min(c), a.max(b).max(c));
+                if to.distance_squared(in_box) >= best.get().0 {
+                    continue;
+                }
                 let nearest = nearest_of_triangle(to, a, b, c);
                 let distance = to.distance_squared(nearest);
                 if distance < best.get().0 {

@@ -176,17 +176,19 @@ impl Skin {
         let (ambient, width) = (self.phong.ambient as f32, region.width());
         for (channel, (plane, reflected)) in light.planes.iter_mut().zip(&reflected).enumerate() {
             let stray = self.stray_light.map(|stray| stray[channel]);
+            let (plane, reflected) = (&mut plane[..], &reflected[..]);
+            let at_rest = &self.at_rest[channel][..];
             simd_dispatch(
                 #[inline(always)]
-                || {
+                move || {
                     for row in 0..region.height() {
                         let here = row * width..(row + 1) * width;
-                        let at_rest = &self.at_rest[channel][self.index(region, row)..][..width];
-                        let pixels = plane[here.clone()].iter_mut().zip(&reflected[here.clone()]).zip(at_rest);
-                        for (((value, reflected), at_rest), displaced_mm) in pixels.zip(&pressed.displaced_mm[here]) {
-                            let kept = 1.0 - darkening_per_mm * displaced_mm;
-                            let scale = stray.map_or(1.0, |stray| (*value - stray).max(0.0));
-                            *value = kept * (ambient * *value + scale * (reflected - at_rest));
+                        let (plane, reflected) = (&mut plane[here.clone()], &reflected[here.clone()]);
+                        let (at_rest, mm) = (&at_rest[self.index(region, row)..][..width], &pressed.displaced_mm[here]);
+                        for x in 0..width {
+                            let kept = 1.0 - darkening_per_mm * mm[x];
+                            let scale = stray.map_or(1.0, |stray| (plane[x] - stray).max(0.0));
+                            plane[x] = kept * (ambient * plane[x] + scale * (reflected[x] - at_rest[x]));
                         }
                     }
                 },

@@ -3,7 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{ObjectLabel, PoseLabel, class_index};
+use super::pressed::class_index;
+use super::{ObjectLabel, PoseLabel};
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;

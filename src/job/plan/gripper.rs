@@ -1,8 +1,9 @@
 //! The ranges of `[gripper]`, what may not stand beside it, and the right finger's sensor.
 
 use super::check::Check;
+use super::presets::OtherSensor;
 use super::sensors::support;
-use super::{OtherSensor, Scope, chosen_models, fill, gel, ranges};
+use super::{Scope, chosen_models, fill, gel, ranges};
 use crate::core::gelpad;
 use crate::files::diagnostic::Diagnostics;
 use crate::files::sensor::quantity::Quantity;

@@ -67,10 +67,11 @@ impl Part {
     fn of(mesh: &Mesh, cleaned: Cleaned, sha256: String) -> Self {
         // The bounding box is centred on zero.
         let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
+        let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::of(mesh));
         Self {
             name: None,
-            clusters: Arc::new(Clusters::new(mesh)),
-            facets: Facets::of(mesh),
+            clusters: Arc::new(clusters),
+            facets,
             cleaned,
             largest_mm: 2.0 * f64::from(half),
             mm_per_unit: 1.0,

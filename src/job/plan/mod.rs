@@ -13,13 +13,9 @@ use crate::core::base::view::View;
 use crate::core::depth::relief::Relief;
 use crate::core::effects::EffectPolicy;
 use crate::core::fidelity::{Fidelity, Models};
-use crate::core::optics::LightSource;
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
 use crate::files::diagnostic::{Diagnostics, Report, user_error};
-use crate::files::hash::sha256;
-use crate::files::sensor::PRESETS;
-use crate::job::config::document::{Document, Node};
 use crate::job::config::fidelity::FidelityChoice;
 use crate::job::config::output::Output;
 use crate::job::config::{self, Job, Overrides, Written};
@@ -31,6 +27,7 @@ mod curved;
 pub mod draw;
 pub mod faces;
 mod files;
+mod fingerprint;
 pub mod frames;
 mod gel;
 mod gripper;
@@ -41,16 +38,20 @@ mod notes;
 mod object_notes;
 mod objects;
 mod paths;
+mod presets;
 pub mod ranges;
 pub mod sensors;
 mod sequence;
 mod several;
 pub mod standalone;
+mod variants;
 
 use check::Check;
 use draw::Draw;
 pub use files::Photograph;
+pub use fingerprint::fingerprint;
 pub use objects::{Object, ids, name, stem};
+use presets::others_sensors;
 use sensors::SensorSampling;
 
 /// Everything a sample depends on, resolved and checked. A clone shares all that is large.
@@ -331,55 +332,6 @@ impl Plan {
         self.job.fidelity.filter(|fidelity| fidelity.level().is_none())
     }
 
-    /// The same with other models under the same level's name, for comparisons.
-    pub fn with_models(&self, models: Models) -> Self {
-        self.with_simulator(models, self.simulator.policy())
-    }
-
-    /// The same with other effects, for comparisons.
-    pub fn with_policy(&self, policy: EffectPolicy) -> Self {
-        self.with_simulator(self.simulator.models().clone(), policy)
-    }
-
-    /// The same with the models of a fidelity level, whatever gelpad the job chose; a light that the job names stays, and so
-    /// does its friction.
-    pub fn with_fidelity(&self, fidelity: Fidelity) -> Self {
-        let mut models = fidelity.models(self.simulator.sensor().light_source());
-        models.gelpad = models.gelpad.with_friction(self.simulator.models().gelpad.friction());
-        if self.optics_named {
-            models.optics = self.simulator.models().optics.clone();
-        }
-        let mut job = self.job.clone();
-        job.fidelity = Some(fidelity.into());
-        job.gelpad = Some(models.gelpad.clone());
-        job.optics = Some(models.optics.clone());
-        let others = self.others.iter().map(|other| other.with_fidelity(fidelity)).collect();
-        let right = self.right.as_ref().map(|right| Box::new(right.with_fidelity(fidelity)));
-        Self { fingerprint: fingerprint(&job), job, others, right, ..self.with_models(models) }
-    }
-
-    /// The same, with the pad's motion in its plane known, whatever its layers are.
-    pub fn with_flow(&self) -> Self {
-        let flowing = |plan: &Self| {
-            let models = plan.simulator.models().clone();
-            let sensor = plan.simulator.sensor().clone();
-            Arc::new(Simulator::with_models(sensor, models, plan.simulator.policy()).with_flow())
-        };
-        let others = self.others.iter().map(Self::with_flow).collect();
-        let right = self.right.as_ref().map(|right| Box::new(right.with_flow()));
-        Self { simulator: flowing(self), others, right, ..self.clone() }
-    }
-
-    /// The same with `times` as many frames in each second of a sequence.
-    pub fn with_frame_rate(&self, times: f64) -> Self {
-        let mut plan = self.clone();
-        if let Some(sequence) = &mut plan.job.sequence {
-            sequence.frame_rate_hz *= times;
-        }
-        plan.others = self.others.iter().map(|other| other.with_frame_rate(times)).collect();
-        plan
-    }
-
     /// The plan that a draw of a sample follows: this one, or where the job names several presets, that of one of them.
     pub fn of_sample(&self, index: u64, attempt: u32) -> &Self {
         if self.others.is_empty() {
@@ -387,13 +339,6 @@ impl Plan {
         }
         let number = stream(self.seed(), "sensor preset", redrawn(index, attempt)).below(1 + self.others.len());
         if number == 0 { self } else { &self.others[number - 1] }
-    }
-
-    fn with_simulator(&self, models: Models, policy: EffectPolicy) -> Self {
-        let simulator = simulator(self.simulator.sensor().clone(), models.clone(), policy, &self.job);
-        let others = self.others.iter().map(|other| other.with_simulator(models.clone(), policy)).collect();
-        let right = self.right.as_ref().map(|right| Box::new(right.with_simulator(models.clone(), policy)));
-        Self { simulator: Arc::new(simulator), others, right, ..self.clone() }
     }
 
     /// Number of a class among the plan's. Every object has one; a depth frame whose class nobody named has none.
@@ -405,70 +350,6 @@ impl Plan {
     pub fn default_output(&self) -> PathBuf {
         Path::new("out").join(self.name())
     }
-}
-
-/// A sensor of another preset, found sound.
-struct OtherSensor {
-    job: Job,
-    sensor: Sensor,
-    sampling: SensorSampling,
-}
-
-impl OtherSensor {
-    /// Of a job whose defaults were written out; `None` after a mistake.
-    fn checked(scope: Scope, mut job: Job, mut check: Check<'_>) -> Option<Self> {
-        ranges::sensor(&mut check, &job);
-        ranges::pad_surface(&mut check, &job);
-        if scope == Scope::Dataset {
-            ranges::scene(&mut check, &job, true);
-        }
-        ranges::camera(&mut check, &job);
-        job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
-        let (sensor, photographs, _) = complete_sensor(&mut check, &mut job)?;
-        let sampling = SensorSampling::new(&job, photographs);
-        Some(Self { job, sensor, sampling })
-    }
-
-    /// A plan with this sensor, in all else like `first`.
-    fn plan(self, first: &Plan) -> Plan {
-        let job = config::random::with_sensor_of(&first.job, self.job);
-        let simulator = simulator(self.sensor, chosen_models(&job), job.effects, &job);
-        Plan { simulator: Arc::new(simulator), sensors: Arc::new(self.sampling), job, ..first.clone() }
-    }
-}
-
-/// The sensors of the job's other presets; what is wrong with them goes to `problems`.
-fn others_sensors(
-    scope: Scope,
-    first: &Job,
-    others: Vec<(Job, Document)>,
-    problems: &mut Diagnostics,
-) -> Vec<OtherSensor> {
-    let mut found = Vec::new();
-    for (mut job, document) in others {
-        let name = document.get("sensor.preset").and_then(Node::as_str);
-        if !PRESETS.iter().any(|(known, _)| Some(*known) == name) {
-            // Said where it was read.
-            continue;
-        }
-        let mut check = Check { document: &document, problems: &mut *problems };
-        fill(&mut job);
-        gel::read(&mut check, &mut job.sensor);
-        let (own, expected) = (job.sensor.resolution_px, first.sensor.resolution_px);
-        if own != expected {
-            let names = [&first.sensor.name, &job.sensor.name];
-            let message = format!("`{}` has {expected:?} px, `{}` {own:?} px", names[0], names[1]);
-            check.error("sensor.preset", message, "set resolution_px, which then holds for all of them");
-        }
-        // A job has one model of the light.
-        if (job.sensor.light_source() == LightSource::Lamps) != (first.sensor.light_source() == LightSource::Lamps) {
-            let names = [&first.sensor.name, &job.sensor.name];
-            let message = format!("of `{}` and `{}` one has lamps, the other LEDs", names[0], names[1]);
-            check.error("sensor.preset", message, "name presets with LEDs only, or with lamps only");
-        }
-        found.extend(OtherSensor::checked(scope, job, check));
-    }
-    found
 }
 
 /// The sensor of a job with what its files hold, its photographs, and a note where one was resampled. `None` after a
@@ -523,32 +404,4 @@ fn chosen_models(job: &Job) -> Models {
 /// View of a job's sensor.
 pub fn view(job: &Job) -> View {
     job.bare_sensor().view()
-}
-
-/// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
-/// object's in the labels, as is that of a background; contents are known by their hashes. The number of samples
-/// decides no sample's bytes, so that it may be raised later.
-pub fn fingerprint(job: &Job) -> String {
-    let mut job = job.clone();
-    job.dataset.samples = None;
-    let meshes = job.object.iter().map(|object| object.path.as_deref().map(stem)).collect::<Vec<_>>();
-    let names = |paths: &mut dyn Iterator<Item = &String>| paths.map(|path| files::file_name(path)).collect::<Vec<_>>();
-    let background = names(&mut job.sensor.background.iter()).pop();
-    let backgrounds = names(&mut job.random.backgrounds.iter());
-    let right = job.gripper.as_ref().map(|gripper| {
-        let background = names(&mut gripper.right.iter().filter_map(|right| right.background.as_ref())).pop();
-        (background, names(&mut gripper.right_random.backgrounds.iter()))
-    });
-    job.paths_mut().for_each(String::clear);
-    job.sensor.background = background;
-    job.random.backgrounds = backgrounds;
-    if let (Some(gripper), Some((background, backgrounds))) = (&mut job.gripper, right) {
-        gripper.right_random.backgrounds = backgrounds;
-        gripper.right.iter_mut().for_each(|right| right.background.clone_from(&background));
-    }
-    for (object, stem) in job.object.iter_mut().zip(meshes) {
-        object.path = stem;
-    }
-    let text = job.to_json().to_string();
-    sha256(format!("gelsim {}\n{text}", env!("CARGO_PKG_VERSION")).as_bytes())
 }

@@ -1,10 +1,11 @@
 //! What is allowed of an object and yet probably not meant, said once for each mesh.
 
-use std::collections::HashMap;
+use std::num::NonZeroU32;
 
 use glam::DVec3;
 
 use super::faces;
+use crate::core::base::angle::sin_cos_deg;
 use crate::core::mesh::Mesh;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::Anchor;
@@ -38,8 +39,6 @@ pub struct Facets {
 impl Facets {
     /// Those of a mesh.
     pub fn of(mesh: &Mesh) -> Self {
-        // Some formats repeat a vertex for each of its triangles: places count, not numbers.
-        let place = |vertex: u32| mesh.vertices[vertex as usize].map(f32::to_bits);
         let corners = |triangle: &[u32; 3]| {
             triangle.map(|vertex| DVec3::from_array(mesh.vertices[vertex as usize].map(f64::from)))
         };
@@ -51,22 +50,23 @@ impl Facets {
                 0.5 * (b - a).cross(c - a)
             })
             .collect();
-        let mut open: HashMap<[[u32; 3]; 2], usize> = HashMap::new();
+        let steepest_cos = ROUND_DEG.map(|deg| sin_cos_deg(deg).1);
         // Of each triangle the steepest angle to a neighbour that still is a round surface's, and its width across that edge.
         let mut steepest = vec![[0.0_f64; 2]; across.len()];
+        let mut edges = Edges::of(mesh);
         for (number, triangle) in mesh.triangles.iter().enumerate() {
             for k in 0..3 {
-                let mut edge = [place(triangle[k]), place(triangle[(k + 1) % 3])];
-                edge.sort_unstable();
-                if let Some(other) = open.insert(edge, number) {
+                let edge = [triangle[k], triangle[(k + 1) % 3]];
+                let Some(other) = edges.last_at(edge, number) else { continue };
+                let areas = [across[number], across[other]].map(DVec3::length);
+                let cos = across[number].dot(across[other]) / (areas[0] * areas[1]);
+                if cos < steepest_cos[0] && cos >= steepest_cos[1] {
                     let angle_deg = across[number].angle_between(across[other]).to_degrees();
-                    if angle_deg > ROUND_DEG[0] && angle_deg <= ROUND_DEG[1] {
-                        let [a, b, _] = corners(&[triangle[k], triangle[(k + 1) % 3], 0]);
-                        let narrower = across[number].length().min(across[other].length());
-                        for own in [number, other] {
-                            if steepest[own][0] < angle_deg {
-                                steepest[own] = [angle_deg, 2.0 * narrower / a.distance(b)];
-                            }
+                    let [a, b, _] = corners(&[edge[0], edge[1], 0]);
+                    let narrower = areas[0].min(areas[1]);
+                    for own in [number, other] {
+                        if steepest[own][0] < angle_deg {
+                            steepest[own] = [angle_deg, 2.0 * narrower / a.distance(b)];
                         }
                     }
                 }
@@ -84,6 +84,49 @@ impl Facets {
         }
         let mean = |sum: f64| if round > 0.0 { sum / round } else { 0.0 };
         Self { share: if all > 0.0 { round / all } else { 0.0 }, width_mm: mean(width), angle_deg: mean(angle) }
+    }
+}
+
+/// The edges of a mesh, each with the triangle that was last seen at it: in a list of that end of it at which fewer triangles
+/// are, so that the tip of a fan has no long one.
+struct Edges {
+    triangles_at: Vec<u32>,
+    first: Vec<Option<NonZeroU32>>,
+    all: Vec<Edge>,
+}
+
+struct Edge {
+    other_end: u32,
+    triangle: u32,
+    /// The next one of the list, counted from 1.
+    next: Option<NonZeroU32>,
+}
+
+impl Edges {
+    /// Of a mesh, none of them seen.
+    fn of(mesh: &Mesh) -> Self {
+        let mut triangles_at = vec![0; mesh.vertices.len()];
+        mesh.triangles.as_flattened().iter().for_each(|vertex| triangles_at[*vertex as usize] += 1);
+        let first = vec![None; mesh.vertices.len()];
+        Self { triangles_at, first, all: Vec::with_capacity(mesh.triangles.len() * 3 / 2) }
+    }
+
+    /// The triangle that was last at an edge, if one was; from now on it is this one.
+    fn last_at(&mut self, mut edge: [u32; 2], triangle: usize) -> Option<usize> {
+        edge.sort_unstable_by_key(|vertex| (self.triangles_at[*vertex as usize], *vertex));
+        let [end, other_end] = edge;
+        let first = &mut self.first[end as usize];
+        let mut next = *first;
+        while let Some(at) = next {
+            let edge = &mut self.all[at.get() as usize - 1];
+            if edge.other_end == other_end {
+                return Some(std::mem::replace(&mut edge.triangle, triangle as u32) as usize);
+            }
+            next = edge.next;
+        }
+        self.all.push(Edge { other_end, triangle: triangle as u32, next: *first });
+        *first = NonZeroU32::new(self.all.len() as u32);
+        None
     }
 }
 
@@ -160,6 +203,10 @@ fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> O
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashMap;
+
+    use proptest::prelude::*;
+
     use super::*;
 
     /// A cylinder around z of so many corners.
@@ -180,6 +227,24 @@ mod tests {
         // Of six corners they are edges, of a thousand nobody sees them.
         assert_eq!(Facets::of(&cylinder(6, 5.0)).share, 0.0);
         assert_eq!(Facets::of(&cylinder(1000, 5.0)).share, 0.0);
+    }
+
+    proptest! {
+        #[test]
+        fn edges_know_the_triangle_that_was_last_at_them(
+            triangles in prop::collection::vec(prop::array::uniform3(0..12_u32), 1..60),
+        ) {
+            let different = |[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
+            let triangles: Vec<[u32; 3]> = triangles.into_iter().filter(different).collect();
+            let mesh = Mesh { vertices: vec![[0.0; 3]; 12], triangles, centre_mm: [0.0; 3] };
+            let (mut edges, mut known) = (Edges::of(&mesh), HashMap::new());
+            for (number, triangle) in mesh.triangles.iter().enumerate() {
+                for k in 0..3 {
+                    let [a, b] = [triangle[k], triangle[(k + 1) % 3]];
+                    prop_assert_eq!(edges.last_at([a, b], number), known.insert([a.min(b), a.max(b)], number));
+                }
+            }
+        }
     }
 
     #[test]

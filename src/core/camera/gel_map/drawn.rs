@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use glam::{DMat3, DVec2, DVec3};
 
+use super::Shows;
 use super::lattice::{CELL, Cells, Lattice};
 use crate::core::base::chart::{Chart, Rest};
 use crate::core::base::gel::Site;
@@ -56,6 +57,8 @@ pub struct Drawn<'a> {
     pub camera: &'a Projection,
     /// What the image's pixels show.
     pub sites: &'a [Option<Site>],
+    /// The same in short.
+    pub shows: &'a [Shows],
     /// The nodes of the chart, before it is turned.
     pub lattice: &'a Lattice,
     /// From the sensor's axes before the turn to those after it.
@@ -89,6 +92,7 @@ impl Drawn<'_> {
         let nodes: Vec<_> = (down.start.saturating_sub(1)..down.end).flat_map(in_row).map(node).collect();
         let mut image = Image {
             sites: self.sites,
+            shows: self.shows,
             size: [width, height],
             middle: DVec2::from_array(view.resolution_px.map(|px| px as f64 / 2.0)),
             pitch: DVec2::from_array(view.mm_per_px),
@@ -112,6 +116,7 @@ impl Drawn<'_> {
 /// An image into which a chart is drawn.
 struct Image<'a> {
     sites: &'a [Option<Site>],
+    shows: &'a [Shows],
     size: [usize; 2],
     /// Of the chart.
     middle: DVec2,
@@ -124,7 +129,7 @@ struct Image<'a> {
 
 impl Image<'_> {
     /// Draws a triangle, of which each corner is known in the image, on the chart and in space.
-    fn draw(&mut self, corners: [(DVec2, DVec2, DVec3); 3], shown: Option<&impl Fn(DVec3, &Site) -> bool>) {
+    fn draw<F: Fn(DVec3, &Site) -> bool>(&mut self, corners: [(DVec2, DVec2, DVec3); 3], shown: Option<&F>) {
         let [width, height] = self.size;
         let [(a, on_chart, point), (b, ..), (c, ..)] = corners;
         let (along, down) = (b - a, c - a);
@@ -134,8 +139,10 @@ impl Image<'_> {
         }
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
         let span = |low: f64, high: f64, count: usize| {
-            let first = libm::ceil(low - 0.5 - 1e-6).clamp(0.0, count as f64) as usize;
-            first..libm::floor(high + 0.5 + 1e-6).clamp(0.0, count as f64) as usize
+            let [low, high] = [low - 0.5 - 1e-6, high + 0.5 + 1e-6].map(|px| px.clamp(0.0, count as f64));
+            // Rounded up without a call.
+            let first = low as usize;
+            first + usize::from((first as f64) < low)..high as usize
         };
         let (columns, rows) = (span(low.x, high.x, width), span(low.y, high.y, height));
         if columns.is_empty() || rows.is_empty() {
@@ -155,9 +162,15 @@ impl Image<'_> {
                 let index = y * width + x;
                 let place = on_chart + second * chart[0] + third * chart[1];
                 let from_middle = ((place - self.middle) * self.pitch).length() as f32;
-                let is_shown =
-                    |site: &Site| shown.is_none_or(|shown| shown(point + second * space[0] + third * space[1], site));
-                if from_middle < self.away[index] && self.sites[index].as_ref().is_some_and(is_shown) {
+                let nearer = from_middle < self.away[index];
+                if !nearer || self.shows[index] == Shows::Nothing {
+                    continue;
+                }
+                let is_shown = |shown: &F| {
+                    let point = point + second * space[0] + third * space[1];
+                    self.sites[index].as_ref().is_some_and(|site| shown(point, site))
+                };
+                if shown.is_none_or(is_shown) {
                     self.away[index] = from_middle;
                     self.at[index] = place.as_vec2().to_array();
                 }

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, Mat3, Vec3};
 
-use super::GelView;
 use super::lattice::Lattice;
+use super::{GelView, Shows};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::view::{SURFACE_BORDER, View};
 
@@ -55,7 +55,7 @@ impl<'a> SkinAt<'a> {
             }
             // A round gel has shrunk around its axis, on the ball along it, too.
             None => {
-                let on_wall = self.gel.sites[index].is_some_and(|site| site.below_mm > 0.0);
+                let on_wall = self.gel.shows[index] == Shows::Wall;
                 let along = if on_wall { Vec3::new(0.0, 0.0, gradient.z) } else { Vec3::ZERO };
                 along + (gradient - along) / (1.0 - down * self.per_radius).max(0.05)
             }

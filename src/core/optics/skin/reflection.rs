@@ -1,12 +1,15 @@
-//! Phong's reflection of LEDs on a skin, eight pixels at a time, and on average over pixels within which the skin bends.
+//! Phong's reflection of LEDs on a skin, and on average over pixels within which the skin bends.
 
-use super::{PressedSkin, Skin};
+use super::{BentSkin, PressedSkin, Skin};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::optics::led::reflected;
-use crate::core::optics::phong::WithPower;
+use crate::core::optics::phong::{Phong, WithPower};
 
-/// Pixels that are shaded at once, and places within a pixel.
+/// Places within a pixel.
 pub const LANES: usize = 8;
+
+/// Pixels within which the skin bends that are shaded at once.
+const RUN: usize = 32;
 
 /// What the LEDs give: red, green and blue of each pixel.
 pub struct Reflection<'a> {
@@ -25,53 +28,48 @@ impl WithPower for Reflection<'_> {
         simd_dispatch(
             #[inline(always)]
             || {
+                let mut given = vec![0.0; region.width()];
                 for row in 0..region.height() {
                     for number in 0..self.skin.leds.len() {
-                        self.add_row(number, row, power, &mut sums);
+                        self.add_row(number, row, power, &mut given, &mut sums);
                     }
                 }
                 self.average(power, &mut sums);
+                sums
             },
-        );
-        sums
+        )
     }
 }
 
 impl Reflection<'_> {
     /// Adds what an LED gives along a row of the part.
     #[inline(always)]
-    fn add_row(&self, number: usize, row: usize, power: impl Fn(f32) -> f32 + Copy, sums: &mut [Vec<f32>; 3]) {
+    fn add_row(
+        &self,
+        number: usize,
+        row: usize,
+        power: impl Fn(f32) -> f32 + Copy,
+        given: &mut [f32],
+        sums: &mut [Vec<f32>; 3],
+    ) {
         let Self { skin, pressed: PressedSkin { region, normals, visible, .. } } = self;
         let led = &skin.leds[number];
         let (width, first) = (region.width(), skin.index(*region, row));
         let normals = normals.map(|plane| &plane[row * width..][..width]);
         let towards = led.towards.each_ref().map(|plane| &plane[first..][..width]);
         let to_camera = skin.to_camera.each_ref().map(|plane| &plane[first..][..width]);
+        reflect([normals, towards, to_camera], &skin.phong, power, given);
         let strength = &led.strength[first..][..width];
-        let visible = visible.get(number).and_then(Option::as_ref).map(|share| &share[row * width..][..width]);
-        let phong = [skin.phong.diffuse as f32, skin.phong.specular as f32];
-        let [red, green, blue] = sums.each_mut().map(|sum| &mut sum[row * width..][..width]);
-        let whole = width / LANES * LANES;
-        for x in (0..whole).step_by(LANES) {
-            let ([nx, ny, nz], [lx, ly, lz]) =
-                (normals.map(|plane| eight(plane, x)), towards.map(|plane| eight(plane, x)));
-            let ([vx, vy, vz], strength) = (to_camera.map(|plane| eight(plane, x)), eight(strength, x));
-            let visible = visible.map_or([1.0; LANES], |share| eight(share, x));
-            let given: [f32; LANES] = std::array::from_fn(|k| {
-                let given = given([nx[k], ny[k], nz[k]], [lx[k], ly[k], lz[k]], [vx[k], vy[k], vz[k]], phong, power);
-                visible[k] * strength[k] * given
-            });
-            for (sum, share) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(led.color) {
-                sum[x..x + LANES].iter_mut().zip(given).for_each(|(sum, given)| *sum += given * share);
+        match visible.get(number).and_then(Option::as_ref) {
+            None => given.iter_mut().zip(strength).for_each(|(given, strength)| *given *= strength),
+            Some(share) => {
+                let seen = share[row * width..][..width].iter().zip(strength);
+                given.iter_mut().zip(seen).for_each(|(given, (share, strength))| *given *= share * strength);
             }
         }
-        for x in whole..width {
-            let at = |planes: [&[f32]; 3]| planes.map(|plane| plane[x]);
-            let seen = visible.map_or(1.0, |share| share[x]) * strength[x];
-            let given = seen * given(at(normals), at(towards), at(to_camera), phong, power);
-            for (sum, share) in [&mut *red, &mut *green, &mut *blue].into_iter().zip(led.color) {
-                sum[x] += given * share;
-            }
+        for (sum, share) in sums.iter_mut().zip(led.color) {
+            let sum = &mut sum[row * width..][..width];
+            sum.iter_mut().zip(&*given).for_each(|(sum, given)| *sum += given * share);
         }
     }
 
@@ -79,53 +77,68 @@ impl Reflection<'_> {
     #[inline(always)]
     fn average(&self, power: impl Fn(f32) -> f32 + Copy, sums: &mut [Vec<f32>; 3]) {
         let Self { skin, pressed: PressedSkin { region, visible, bent, .. } } = self;
-        let phong = [skin.phong.diffuse as f32, skin.phong.specular as f32];
         let width = region.width().max(1);
-        for pixel in *bent {
-            let index = skin.index(*region, pixel.at / width) + pixel.at % width;
-            let to_camera = skin.to_camera.each_ref().map(|plane| plane[index]);
-            let [nx, ny, nz] = &pixel.normals;
-            let mut means = [0.0; 3];
-            for (number, led) in skin.leds.iter().enumerate() {
-                let towards = led.towards.each_ref().map(|plane| plane[index]);
-                let given: [f32; LANES] =
-                    std::array::from_fn(|k| given([nx[k], ny[k], nz[k]], towards, to_camera, phong, power));
-                let [a, b, c, d, e, f, g, h] = given;
-                let mean = (((a + b) + (c + d)) + ((e + f) + (g + h))) * (1.0 / LANES as f32);
-                let visible = visible.get(number).and_then(Option::as_ref).map_or(1.0, |share| share[pixel.at]);
-                let mean = visible * led.strength[index] * mean;
-                means.iter_mut().zip(led.color).for_each(|(sum, share)| *sum += mean * share);
+        // At the places within each pixel, and what the LED gives there.
+        let mut normals = [[[0.0; LANES]; RUN]; 3];
+        let (mut towards, mut to_camera) = (normals, normals);
+        let mut given = [[0.0; LANES]; RUN];
+        for pixels in bent.chunks(RUN) {
+            let index = |pixel: &BentSkin| skin.index(*region, pixel.at / width) + pixel.at % width;
+            for (at, pixel) in pixels.iter().enumerate() {
+                normals.iter_mut().zip(pixel.normals).for_each(|(to, values)| to[at] = values);
+                let here = skin.to_camera.iter().map(|plane| plane[index(pixel)]);
+                to_camera.iter_mut().zip(here).for_each(|(to, value)| to[at] = [value; LANES]);
             }
-            for (sum, mean) in sums.iter_mut().zip(means) {
-                sum[pixel.at] += pixel.weight * (mean - sum[pixel.at]);
+            let mut means = [[0.0; 3]; RUN];
+            for (number, led) in skin.leds.iter().enumerate() {
+                for (at, pixel) in pixels.iter().enumerate() {
+                    let here = led.towards.iter().map(|plane| plane[index(pixel)]);
+                    towards.iter_mut().zip(here).for_each(|(to, value)| to[at] = [value; LANES]);
+                }
+                let count = pixels.len();
+                let planes = [&normals, &towards, &to_camera];
+                let planes = planes.map(|planes| planes.each_ref().map(|plane| plane[..count].as_flattened()));
+                reflect(planes, &skin.phong, power, given[..count].as_flattened_mut());
+                let visible = visible.get(number).and_then(Option::as_ref);
+                for ((pixel, [a, b, c, d, e, f, g, h]), means) in pixels.iter().zip(&given).zip(&mut means) {
+                    let mean = (((a + b) + (c + d)) + ((e + f) + (g + h))) * (1.0 / LANES as f32);
+                    let share = visible.map_or(1.0, |share| share[pixel.at]);
+                    let mean = share * led.strength[index(pixel)] * mean;
+                    means.iter_mut().zip(led.color).for_each(|(sum, share)| *sum += mean * share);
+                }
+            }
+            for (pixel, means) in pixels.iter().zip(means) {
+                for (sum, mean) in sums.iter_mut().zip(means) {
+                    sum[pixel.at] += pixel.weight * (mean - sum[pixel.at]);
+                }
             }
         }
     }
 }
 
-/// Phong's reflection of light from `l` towards `v` at a normal `n`.
+/// Phong's reflection along normals, of light from directions towards an LED in those towards the camera.
 #[inline(always)]
-fn given(
-    n: [f32; 3],
-    l: [f32; 3],
-    v: [f32; 3],
-    [diffuse, specular]: [f32; 2],
+fn reflect(
+    [normals, towards, to_camera]: [[&[f32]; 3]; 3],
+    phong: &Phong,
     power: impl Fn(f32) -> f32 + Copy,
-) -> f32 {
-    let along = dot(n, l);
-    // R.V of R = 2 (N.l) N - l; what is lit from behind gleams no more.
-    let mirrored = if along > 0.0 { 2.0 * along * dot(n, v) - dot(l, v) } else { 0.0 };
-    reflected([along, mirrored], diffuse, specular, power)
+    given: &mut [f32],
+) {
+    let count = given.len();
+    let [[nx, ny, nz], [lx, ly, lz], [vx, vy, vz]] =
+        [normals, towards, to_camera].map(|planes| planes.map(|plane| &plane[..count]));
+    let (diffuse, specular) = (phong.diffuse as f32, phong.specular as f32);
+    for x in 0..count {
+        let (n, l, v) = ([nx[x], ny[x], nz[x]], [lx[x], ly[x], lz[x]], [vx[x], vy[x], vz[x]]);
+        let along = dot(n, l);
+        // R.V of R = 2 (N.l) N - l; what is lit from behind gleams no more.
+        let mirrored = 2.0 * along * dot(n, v) - dot(l, v);
+        let mirrored = if along > 0.0 { mirrored } else { 0.0 };
+        given[x] = reflected([along, mirrored], diffuse, specular, power);
+    }
 }
 
 #[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Eight values from a place on.
-#[inline(always)]
-fn eight(plane: &[f32], at: usize) -> [f32; LANES] {
-    let plane = &plane[at..at + LANES];
-    std::array::from_fn(|k| plane[k])
 }

@@ -1,0 +1,224 @@
+//! Lays assignments of the command line over a document, and under its `[sensor]` the sensor that it names.
+
+use std::io;
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+
+use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::input;
+use crate::files::sensor;
+use crate::files::source::Place;
+use crate::files::spelling::nearest;
+
+use super::document::{self, Document, Node, Value};
+use super::{random, reader};
+
+/// A file with a `[sensor]` table, read, and where its keys stand.
+pub struct Laid<T> {
+    /// What it says, with defaults for what is not written or not readable.
+    pub value: T,
+    /// Every text it came from.
+    pub document: Document,
+    /// The text is not TOML; nothing else is said about it.
+    pub broken: bool,
+    /// The sensor file or preset that it names could be read.
+    pub sensor_known: bool,
+    /// The same with other presets, where it names several.
+    pub others: Vec<(T, Document)>,
+    /// The same with the sensor of a gripper's right finger, where there is one.
+    pub right: Option<(T, Document)>,
+    /// Those presets.
+    pub presets: Option<random::Presets>,
+}
+
+/// Reads `text` as a `T` with the assignments `set` laid over it (flag and assignment each) and the sensor that it names
+/// laid under its `[sensor]`, `[markers]` and `[camera]`. Mistakes of form are added to `problems`.
+pub fn lay<T: DeserializeOwned + Default>(
+    name: &str,
+    text: String,
+    folder: &Path,
+    set: &[(String, String)],
+    problems: &mut Diagnostics,
+) -> Laid<T> {
+    let document = Document::parse(name, text, folder, problems);
+    if !problems.is_empty() {
+        return Laid {
+            value: T::default(),
+            document,
+            broken: true,
+            sensor_known: false,
+            others: Vec::new(),
+            right: None,
+            presets: None,
+        };
+    }
+    lay_over(document, set, problems)
+}
+
+pub(super) fn lay_over<T: DeserializeOwned + Default>(
+    mut document: Document,
+    set: &[(String, String)],
+    problems: &mut Diagnostics,
+) -> Laid<T> {
+    for (flag, assignment) in set {
+        apply_override(&mut document, flag, assignment, problems);
+    }
+    let right = of_right_finger(&mut document);
+    let several = random::Presets::take(&mut document, problems).unwrap_or_default();
+    let (value, sensor_known) = with_sensor(&mut document, problems);
+    let right = right.map(|mut right| {
+        // Places are in texts that both know.
+        right.sources.clone_from(&document.sources);
+        let (value, _) = with_sensor(&mut right, problems);
+        document.sources.clone_from(&right.sources);
+        (value, right)
+    });
+    let mut others = Vec::new();
+    let mut presets = None;
+    if several.len() > 1 {
+        for (of_preset, mut other) in several {
+            // Places are in texts that all of them know.
+            other.sources.clone_from(&document.sources);
+            if presets.is_some() {
+                let (value, _) = with_sensor(&mut other, problems);
+                document.sources.clone_from(&other.sources);
+                others.push((value, other));
+            }
+            presets = Some(of_preset);
+        }
+    }
+    Laid { value, document, broken: false, sensor_known, others, right, presets }
+}
+
+/// The document of the right finger, where a gripper has one of its own: the table `gripper.right` is its `[sensor]`, and what
+/// the job says beside its sensor of markers and camera is not of it. In the document itself stays an empty table.
+fn of_right_finger(document: &mut Document) -> Option<Document> {
+    let finger = document.get("gripper.right").filter(|node| matches!(node.value, Value::Table(_)))?.clone();
+    let mut right = document.clone();
+    ["gripper", "sensor", "markers", "camera"].into_iter().for_each(|name| right.remove(name));
+    let place = finger.place;
+    let path = |keys: &[&str]| keys.iter().map(|key| (*key).to_owned()).collect::<Vec<_>>();
+    right.set(&path(&["sensor"]), place, finger).expect("a document is a table");
+    let empty = Node { place, value: Value::Table(Vec::new()) };
+    document.set(&path(&["gripper", "right"]), place, empty).expect("it is there");
+    Some(right)
+}
+
+/// Reads a document over the sensor that it names. The second value is false if that cannot be read.
+fn with_sensor<T: DeserializeOwned + Default>(document: &mut Document, problems: &mut Diagnostics) -> (T, bool) {
+    let sensor_known = lay_under_sensor(document, problems);
+    for table in ["markers", "camera"] {
+        document.move_up("sensor", table);
+    }
+    let (random, plain) = random::take(document, problems);
+    document.random = random;
+    let value = reader::read(plain.as_ref().unwrap_or(&document.root), problems).unwrap_or_default();
+    (value, sensor_known)
+}
+
+fn apply_override(document: &mut Document, flag: &str, assignment: &str, problems: &mut Diagnostics) {
+    let source = document.sources.len();
+    let mut found = Diagnostics::default();
+    let tree = document.add_source(flag, assignment.to_owned(), Path::new(""), &mut found);
+    let key = assignment.split('=').next().unwrap_or_default();
+    let key_place = Place { source, start: 0, end: key.trim_end().len() };
+    let mut path: Vec<String> = Vec::new();
+    let mut node: &Node = &tree;
+    // A dotted key parses to tables of one key each: the way down to the value is the path. It has as many steps as
+    // the key has dots outside quotes, so that an inline table as the value is not taken for more path.
+    let steps = dotted_steps(key);
+    while path.len() < steps
+        && let Value::Table(entries) = &node.value
+        && let [entry] = entries.as_slice()
+    {
+        path.push(entry.key.clone());
+        node = &entry.node;
+    }
+    if !found.is_empty() || path.len() != steps {
+        let problem = Diagnostic::new(format!("not an assignment: `{assignment}`"))
+            .at(Place { source, start: 0, end: assignment.len() })
+            .help("write dotted.path=VALUE with a TOML value, for example --set 'sensor.resolution_px=[320, 240]' or --set 'dataset.name=\"mine\"'");
+        problems.push(problem);
+        return;
+    }
+    let node = node.clone();
+    if let Err(reason) = document.set(&path, key_place, node) {
+        problems.push(Diagnostic::new(reason).at(key_place));
+    }
+}
+
+fn dotted_steps(key: &str) -> usize {
+    let mut quote = None;
+    1 + key
+        .chars()
+        .filter(|&c| {
+            match (quote, c) {
+                (None, '"' | '\'') => quote = Some(c),
+                (Some(open), c) if open == c => quote = None,
+                _ => {}
+            }
+            c == '.' && quote.is_none()
+        })
+        .count()
+}
+
+/// Lays the sensor file and the preset that the job names under its `[sensor]` table. False if one cannot be read.
+fn lay_under_sensor(document: &mut Document, problems: &mut Diagnostics) -> bool {
+    let mut known = true;
+    let preset_key = document.get("sensor.preset").cloned();
+    if let Some(file) = document.get("sensor.file").cloned()
+        && let Some(written) = file.as_str()
+    {
+        if preset_key.is_some() {
+            let problem = Diagnostic::new("both `preset` and `file` name a sensor")
+                .at(file.place)
+                .help("keep one; a sensor file may itself start with `preset = \"...\"`");
+            problems.push(problem);
+        }
+        let path = document.folder("sensor.file").join(written);
+        let text = input::read(&path, document::MOST_READ)
+            .and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other));
+        match text {
+            Ok(text) => {
+                let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+                let mut found = Diagnostics::default();
+                let tree = document.add_source(&path.display().to_string(), text, &folder, &mut found);
+                known = found.is_empty();
+                problems.extend(found);
+                if let Some(second) = tree.child("file") {
+                    let problem = Diagnostic::new("a sensor file cannot start from another one")
+                        .at(second.place)
+                        .help("it may start from a preset: preset = \"...\"");
+                    problems.push(problem);
+                }
+                if known {
+                    document.underlay("sensor", tree);
+                }
+            }
+            Err(error) => {
+                known = false;
+                let message = format!("cannot read the sensor file {}: {error}", path.display());
+                let help = "a path is relative to the file it stands in; gelsim list sensors shows the presets";
+                problems.push(Diagnostic::new(message).at(file.place).help(help));
+            }
+        }
+    }
+    let Some(preset) = document.get("sensor.preset").cloned() else { return known };
+    let Some(name) = preset.as_str() else { return false };
+    let names = sensor::PRESETS.map(|(name, _)| name);
+    match sensor::PRESETS.iter().find(|(known, _)| *known == name) {
+        Some((_, text)) => {
+            let label = format!("preset {name}");
+            let tree = document.add_source(&label, (*text).to_owned(), Path::new(""), problems);
+            document.underlay("sensor", tree);
+            known
+        }
+        None => {
+            let near = nearest(name, names).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+            let help = format!("{near}one of {}", crate::files::spelling::one_of(&names));
+            problems.push(Diagnostic::new(format!("no sensor preset is called `{name}`")).at(preset.place).help(help));
+            false
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! What a label says of the sensor.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::core::base::view::View;
+use crate::core::optics::led::Led;
+use crate::core::sensor::{Background, Sensor};
+use crate::core::simulator::Simulator;
+use crate::job::plan::Plan;
+use crate::job::scene::Scene;
+
+/// The sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SensorLabel {
+    /// Its name.
+    pub name: String,
+    /// Columns of every layer, px.
+    pub width_px: u32,
+    /// Rows of every layer, px.
+    pub height_px: u32,
+    /// Distance between pixel centres along x and y, mm.
+    pub mm_per_px: [f64; 2],
+    /// Thickness of the gelpad, mm.
+    pub gelpad_thickness_mm: f64,
+    /// Young's modulus of the gelpad, kPa.
+    pub gelpad_youngs_modulus_kpa: f64,
+    /// Poisson ratio of the gelpad.
+    pub gelpad_poisson_ratio: f64,
+    /// Share of the light lost where the pad is pressed down to the shell.
+    pub darkening: f64,
+    /// Red, green and blue of the untouched pad that are not the LEDs' light; empty if their light is not scaled by it.
+    pub stray_light: Vec<f64>,
+    /// The LEDs, in the order of the sensor.
+    pub leds: Vec<LedLabel>,
+    /// The image of the untouched pad.
+    pub background: BackgroundLabel,
+}
+
+/// An LED of the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LedLabel {
+    /// Its name.
+    pub name: String,
+    /// Direction towards it, degrees from +x towards +y.
+    pub azimuth_deg: f64,
+    /// Angle over the pad's plane, degrees.
+    pub elevation_deg: f64,
+    /// Width and height as the pad sees it, degrees.
+    pub angular_size_deg: [f64; 2],
+    /// Distance from the middle of the image, mm.
+    pub distance_mm: f64,
+    /// Red, green and blue share of its light.
+    pub color: [f64; 3],
+    /// Brightness.
+    pub intensity: f64,
+}
+
+/// The image of the untouched pad: a file, or the numbers that it is rendered from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct BackgroundLabel {
+    /// Name of its file; empty if it is rendered.
+    pub file: String,
+    /// SHA-256 of that file in lower-case hex; empty if it is rendered.
+    pub sha256: String,
+    /// Red, green and blue of the diffuse light; this and the others are 0 if it is a file, or shows the light of
+    /// the sensor's lamps.
+    pub color: [f64; 3],
+    /// Brightness that each LED adds at its edge of the image.
+    pub glow: f64,
+    /// Distance over which that falls to 37 %, mm.
+    pub glow_reach_mm: f64,
+    /// Share of the light lost in the corners.
+    pub vignette: f64,
+    /// Standard deviation of the coating's grain.
+    pub grain: f64,
+    /// Size of the grain, mm.
+    pub grain_size_mm: f64,
+    /// Specks of dust per cm^2.
+    pub dust_per_cm2: f64,
+    /// Size of the specks, mm.
+    pub dust_size_mm: f64,
+    /// The 15 coefficients of red, then of green, then of blue by which the colour varies over the pad; empty if it does
+    /// not.
+    pub pattern: Vec<f64>,
+}
+
+impl SensorLabel {
+    pub(super) fn of(plan: &Plan, scene: &Scene, simulator: &Simulator) -> Self {
+        let (sensor, View { resolution_px: [width, height], mm_per_px }) = (simulator.sensor(), *simulator.view());
+        Self {
+            name: sensor.name.clone(),
+            width_px: width as u32,
+            height_px: height as u32,
+            mm_per_px,
+            gelpad_thickness_mm: sensor.gelpad.thickness_mm,
+            gelpad_youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa,
+            gelpad_poisson_ratio: sensor.gelpad.poisson_ratio,
+            darkening: sensor.darkening,
+            stray_light: sensor.stray_light.iter().flatten().copied().collect(),
+            leds: sensor.leds.iter().map(LedLabel::new).collect(),
+            background: BackgroundLabel::of(plan, scene, sensor),
+        }
+    }
+}
+
+impl LedLabel {
+    fn new(led: &Led) -> Self {
+        let Led { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity, position_mm: _ } =
+            led.clone();
+        Self { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity }
+    }
+}
+
+impl BackgroundLabel {
+    fn of(plan: &Plan, scene: &Scene, sensor: &Sensor) -> Self {
+        let number = scene.sensor.as_ref().map_or(0, |drawn| drawn.photograph);
+        let photograph = plan.sensors.photographs.get(number);
+        let (file, sha256) = photograph.map_or_else(Default::default, |own| (own.file.clone(), own.sha256.clone()));
+        match &sensor.background {
+            Background::Rendered(look) if sensor.lamps.is_empty() => Self {
+                file,
+                sha256,
+                color: look.color,
+                glow: look.glow,
+                glow_reach_mm: look.glow_reach_mm,
+                vignette: look.vignette,
+                grain: look.grain,
+                grain_size_mm: look.grain_size_mm,
+                dust_per_cm2: look.dust_per_cm2,
+                dust_size_mm: look.dust_size_mm,
+                pattern: look.pattern.iter().flat_map(|own| [own.red, own.green, own.blue]).flatten().collect(),
+            },
+            // A photograph, or what the lamps show.
+            _ => Self {
+                file,
+                sha256,
+                color: [0.0; 3],
+                glow: 0.0,
+                glow_reach_mm: 0.0,
+                vignette: 0.0,
+                grain: 0.0,
+                grain_size_mm: 0.0,
+                dust_per_cm2: 0.0,
+                dust_size_mm: 0.0,
+                pattern: Vec::new(),
+            },
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! What decides the bytes of a sample.
+
+use crate::files::hash::sha256;
+use crate::job::config::Job;
+
+use super::{files, stem};
+
+/// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
+/// object's in the labels, as is that of a background; contents are known by their hashes. The number of samples
+/// decides no sample's bytes, so that it may be raised later.
+pub fn fingerprint(job: &Job) -> String {
+    let mut job = job.clone();
+    job.dataset.samples = None;
+    let meshes = job.object.iter().map(|object| object.path.as_deref().map(stem)).collect::<Vec<_>>();
+    let names = |paths: &mut dyn Iterator<Item = &String>| paths.map(|path| files::file_name(path)).collect::<Vec<_>>();
+    let background = names(&mut job.sensor.background.iter()).pop();
+    let backgrounds = names(&mut job.random.backgrounds.iter());
+    let right = job.gripper.as_ref().map(|gripper| {
+        let background = names(&mut gripper.right.iter().filter_map(|right| right.background.as_ref())).pop();
+        (background, names(&mut gripper.right_random.backgrounds.iter()))
+    });
+    job.paths_mut().for_each(String::clear);
+    job.sensor.background = background;
+    job.random.backgrounds = backgrounds;
+    if let (Some(gripper), Some((background, backgrounds))) = (&mut job.gripper, right) {
+        gripper.right_random.backgrounds = backgrounds;
+        gripper.right.iter_mut().for_each(|right| right.background.clone_from(&background));
+    }
+    for (object, stem) in job.object.iter_mut().zip(meshes) {
+        object.path = stem;
+    }
+    let text = job.to_json().to_string();
+    sha256(format!("gelsim {}\n{text}", env!("CARGO_PKG_VERSION")).as_bytes())
+}
