@@ -53,10 +53,15 @@ fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
         return [-beyond, 1.0 + beyond];
     };
     let heights = heights_mm(plan);
+    // What LEDs leave unexplained of a real pad, at the steepest and deepest that it was fitted to.
+    let residual = plan.job().sensor.light_residual.as_deref().map_or([0.0; 3], |residual| {
+        let deepest = residual.heights_mm.map(f64::abs).into_iter().fold(0.0, f64::max);
+        residual.change_by_angle(residual.steepest).map(|change| change + residual.change_per_mm() * deepest)
+    });
     let most = (0..3)
         .map(|k| {
             let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led, heights);
-            plan.job().sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular)
+            plan.job().sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular) + residual[k]
         })
         .fold(0.0, f64::max);
     let brightened = 1.0
