@@ -15,7 +15,8 @@ use crate::core::camera::gel_map::{GelMap, GelView};
 use crate::core::camera::pins::{PinPositions, Pins};
 use crate::core::camera::projection::Projection;
 use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::normals::{Normals, Places};
+use crate::core::depth::normals::Normals;
+use crate::core::depth::places::Places;
 use crate::core::depth::texture::{Posed, Texture};
 use crate::core::depth::{Depth, Window, texture_required};
 use crate::core::effects::{Effect, EffectLog, Requirement};
@@ -211,7 +212,7 @@ impl Curved {
         seconds.gelpad += clock.lap();
 
         effects.enable(Effect::Grain, Requirement::Absent("not simulated on a gel that has a shape"));
-        let shadows = self.cast_shadows(&contact, &chart, effects);
+        let shadows = self.shadows(&contact, &chart, effects);
         let map = self.map(&chart, &depth, &contact, window, shadows.as_ref());
         let (pins, light) =
             self.looked_at((&contact, &chart, &map), shadows.as_ref(), wrench.as_ref(), unit_key, effects);

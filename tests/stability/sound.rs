@@ -176,10 +176,9 @@ fn heights(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), St
     if deepest > 0.0 {
         figures.bulge = f64::from(bulge / deepest);
     }
-    // Cubic interpolation leaves the range of what it goes through by up to 9/16 of it, 5/4 along each axis. A coarser grid's
-    // pixels may lie an eighth deeper than the finest ones, at the top of what is round.
+    // Cubic interpolation leaves the range of what it goes through by up to 9/16 of it, 5/4 along each axis.
     let overshoot = (-lowest - bulge).max(0.0);
-    let range = (1.125 * deepest).max(bulge);
+    let range = deepest.max(bulge);
     figures.overshoot = if range > 0.0 { f64::from(overshoot / range) } else { 0.0 };
     ensure!(overshoot <= 0.5625 * range, "the surface is at {lowest}, the solver's no lower than {}", -bulge);
 

@@ -1,7 +1,6 @@
 //! The light on a pressed skin: its reflection, its shadows on itself, and its average over pixels within which it bends.
 
 use super::Curved;
-use super::seen::Seen;
 use crate::core::base::chart::Chart;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::light::Light;
@@ -78,14 +77,14 @@ impl Curved {
         effects.timed(Effect::Shading, || skin.shade(&pressed, picture, darkens))
     }
 
-    /// The shadows that a press casts on its chart, if the camera sees light on a skin and any falls.
+    /// The shadows that a press casts on its chart, if any does.
     pub(super) fn cast_shadows(
         &self,
+        skin: &Skin,
         contact: &Contact,
         chart: &Chart,
         effects: &mut EffectLog,
     ) -> Option<CastShadows> {
-        let Seen::Skin(skin, _) = &self.seen else { return None };
         let everywhere = effects.everywhere();
         let casting = effects.timed(Effect::Shadows, || self.casting(skin, contact, chart, everywhere));
         let need = match skin.shadows() {

@@ -93,6 +93,14 @@ impl Curved {
         }
     }
 
+    /// The shadows of a press on its chart, if the camera sees light on a skin and any falls.
+    pub(super) fn shadows(&self, contact: &Contact, chart: &Chart, effects: &mut EffectLog) -> Option<CastShadows> {
+        match &self.seen {
+            Seen::Skin(skin, _) => self.cast_shadows(skin, contact, chart, effects),
+            Seen::Pins(_) => None,
+        }
+    }
+
     /// What the camera sees of a pressed gel: its light, with shadows on the chart, and where the pins are, if it has any.
     pub(super) fn looked_at(
         &self,

@@ -4,7 +4,7 @@ use super::Curved;
 use crate::core::base::chart::Chart;
 use crate::core::base::gel::Site;
 use crate::core::depth::indenter::Indenter;
-use crate::core::depth::normals::Places;
+use crate::core::depth::places::Places;
 use crate::core::depth::texture::{Laid, Posed, Texture};
 use crate::core::depth::{Depth, Window};
 use crate::core::gelpad::sliding::over_gel::OverGel;

@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::Window;
 use super::blocks::{Groups, apart};
-use super::normals::Places;
+use super::places::Places;
 use crate::core::base::grid::Grid;
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::surface::unrolled::Unrolled;

@@ -19,6 +19,7 @@ pub mod lines;
 pub mod normals;
 pub mod outline;
 pub mod patterns;
+pub mod places;
 pub mod raster;
 pub mod relief;
 pub mod rest;

@@ -11,6 +11,7 @@ use glam::{DMat3, DVec3};
 
 use super::blocks::{Groups, apart};
 use super::lines::Lines;
+use super::places::Places;
 use super::{Depth, Window, limited};
 use crate::core::base::chart::{Chart, Latitude};
 use crate::core::base::gel::GelShape;
@@ -39,16 +40,6 @@ pub struct Normals {
     at_tip: OnceLock<Lines>,
     /// Of each latitude, once it is asked for: the same all around the gel. A dome has one, the same everywhere.
     latitudes: Vec<OnceLock<Nodes>>,
-}
-
-/// Places of a chart, in columns and rows.
-pub struct Places<'a> {
-    /// The chart.
-    pub chart: &'a Chart,
-    /// That of a column and row, those of a margin included, mm.
-    pub place: &'a dyn Fn([usize; 2]) -> [f64; 2],
-    /// How far apart they are, mm.
-    pub pitch_mm: [f64; 2],
 }
 
 /// The nodes of the charts of one latitude, before their turn about the gel's middle.

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::Depth;
-use super::normals::Places;
+use super::places::Places;
 use super::relief::{BLOCK, Level, Relief, repeating};
 use crate::core::base::angle::sin_cos_deg;
 use crate::core::base::grid::Grid;

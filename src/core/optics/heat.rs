@@ -4,24 +4,25 @@
 //! On a gel that is round about its axis, the density is a sum over waves around that axis, each of which
 //! follows an equation in one dimension, along the meridian.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::PI;
 
-use super::heat_on_mesh::HeatOnMesh;
 use crate::core::base::gel::{GelShape, Site};
-use glam::{DVec2, DVec3};
+use glam::DVec3;
+use on_mesh::HeatOnMesh;
+use round::HeatOnRound;
 
-/// Cells along the meridian, and half around the axis.
-const CELLS: [usize; 2] = [160, 120];
-/// Waves around the axis.
-const WAVES: usize = 64;
+mod even_mesh;
+mod on_mesh;
+mod round;
+
 /// Width of the LED at the rim, rad: the standard deviation.
-pub(super) const LED_RAD: f64 = 0.15;
+const LED_RAD: f64 = 0.15;
 /// How far light goes in the layer before it is 1 / e, in radii of the gel: where two ways are as short as each other, light comes
 /// from both over as much.
-pub(super) const REACH: f64 = 0.2;
+const REACH: f64 = 0.2;
 
 /// Light that spreads on the way around a ball is so much less steep than light along a line, at least.
-pub(super) const SPREAD: f64 = 0.97;
+const SPREAD: f64 = 0.97;
 
 /// Directions of light over a gel from LEDs at its rim.
 pub(super) enum Heat {
@@ -48,181 +49,6 @@ impl Heat {
 }
 
 /// An angle, whichever way it turns, without whole turns.
-pub(super) fn half_turn(angle: f64) -> f64 {
+fn half_turn(angle: f64) -> f64 {
     (angle - 2.0 * PI * libm::round(angle / (2.0 * PI))).abs()
-}
-
-/// The same on a gel that is round, of an LED at azimuth 0.
-pub(super) struct HeatOnRound {
-    shape: GelShape,
-    length: f64,
-    /// For each cell, rows along the meridian: towards the LED, in the axes that the tip's have when they are taken there along
-    /// the meridian, of length 1 at most; and the distance from the LED, in radii.
-    cells: Vec<[f64; 3]>,
-    /// The same at the tip.
-    tip: [f64; 3],
-}
-
-impl HeatOnRound {
-    pub fn new(shape: &GelShape) -> Self {
-        let length = FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0) / shape.radius_mm();
-        let step = length / CELLS[0] as f64;
-        let waves: Vec<Vec<f64>> = (0..WAVES).map(|wave| along_meridian(wave as f64, step)).collect();
-        let angle = |column: usize| PI * column as f64 / CELLS[1] as f64;
-        let around = |column: usize| (0..WAVES).map(move |wave| libm::sincos(wave as f64 * angle(column))).collect();
-        let around: Vec<Vec<(f64, f64)>> = (0..=CELLS[1]).map(around).collect();
-        let density = |row: usize, column: usize| {
-            let mut sums = [0.0; 3];
-            for (wave, (along, (sin, cos))) in waves.iter().zip(&around[column]).enumerate() {
-                // Beyond the tip a wave goes on as it is on the other side, even ones upright and odd ones upside down.
-                let inner = if row > 0 {
-                    along[row - 1]
-                } else if wave % 2 == 0 {
-                    along[0]
-                } else {
-                    -along[0]
-                };
-                let slope = (along[row + 1] - inner) / (2.0 * step);
-                sums[0] += along[row] * cos;
-                sums[1] += slope * cos;
-                sums[2] -= wave as f64 * along[row] * sin / radius_at(row, step);
-            }
-            sums
-        };
-        let at_led = density(CELLS[0] - 1, 0)[0];
-        let mut cells = Vec::with_capacity(CELLS[0] * (CELLS[1] + 1));
-        for row in 0..CELLS[0] {
-            for column in 0..=CELLS[1] {
-                let [density, outwards, around] = density(row, column);
-                let density = density.max(f64::MIN_POSITIVE);
-                let towards = (REACH / (SPREAD * density) * DVec2::new(outwards, around)).clamp_length_max(1.0);
-                let towards = DVec2::from_angle(angle(column)).rotate(towards);
-                cells.push([towards.x, towards.y, (-REACH * libm::log(density / at_led)).max(0.0)]);
-            }
-        }
-        let first = &cells[..CELLS[1]];
-        let tip = [0, 2].map(|k| first.iter().map(|cell| cell[k]).sum::<f64>() / CELLS[1] as f64);
-        Self { shape: shape.clone(), length, cells, tip: [tip[0], 0.0, tip[1]] }
-    }
-
-    /// Towards an LED at an azimuth along the gel, of length 1 at most, and how far it is, mm.
-    pub fn at(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
-        let Site { normal, below_mm, .. } = site;
-        let around = libm::atan2(normal.y, normal.x) - azimuth;
-        let around = around - 2.0 * PI * libm::round(around / (2.0 * PI));
-        let across = libm::hypot(normal.x, normal.y);
-        let from_tip = libm::atan2(across, normal.z.max(0.0)) + below_mm / self.shape.radius_mm();
-        let [x, y, distance] = self.between(from_tip, around.abs());
-        let towards = DVec2::from_angle(-around).rotate(DVec2::new(x, if around < 0.0 { -y } else { y }));
-        let [sin, cos] = if across > 0.0 { [normal.y / across, normal.x / across] } else { [0.0, 1.0] };
-        let (level, out) = if below_mm > 0.0 { (0.0, 1.0) } else { (normal.z.max(0.0), across) };
-        let outwards = DVec3::new(level * cos, level * sin, -out);
-        let sideways = DVec3::new(-sin, cos, 0.0);
-        (towards.x * outwards + towards.y * sideways, distance * self.shape.radius_mm())
-    }
-
-    /// Between the cells, bilinear.
-    fn between(&self, from_tip: f64, around: f64) -> [f64; 3] {
-        let row = (from_tip / self.length * CELLS[0] as f64 - 0.5).min((CELLS[0] - 1) as f64);
-        let column = (around / PI * CELLS[1] as f64).clamp(0.0, CELLS[1] as f64);
-        let (upper, left) = ((row as usize).min(CELLS[0] - 2), (column as usize).min(CELLS[1] - 1));
-        let (down, right) = (row - upper as f64, column - left as f64);
-        let cell = |row: usize, column: usize| self.cells[row * (CELLS[1] + 1) + column];
-        std::array::from_fn(|k| {
-            let line = |row: usize| cell(row, left)[k] + right * (cell(row, left + 1)[k] - cell(row, left)[k]);
-            match row < 0.0 {
-                // The tip is half a cell away from the first row.
-                true => line(0) - 2.0 * row * (self.tip[k] - line(0)),
-                false => line(upper) + down * (line(upper + 1) - line(upper)),
-            }
-        })
-    }
-}
-
-/// Distance of the middle of a cell from the axis, in radii of the gel.
-fn radius_at(row: usize, step: f64) -> f64 {
-    radius((row as f64 + 0.5) * step)
-}
-
-fn radius(from_tip: f64) -> f64 {
-    libm::sin(from_tip.min(FRAC_PI_2))
-}
-
-/// A wave's density in the cells along the meridian and in one more beyond the rim; by finite volumes,
-/// (r u')' = (wave^2 / r + r / reach^2) u, from the tip outwards. No light leaves by the rim, and the LED's comes in there.
-fn along_meridian(wave: f64, step: f64) -> Vec<f64> {
-    let source = libm::exp(-0.5 * (wave * LED_RAD) * (wave * LED_RAD)) * if wave == 0.0 { 0.5 } else { 1.0 };
-    // What is in a cell, as a share of what is in the next.
-    let mut shares: Vec<f64> = Vec::with_capacity(CELLS[0]);
-    let mut density = vec![0.0; CELLS[0] + 1];
-    for (row, density) in density.iter_mut().enumerate().take(CELLS[0]) {
-        let here = radius_at(row, step);
-        let (inner, outer) = (radius(row as f64 * step), radius((row + 1) as f64 * step));
-        let lost = step * step * (wave * wave / here + here / (REACH * REACH));
-        let from_inner = shares.last().map_or(0.0, |share| inner * (1.0 - share));
-        shares.push(outer / (outer + lost + from_inner));
-        *density = step * source / (lost + from_inner);
-    }
-    density[CELLS[0]] = density[CELLS[0] - 1] + step * source;
-    for row in (0..CELLS[0] - 1).rev() {
-        density[row] = shares[row] * density[row + 1];
-    }
-    density
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::core::base::gel::{GelCapsule, GelDome};
-
-    /// On a dome the way from the rim is a great circle, wherever the opposite rim is farther away.
-    #[test]
-    fn on_a_dome_light_comes_along_great_circles() {
-        let shape = GelShape::Dome(GelDome { radius_mm: 12.0 });
-        let heat = HeatOnRound::new(&shape);
-        let led = DVec3::X;
-        let mut worst = 1.0_f64;
-        for from_tip in [0.05, 0.3, 0.7, 1.0, 1.3] {
-            for around in [0.0, 0.5, 1.0, 1.6, 2.2, -0.7, -1.9] {
-                let normal = DVec3::new(
-                    libm::sin(from_tip) * libm::cos(around),
-                    libm::sin(from_tip) * libm::sin(around),
-                    libm::cos(from_tip),
-                );
-                let (towards, distance_mm) = heat.at(shape.site(normal, 0.0), 0.0);
-                let angle = normal.angle_between(led);
-                let circle = (led - normal * normal.dot(led)).normalize();
-                assert!(towards.dot(normal).abs() < 1e-9 && towards.length() < 1.0 + 1e-9);
-                if angle > 0.5 {
-                    assert!(towards.length() > 0.7, "{from_tip} {around}: {towards}");
-                    worst = worst.min(towards.normalize().dot(circle));
-                    assert!((distance_mm / 12.0 - angle).abs() < 0.2, "{from_tip} {around}: {distance_mm}");
-                }
-            }
-        }
-        println!("farthest from a great circle: {:.1} degrees", libm::acos(worst).to_degrees());
-        assert!(worst > libm::cos(f64::to_radians(10.0)));
-    }
-
-    #[test]
-    fn opposite_the_led_light_comes_from_both_sides_without_a_step() {
-        let shape = GelShape::Capsule(GelCapsule { radius_mm: 10.0, length_mm: 45.0 });
-        let heat = HeatOnRound::new(&shape);
-        let at = |around: f64, below_mm: f64| {
-            heat.at(shape.site(DVec3::new(libm::cos(around), libm::sin(around), 0.0), below_mm), 0.3).0
-        };
-        for below_mm in [0.0, 10.0, 30.0] {
-            let steps: Vec<DVec3> = (0..=400).map(|k| at(PI * k as f64 / 200.0 + 0.1, below_mm)).collect();
-            let largest = steps.windows(2).map(|pair| (pair[1] - pair[0]).length()).fold(0.0, f64::max);
-            assert!(largest < 0.15, "{below_mm}: {largest}");
-            let opposite = at(PI + 0.3, below_mm);
-            assert!(opposite.truncate().length() < 1e-6, "{opposite}");
-        }
-        // The tip is lit from the LED's side, whichever way one comes to it.
-        for around in [0.0, 2.0, 4.0] {
-            let normal = DVec3::new(1e-3 * libm::cos(around), 1e-3 * libm::sin(around), 1.0).normalize();
-            let (towards, _) = heat.at(shape.site(normal, 0.0), 0.3);
-            assert!(towards.angle_between(DVec3::new(libm::cos(0.3), libm::sin(0.3), 0.0)) < 0.02, "{towards}");
-        }
-    }
 }

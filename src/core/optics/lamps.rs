@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use super::background::BackgroundImage;
 use super::led::Normals;
-use super::phong::set_normals;
+use super::normals::set_normals;
 use super::visible::{BOUND, Threshold};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::light::{Light, quantise};

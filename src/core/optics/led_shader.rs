@@ -12,11 +12,14 @@ use super::Illumination;
 use super::background::BackgroundImage;
 use super::coarse::Coarse;
 use super::led::{PlacedLed, Row};
-use super::phong::{self, Equation, Lit, Phong, Shadows};
+use super::phong::{Equation, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::Casting;
 use super::visible::{self, Extent, Threshold};
 use crate::core::base::light::Light;
+use shading::Lit;
+
+mod shading;
 
 /// LEDs made ready for one sensor: everything that is the same for every sample.
 pub struct Shader {
@@ -85,16 +88,16 @@ impl Shader {
         let relative = phong.equation == Equation::Relative;
         if relative {
             // By the same instructions as in the picture, so that an untouched pixel loses exactly what it gains.
-            shader.flat = phong::at_rest(&shader, &shader.level(), true);
+            shader.flat = shading::at_rest(&shader, &shader.level(), true);
         }
         shader.relief = relief.map(|shape| Relief {
             // A photograph shows the relief already; to a rendered picture it is added.
             at_rest: match relative && light.photograph {
-                true => phong::at_rest(&shader, &shape, false),
+                true => shading::at_rest(&shader, &shape, false),
                 false => shader.flat.clone(),
             },
             residual_at_rest: match relative && light.photograph {
-                true => phong::residual_at_rest(&shader, &shape),
+                true => shading::residual_at_rest(&shader, &shape),
                 false => None,
             },
             shape,
@@ -139,7 +142,7 @@ impl Shader {
             visible: &[],
             darkening_per_mm: 0.0,
         };
-        phong::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
+        shading::shade(self, &lit, rest, Rect::whole(rest.width, rest.height))
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
@@ -208,7 +211,7 @@ impl Shader {
             visible: &visible,
             darkening_per_mm,
         };
-        effects.timed(Effect::Shading, || phong::shade(self, &lit, rest, region))
+        effects.timed(Effect::Shading, || shading::shade(self, &lit, rest, region))
     }
 
     /// What casts shadows, if anything does. A near LED is taken to shine on all of the press from the direction in which it

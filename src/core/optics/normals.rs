@@ -4,8 +4,9 @@
 //! the camera, and N = (df/dx, df/dy, -1), normalised, faces the camera. Differences are centred, with the kernels
 //! [-1 0 1] / (2 r) along rows and columns, r the pixel pitch (Gomes, Wilson and Luo 2019).
 
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
+use super::led::Normals;
+use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::gelpad::Contact;
 
 /// Unit normals of the view, row-major; a flat pad is (0, 0, -1).
@@ -26,4 +27,24 @@ pub fn normals(contact: &Contact, view: &View) -> Vec<[f32; 3]> {
         }
     }
     normals
+}
+
+/// Normals along row `row` of a part of the view.
+#[inline(always)]
+pub(super) fn set_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, row: usize, normals: &mut Normals) {
+    let width = part.width();
+    let window = |dx: usize, dy: usize| &shape.row(part.y0 + row + dy)[part.x0 + dx..][..width];
+    let (left, right, above, below) = (window(0, 1), window(2, 1), window(1, 0), window(1, 2));
+    let [per_slope_x, per_slope_y] = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let Normals { x: nx, y: ny, z: nz } = normals;
+    for plane in [&mut *nx, &mut *ny, &mut *nz] {
+        plane.resize(width, 0.0);
+    }
+    let (nx, ny, nz) = (&mut nx[..width], &mut ny[..width], &mut nz[..width]);
+    for x in 0..width {
+        let fx = (left[x] - right[x]) * per_slope_x;
+        let fy = (above[x] - below[x]) * per_slope_y;
+        let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
+        (nx[x], ny[x], nz[x]) = (fx * inverse, fy * inverse, -inverse);
+    }
 }

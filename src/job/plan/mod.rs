@@ -50,7 +50,8 @@ use check::Check;
 use draw::Draw;
 pub use files::Photograph;
 pub use fingerprint::fingerprint;
-pub use objects::{Object, ids, name, stem};
+pub use naming::{name, stem};
+pub use objects::{Object, ids};
 use presets::others_sensors;
 use sensors::SensorSampling;
 

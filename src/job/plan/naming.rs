@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 
 use super::meshes::File;
-use super::objects::stem;
 use crate::job::config::object::{ClassFrom, Object};
 
 /// The class of each file, before its parts are told apart. Where files in different folders have one name, the folder by
@@ -82,6 +81,17 @@ fn differing(paths: &[&Path]) -> Option<Vec<String>> {
     // One of them may be above the others: then its own name stands for it.
     let named = |folder: &Vec<String>| folder[shared.min(folder.len().saturating_sub(1))..].join("/");
     Some(folders.iter().map(named).collect())
+}
+
+/// An object's name before numbers tell equal ones apart: the stem of its file, and the part that it is.
+pub fn name(path: &str, part: Option<&str>) -> String {
+    let stem = stem(path);
+    part.map_or(stem.clone(), |part| format!("{stem}/{part}"))
+}
+
+/// A mesh's name: that of its file, without folder and ending.
+pub fn stem(path: &str) -> String {
+    Path::new(path).file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned())
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The objects of a plan: files found, read, named, and divided between the splits.
 
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::check::Check;
@@ -182,7 +182,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             });
             // A weight that is none is reported above; the object counts all the same.
             let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
-            let id = self::name(&path.to_string_lossy(), name.as_deref());
+            let id = naming::name(&path.to_string_lossy(), name.as_deref());
             objects.push(Object {
                 id,
                 class,
@@ -298,17 +298,6 @@ pub fn ids(stems: Vec<String>) -> Vec<String> {
         id
     });
     named.collect()
-}
-
-/// An object's name before numbers tell equal ones apart: the stem of its file, and the part that it is.
-pub fn name(path: &str, part: Option<&str>) -> String {
-    let stem = stem(path);
-    part.map_or(stem.clone(), |part| format!("{stem}/{part}"))
-}
-
-/// A mesh's name: that of its file, without folder and ending.
-pub fn stem(path: &str) -> String {
-    Path::new(path).file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// Divides the objects between the splits. `None` after a mistake.

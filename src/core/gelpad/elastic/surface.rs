@@ -38,8 +38,11 @@ impl Pad {
                 contact.surface = solution.displacement.crop(there);
                 (solution.contact_box, Cow::Borrowed(&solution.pressure))
             }
-            // The object touches between the solver's pixels only.
-            _ if solution.contact_box.is_empty() => (Rect::default(), Cow::Borrowed(&solution.pressure)),
+            // The object touches between the solver's pixels only: the surface is as what touches beyond the window has left it.
+            _ if solution.contact_box.is_empty() => {
+                contact.bulge_mm = contact.bulge_mm.max(contact.surface.largest(|w| -w));
+                (Rect::default(), Cow::Borrowed(&solution.pressure))
+            }
             _ => {
                 contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, Shape::Cubic);
                 let area = lattice.covered_by(solution.contact_box);

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 use super::{ObjectStep, Sliding, Wrench, same};
 use crate::core::base::chart::Chart;
 use crate::core::base::gel::Site;
-use crate::core::depth::normals::Places;
+use crate::core::depth::places::Places;
 use crate::core::depth::{Depth, Window};
 use crate::core::gelpad::elastic::history::Moved;
 use crate::core::gelpad::elastic::inplane::Load;

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::background::BackgroundImage;
 use super::coarse::{Coarse, Values};
 use super::led::Normals;
-use super::phong::set_normals;
+use super::normals::set_normals;
 use super::shadow::casting::Casting;
 use super::visible::{BOUND, Threshold};
 use crate::core::base::grid::{Grid, Rect};

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::DVec3;
 
 use super::even_mesh::even;
-use super::heat::{LED_RAD, REACH, SPREAD, half_turn};
+use super::{LED_RAD, REACH, SPREAD, half_turn};
 use crate::core::base::surface::Surface;
 use crate::core::base::surface::tree::Tree;
 use crate::core::base::triangle::nearest_of_triangle;
@@ -20,7 +20,7 @@ const SETTLED: f64 = 1e-4;
 const MOST_SWEEPS: usize = 2000;
 
 /// Directions of the light of LEDs at the rim.
-pub(super) struct HeatOnMesh {
+pub struct HeatOnMesh {
     points: Vec<DVec3>,
     corners: Vec<[u32; 3]>,
     tree: Tree,
