@@ -28,17 +28,18 @@ use crate::core::optics::lamps::Lamp;
 use crate::core::optics::led::Led;
 use crate::core::optics::residual::LightResidual;
 
-/// The presets that are inside the binary: name and text of the sensor file.
-pub const PRESETS: [(&str, &str); 8] = [
-    ("gelsight-2014", include_str!("../../../configs/sensors/gelsight-2014.toml")),
-    ("gelsight-2017", include_str!("../../../configs/sensors/gelsight-2017.toml")),
-    ("gelsight-mini", include_str!("../../../configs/sensors/gelsight-mini.toml")),
-    ("digit", include_str!("../../../configs/sensors/digit.toml")),
-    ("gelsight-series2", include_str!("../../../configs/sensors/gelsight-series2.toml")),
-    ("tactip", include_str!("../../../configs/sensors/tactip.toml")),
-    ("geltip", include_str!("../../../configs/sensors/geltip.toml")),
-    ("allsight", include_str!("../../../configs/sensors/allsight.toml")),
-];
+macro_rules! presets {
+    ($($name:literal),* $(,)?) => {
+        /// The presets that are inside the binary: name and text of the sensor file.
+        pub const PRESETS: [(&str, &str); [$($name),*].len()] =
+            [$(($name, include_str!(concat!("../../../configs/sensors/", $name, ".toml")))),*];
+    };
+}
+
+// The files in `configs/sensors`, the default first.
+presets! {
+    "gelsight-2014", "gelsight-2017", "gelsight-mini", "digit", "gelsight-series2", "tactip", "geltip", "allsight",
+}
 
 /// A sensor. What a sensor file leaves out is as in the preset it names, or as in `gelsight-2014`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
