@@ -69,13 +69,27 @@ impl CameraParams {
     /// The same without an effect that is to be left out.
     pub fn under(self, policy: EffectPolicy) -> Self {
         match policy {
-            EffectPolicy::Without(Effect::Distortion) => Self { distortion: [0.0; 2], ..self },
-            EffectPolicy::Without(Effect::Vignette) => Self { vignette: 0.0, ..self },
-            EffectPolicy::Without(Effect::Defocus) => Self { defocus_mm: 0.0, ..self },
-            EffectPolicy::Without(Effect::Exposure) => Self { gains: [1.0; 3], ..self },
-            EffectPolicy::Without(Effect::Noise) => Self { shot_noise_levels: 0.0, read_noise_levels: 0.0, ..self },
-            EffectPolicy::Without(Effect::Speckle) => Self { speckle_levels: 0.0, ..self },
-            _ => self,
+            EffectPolicy::WhereNeeded | EffectPolicy::All => self,
+            EffectPolicy::Without(effect) => match effect {
+                Effect::Distortion => Self { distortion: [0.0; 2], ..self },
+                Effect::Vignette => Self { vignette: 0.0, ..self },
+                Effect::Defocus => Self { defocus_mm: 0.0, ..self },
+                Effect::Exposure => Self { gains: [1.0; 3], ..self },
+                Effect::Noise => Self { shot_noise_levels: 0.0, read_noise_levels: 0.0, ..self },
+                Effect::Speckle => Self { speckle_levels: 0.0, ..self },
+                // No work of the camera.
+                Effect::Texture
+                | Effect::RestShape
+                | Effect::Deformation
+                | Effect::Friction
+                | Effect::Supersampling
+                | Effect::Shear
+                | Effect::Shading
+                | Effect::Grain
+                | Effect::Shadows
+                | Effect::Darkening
+                | Effect::Markers => self,
+            },
         }
     }
 
@@ -109,8 +123,24 @@ impl CameraParams {
         (k1 != 0.0 || k2 != 0.0).then_some(Lens { k1, k2, width, height })
     }
 
+    /// True if both show light alike, before exposure and noise. What counts here, [`CameraParams::through`] has to do.
     pub(super) fn same_optics(&self, other: &Self) -> bool {
-        let of = |camera: &Self| (camera.distortion, camera.vignette, camera.defocus_mm);
+        let of = |camera: &Self| {
+            let Self {
+                distortion,
+                vignette,
+                defocus_mm,
+                gains: _,
+                shot_noise_levels: _,
+                read_noise_levels: _,
+                noise_color: _,
+                noise_correlation: _,
+                speckle_levels: _,
+                threshold: _,
+                noise_key: _,
+            } = *camera;
+            (distortion, vignette, defocus_mm)
+        };
         of(self) == of(other)
     }
 
