@@ -75,13 +75,24 @@ impl Model {
     pub fn with_friction(self, friction: Option<Friction>) -> Self {
         match self {
             Self::Elastic(elastic) => Self::Elastic(Elastic { friction, ..elastic }),
-            without => without,
+            without @ (Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_)) => without,
         }
     }
 
-    /// True if the model knows the pressure between pad and object.
+    /// True if the model knows the pressure between pad and object: then a [`Contact`] has its force, its peak and its load.
     pub fn knows_pressure(&self) -> bool {
-        matches!(self, Self::Elastic(_))
+        match self {
+            Self::Elastic(_) => true,
+            Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => false,
+        }
+    }
+
+    /// True if the model knows what moves the pad in its own plane: where [`Pad::in_plane`] gives something.
+    pub fn knows_tractions(&self) -> bool {
+        match self {
+            Self::Elastic(_) => true,
+            Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => false,
+        }
     }
 }
 
@@ -121,10 +132,9 @@ impl Pad {
     /// The same pad under an object of its own material, if that makes any difference to the model.
     pub fn under(&self, object: &ObjectMaterial) -> Option<Self> {
         match self {
-            Self::Elastic(pad) if *object != ObjectMaterial::default() => {
-                Some(Self::Elastic(Box::new(pad.under(object.friction, object.soft))))
-            }
-            _ => None,
+            Self::Elastic(pad) => (*object != ObjectMaterial::default())
+                .then(|| Self::Elastic(Box::new(pad.under(object.friction, object.soft)))),
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
 
@@ -166,7 +176,9 @@ impl Pad {
     pub fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
         match self {
             Self::Elastic(pad) => pad.beyond(around),
-            _ => Beyond::of_overlap(around, self.window(0.0).margin_px),
+            Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => {
+                Beyond::of_overlap(around, self.window(0.0).margin_px)
+            }
         }
     }
 

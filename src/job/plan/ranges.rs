@@ -348,7 +348,7 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
                 let message = format!("the gelpad model `{}` knows no pressure", gelpad.name());
                 check.error(&path, message, "leave `pressure` out, or choose a model that solves the contact");
             }
-            OutputLayer::Flow if !gelpad.knows_pressure() => {
+            OutputLayer::Flow if !gelpad.knows_tractions() => {
                 let message = format!("the gelpad model `{}` knows no motion of the pad in its plane", gelpad.name());
                 check.error(&path, message, "leave `flow` out, or choose a model that solves the contact");
             }
