@@ -107,7 +107,7 @@ impl List {
                 Fidelity::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
             }
             What::Effects => {
-                Effect::ALL.into_iter().map(|effect| format!("{:<12} {}", effect.name(), effect.summary())).collect()
+                Effect::ALL.into_iter().map(|effect| format!("{:<13} {}", effect.name(), effect.summary())).collect()
             }
             What::Objects => OBJECTS.iter().map(|name| format!("objects/{name}.obj")).collect(),
         };

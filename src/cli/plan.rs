@@ -84,7 +84,7 @@ fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
 
 /// One line per effect: how often it ran, its fraction of the time, and the reasons, most frequent first.
 fn effects(forecast: &Forecast) -> String {
-    let mut text = format!("{:<12} {:>10} {:>7}  {}\n", "effect", "called for", "time", "why");
+    let mut text = format!("{:<13} {:>10} {:>7}  {}\n", "effect", "called for", "time", "why");
     let all = total_s(forecast);
     for effect in Effect::ALL {
         let probed = &forecast.effects[effect];
@@ -100,18 +100,18 @@ fn effects(forecast: &Forecast) -> String {
             _ => percent(probed.seconds / all),
         };
         let called = format!("{} / {}", probed.ran, forecast.probed);
-        let _ = writeln!(text, "{:<12} {called:>10} {fraction:>7}  {}", effect.name(), why.join("; "));
+        let _ = writeln!(text, "{:<13} {called:>10} {fraction:>7}  {}", effect.name(), why.join("; "));
     }
     text
 }
 
 /// One line per stage.
 fn stages(forecast: &Forecast) -> String {
-    let mut text = format!("\n{:<12} {:>10} {:>7}\n", "stage", "CPU ms", "time");
+    let mut text = format!("\n{:<13} {:>10} {:>7}\n", "stage", "CPU ms", "time");
     let (s, all) = (&forecast.seconds, total_s(forecast));
     let stages = s.stages().into_iter().chain([("write", forecast.write_s), ("all", all)]);
     for (name, seconds) in stages {
-        let _ = writeln!(text, "{name:<12} {:>10.2} {:>7}", 1e3 * seconds, percent(seconds / all));
+        let _ = writeln!(text, "{name:<13} {:>10.2} {:>7}", 1e3 * seconds, percent(seconds / all));
     }
     text
 }

@@ -324,6 +324,19 @@ fn a_level_that_lacks_a_layer_is_not_chosen() {
 }
 
 #[test]
+fn a_level_that_the_job_could_not_name_is_not_chosen() {
+    let bound = ("\n[dataset]", "\nfidelity = { max_error_um = 1e5 }\n[dataset]");
+    let soft = ("path = \"cone.obj\"", "path = \"cone.obj\"\nyoungs_modulus_kpa = 100.0");
+    for (what, with) in [("\"contact\"]", "\"flow\"]"), soft] {
+        let folder = Folder::with_job(&edited(JOB, &[bound, (what, with)]));
+        folder.succeed("generate job.toml --quiet --out out");
+        assert_eq!(recorded(&folder, "out"), "draft", "{with}");
+        let named = edited(JOB, &[("\n[dataset]", "\nfidelity = \"paper\"\n[dataset]"), (what, with)]);
+        Folder::with_job(&named).fail("generate job.toml", 2);
+    }
+}
+
+#[test]
 fn a_preview_of_a_job_with_a_bound_shows_the_level_that_it_chooses() {
     let folder = bounded("max_error_um = 1e5");
     let said = folder.succeed("preview job.toml --key 1 --out own.png");

@@ -168,7 +168,9 @@ impl Chart {
         let along = [DVec3::new(1.0 - k * x * x, -k * x * y, -s * x), DVec3::new(-k * x * y, 1.0 - k * y * y, -s * y)];
         let normal = self.axes * DVec3::new(s * x, s * y, cos);
         let point_mm = point_mm(self.radius_mm, normal, 0.0);
-        Rest { normal, below_mm: 0.0, point_mm, tangents: along.map(|tangent| (self.axes * tangent).normalize()) }
+        // Without a closure, which may stay a call.
+        let tangents = [(self.axes * along[0]).normalize(), (self.axes * along[1]).normalize()];
+        Rest { normal, below_mm: 0.0, point_mm, tangents }
     }
 
     /// Goes along the geodesic to a point of the chart.

@@ -328,6 +328,15 @@ impl Plan {
         self.right.as_deref().unwrap_or(self)
     }
 
+    /// True if the job asks for what only a gelpad model that solves the contact knows: pressures, and tractions.
+    pub fn solves_contact(&self) -> bool {
+        let Job { sensor, sequence, gripper, object, .. } = &self.job;
+        let layers = self.layers();
+        let of_contact = [OutputLayer::Pressure, OutputLayer::Flow].iter().any(|layer| layers.contains(layer));
+        let soft = object.iter().any(|object| object.youngs_modulus_kpa.is_some());
+        of_contact || soft || sensor.shape.is_some() || sequence.is_some() || gripper.is_some()
+    }
+
     /// The bound by which the job's fidelity level is still to be chosen.
     pub fn open_choice(&self) -> Option<FidelityChoice> {
         self.job.fidelity.filter(|fidelity| fidelity.level().is_none())

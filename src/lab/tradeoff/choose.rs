@@ -15,7 +15,6 @@ use crate::core::optics::LightSource;
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
 use crate::job::config::fidelity::FidelityChoice;
-use crate::job::layers::OutputLayer;
 use crate::job::plan::Plan;
 use crate::job::sample::render;
 use crate::lab::metrics::statistics::median;
@@ -71,8 +70,10 @@ pub fn choose(plan: &Plan, bound: FidelityChoice) -> Result<ChosenLevel, Report>
         _ => stratified(&all, TIMED),
     };
     let timed: Vec<u64> = spread(chosen.len() as u64, TIMED as u64);
+    // A level that the job could not name is none to choose.
     let fits = |level: &Fidelity| {
-        !plan.layers().contains(&OutputLayer::Pressure) || level.models(LightSource::Leds).gelpad.knows_pressure()
+        let gelpad = level.models(LightSource::Leds).gelpad;
+        !plan.solves_contact() || (gelpad.knows_pressure() && gelpad.knows_tractions())
     };
     let levels: Vec<Fidelity> = Fidelity::ALL.into_iter().filter(fits).collect();
     let surface = |plan: &Plan, at: usize| render(plan, all[at].index).impression.contact.surface;
