@@ -40,7 +40,7 @@ impl Simulator {
     }
 
     /// The same, but every press says how the pad's surface moves in its plane, markers or not; see
-    /// [`Impression::flow_mm`].
+    /// [`crate::core::impression::Impression::flow_mm`].
     pub fn with_flow(self) -> Self {
         let in_plane = self.in_plane.or_else(|| {
             let Sensor { gelpad, .. } = &self.sensor;
