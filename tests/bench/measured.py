@@ -668,7 +668,7 @@ CURVED_FIGURES = [
     ),
     curved(
         "over 0.5 rad from the LED | within {<} degrees |",
-        "core::optics::heat::tests::on_a_dome_light_comes_along_great_circles",
+        "core::optics::heat::round::tests::on_a_dome_light_comes_along_great_circles",
         lambda output: one(output, "farthest from a great circle: {} degrees"),
         HEAT,
     ),
