@@ -130,11 +130,11 @@ impl GelMap {
     /// Of a chart. But for a dome's only a part is looked for: outside of it there is nothing to be shown.
     pub fn new(gel: &Arc<GelView>, chart: &Chart, part: Rect) -> Self {
         let lattice = OnceLock::new();
-        let GelView { shape, camera, view, sites, shows, .. } = &**gel;
+        let GelView { shape, view, sites, .. } = &**gel;
         let over_mm = CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
         let drawn = || {
             let (lattice, turn) = lattice.get_or_init(|| gel.lattice(chart));
-            Drawn { camera, sites, shows, lattice, turn: *turn }
+            Drawn { gel, lattice, turn: *turn }
         };
         let cells = Cells::around(part, view);
         let (at, part) = match (shape.wall_mm(), chart.geodesics()) {

@@ -18,7 +18,7 @@ const BESIDE: usize = 2;
 
 /// Shadows of a press on the nodes of its chart.
 pub(super) struct CastShadows {
-    /// For each LED the part of the chart where its shadow falls, and the share of it that is seen there; `None` if it casts none.
+    /// For each LED where on the chart its shadow falls, and the share of the LED that is seen there; `None` if none falls.
     shares: Vec<Option<(Rect, Grid<f32>)>>,
     /// The part of the chart that any falls on.
     pub part: Rect,
@@ -53,10 +53,13 @@ impl Curved {
             effects.enable(Effect::Supersampling, need("the skin bends within pixels"));
             return Light::default();
         }
-        let pressed_skin = effects.timed(Effect::Shading, || map.skin(&contact.surface, contact.region));
-        let pressed = effects.timed(Effect::Shading, || map.pressed(&pressed_skin, changed));
+        let (skin_at, pressed) = effects.timed(Effect::Shading, || {
+            let skin_at = map.skin(&contact.surface, contact.region);
+            let pressed = map.pressed(&skin_at, changed);
+            (skin_at, pressed)
+        });
         let within = if everywhere { changed } else { map.around(displaced) };
-        let bent = effects.timed(Effect::Supersampling, || map.bent(&pressed_skin, (changed, within), &pressed));
+        let bent = effects.timed(Effect::Supersampling, || map.bent(&skin_at, (changed, within), &pressed));
         let need = match bent.is_empty() {
             true => Requirement::Unneeded("the skin bends little from pixel to pixel"),
             false => Requirement::Needed("the skin bends within pixels"),
@@ -131,8 +134,6 @@ impl Curved {
             if shadow.is_empty() {
                 return None;
             }
-            let rows = (shadow.y0..shadow.y1).flat_map(|y| &all.row(y)[shadow.x0..shadow.x1]);
-            let shares = Grid { width: shadow.width(), height: shadow.height(), data: rows.copied().collect() };
             let there = Rect {
                 x0: shadow.x0 + reach.x0,
                 y0: shadow.y0 + reach.y0,
@@ -140,7 +141,7 @@ impl Curved {
                 y1: shadow.y1 + reach.y0,
             };
             part = part.united(there);
-            Some((there, shares))
+            Some((there, all.crop(shadow)))
         });
         CastShadows { shares: shares.collect(), part }
     }

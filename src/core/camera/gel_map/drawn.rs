@@ -4,13 +4,12 @@ use std::sync::OnceLock;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::Shows;
 use super::lattice::{CELL, Cells, Lattice};
+use super::{GelView, Shows};
 use crate::core::base::chart::{Chart, Rest};
 use crate::core::base::gel::Site;
 use crate::core::base::grid::Rect;
 use crate::core::base::view::View;
-use crate::core::camera::projection::Projection;
 
 /// Step of the table of [`angles`].
 const STEP: f64 = 1.0 / 4096.0;
@@ -53,12 +52,8 @@ pub fn on_dome(sites: &[Option<Site>], chart: &Chart, view: &View) -> Vec<[f32; 
 
 /// A chart of a capsule or a mesh that is drawn into an image.
 pub struct Drawn<'a> {
-    /// The camera.
-    pub camera: &'a Projection,
-    /// What the image's pixels show.
-    pub sites: &'a [Option<Site>],
-    /// The same in short.
-    pub shows: &'a [Shows],
+    /// The gel, and the camera that sees it.
+    pub gel: &'a GelView,
     /// The nodes of the chart, before it is turned.
     pub lattice: &'a Lattice,
     /// From the sensor's axes before the turn to those after it.
@@ -85,14 +80,14 @@ impl Drawn<'_> {
                 return None;
             }
             let point = self.turn * rest.point_mm;
-            Some((DVec2::from_array(self.camera.point_px(point)?), DVec2::from_array(place), point))
+            Some((DVec2::from_array(self.gel.camera.point_px(point)?), DVec2::from_array(place), point))
         };
         // Each node is a corner of four cells. Before the first cell of a row or column there is one node more.
         let in_row = |row: usize| (across.start.saturating_sub(1)..across.end).map(move |column| [column, row]);
         let nodes: Vec<_> = (down.start.saturating_sub(1)..down.end).flat_map(in_row).map(node).collect();
         let mut image = Image {
-            sites: self.sites,
-            shows: self.shows,
+            sites: &self.gel.sites,
+            shows: &self.gel.shows,
             size: [width, height],
             middle: DVec2::from_array(view.resolution_px.map(|px| px as f64 / 2.0)),
             pitch: DVec2::from_array(view.mm_per_px),
