@@ -1,5 +1,6 @@
 //! Formats and the disk.
 
+mod deflate;
 pub mod length;
 pub mod png;
 pub mod sensor;

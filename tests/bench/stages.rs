@@ -8,6 +8,7 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 mod plan;
 
 use std::hint::black_box;
+use std::io::Cursor;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use gelsim::core::base::grid::Rect;
@@ -38,8 +39,24 @@ use gelsim::lab::calibrate::{self, Geometry};
 
 const CAMERA: View = View { resolution_px: [640, 480], mm_per_px: [0.03125, 0.03125] };
 
+/// An EXR as the crate `exr` packs it, in ZIP blocks of halves.
+fn exr_by_crate(depth: &[f32]) -> Vec<u8> {
+    use ::exr::prelude::*;
+    let values = depth.iter().map(|mm| f16::from_f32(*mm)).collect();
+    let channels = AnyChannels::sort(SmallVec::from([AnyChannel::new("Z", FlatSamples::F16(values))].to_vec()));
+    let encoding = Encoding {
+        compression: ::exr::compression::Compression::ZIP16,
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let layer = Layer::new((640, 480), LayerAttributes::named("layer"), encoding, channels);
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).expect("writing to memory");
+    bytes.into_inner()
+}
+
 /// A PNG at the quickest setting of the crate `png`.
-fn by_crate(rgb: &[u8]) -> Vec<u8> {
+fn png_by_crate(rgb: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(rgb.len() / 2);
     let mut encoder = ::png::Encoder::new(&mut bytes, 640, 480);
     encoder.set_color(::png::ColorType::Rgb);
@@ -149,14 +166,20 @@ fn stages(c: &mut Criterion) {
             b.iter(|| png::encode_rgb(640, 480, black_box(&sample.impression.image.rgb)));
         });
         let rgb = &sample.impression.image.rgb;
-        let [own, other] = [png::encode_rgb(640, 480, rgb), by_crate(rgb)].map(|bytes| bytes.len());
+        let [own, other] = [png::encode_rgb(640, 480, rgb), png_by_crate(rgb)].map(|bytes| bytes.len());
         println!("png/{name}: {own} bytes, {other} by the crate `png`: {:.2}", own as f64 / other as f64);
-        group.bench_function(BenchmarkId::new("png_by_crate", name), |b| b.iter(|| by_crate(black_box(rgb))));
+        group.bench_function(BenchmarkId::new("png_by_crate", name), |b| b.iter(|| png_by_crate(black_box(rgb))));
+        let depth = sample.impression.depth.below_pad();
+        let zip = exr::encode(640, 480, &[("Z", &depth.data)], Exr::default()).len();
+        let other = exr_by_crate(&depth.data).len();
+        println!("exr/{name}: {zip} bytes, {other} by the crate `exr`: {:.2}", zip as f64 / other as f64);
+        group.bench_function(BenchmarkId::new("exr_by_crate", name), |b| {
+            b.iter(|| exr_by_crate(black_box(&depth.data)));
+        });
         for (pixel, compression) in
             [(Pixel::Half, Compression::Zip), (Pixel::Half, Compression::Rle), (Pixel::Float, Compression::Zip)]
         {
             let storage = Exr { pixel, compression };
-            let depth = sample.impression.depth.below_pad();
             let id = BenchmarkId::new(format!("exr_{pixel:?}_{compression:?}").to_lowercase(), name);
             group.bench_function(id, |b| b.iter(|| exr::encode(640, 480, &[("Z", black_box(&depth.data))], storage)));
         }

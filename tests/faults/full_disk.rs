@@ -4,7 +4,8 @@
 use std::collections::BTreeMap;
 
 use super::rig::{
-    assert_like_whole, assert_swept, assert_whole_or_absent, in_folders, said, shell, shell_with_mounts, with_whole,
+    assert_like_whole, assert_swept, assert_whole_or_absent, in_folders, in_sequences, said, shell, shell_with_mounts,
+    with_whole,
 };
 use crate::support::{Folder, JOB, assert_same_files};
 
@@ -63,7 +64,16 @@ fn folder(job: &str) -> Folder {
 
 #[test]
 fn a_disk_that_fills_up_at_any_size_is_named_and_loses_nothing() {
-    let folder = folder(JOB);
+    room_runs_out(JOB);
+}
+
+#[test]
+fn a_disk_that_fills_up_under_sequences_is_named_and_loses_nothing() {
+    room_runs_out(&in_sequences(JOB));
+}
+
+fn room_runs_out(job: &str) {
+    let folder = folder(job);
     let mut hits: BTreeMap<String, u32> = BTreeMap::new();
     // In pages, of which each file takes whole ones.
     for pages in 1.. {

@@ -8,7 +8,9 @@ use std::fs;
 
 use gelsim::files::fail_point::{Step, VARIABLE};
 
-use super::rig::{Held, assert_like_whole, assert_whole_or_absent, in_folders, many_shards, said, shell, with_whole};
+use super::rig::{
+    Held, assert_like_whole, assert_whole_or_absent, in_folders, in_sequences, many_shards, said, shell, with_whole,
+};
 use crate::support::{Folder, JOB, edited};
 
 const RUN: &str = "generate job.toml --quiet --out killed --threads 3";
@@ -122,10 +124,22 @@ fn gets_to(step: Step, before: Before, folders: bool) -> bool {
     }
 }
 
+/// A sequence is appended as a whole: what differs from presses lies between the steps at which its shard is written.
+#[test]
+fn sequences_at_the_steps_of_a_shard() {
+    for step in [Step::ShardBegun, Step::SampleAppended, Step::ShardWritten, Step::ShardRenamed] {
+        killed_in(&in_sequences(JOB), step, false);
+    }
+}
+
 fn killed(step: Step, folders: bool) {
     let job = if folders { in_folders(JOB) } else { JOB.to_owned() };
-    let folder = with_whole(&job);
-    folder.write("smaller.toml", edited(&job, &[("samples = 8", "samples = 5")]));
+    killed_in(&job, step, folders);
+}
+
+fn killed_in(job: &str, step: Step, folders: bool) {
+    let folder = with_whole(job);
+    folder.write("smaller.toml", edited(job, &[("samples = 8", "samples = 5")]));
     let mut kills = 0;
     for before in [Before::Nothing, Before::Damaged, Before::Another, Before::Smaller] {
         if !gets_to(step, before, folders) {

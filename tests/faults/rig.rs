@@ -20,6 +20,14 @@ pub fn in_folders(job: &str) -> String {
     edited(job, &[("[output]", "[output]\ncontainer = \"folder\"")])
 }
 
+/// A job whose samples are sequences of three frames.
+pub fn in_sequences(job: &str) -> String {
+    let depth = "[indentation]\ndepth_mm = { log_uniform = [0.3, 1.2] }\nno_contact = 0.25\n";
+    let sequence = "[sequence]\nframe_rate_hz = 25.0\nfriction.coefficient = 0.5\n[[sequence.phase]]\nname = \"press\"\n\
+                    duration_s = 0.08\ndepth_mm = [0.3, 0.6]\n";
+    edited(job, &[(depth, sequence)])
+}
+
 /// A folder with a job and what an undisturbed run of it makes, in `whole`.
 pub fn with_whole(job: &str) -> Folder {
     let folder = Folder::with_job(job);

@@ -1,4 +1,4 @@
-"""Copies by `gelsim-export`: opened with the readers of their formats, killed and continued, compared, refused."""
+"""Copies by `gelsim-export`: opened with the readers of their formats, killed, on full disks, continued, compared, refused."""
 
 import contextlib
 import fcntl
@@ -267,6 +267,41 @@ def killed(source, kind, out):
     assert content(again) == whole and not partial.exists()
 
 
+FILLED = """
+mount -t tmpfs -o size="$SIZE" none "$DISK" || exit 98
+"$@"; first=$?
+mount -o remount,size=1g "$DISK" || exit 98
+[ ! -e "$COPY" ] || [ $first = 0 ] || exit 96
+"$@" >&2 || exit 97
+cp -r "$COPY" "$AGAIN"
+exit $first
+"""
+
+
+def full(source, kind, out):
+    """On a disk that fills up at tenths of the copy's size an export ends in words, has no OUT, and goes on once there is room.
+    How often that was; none where no disk can be mounted."""
+    whole = content(out)
+    size, filled = sum(map(len, whole.values())), 0
+    for tenths in range(1, 10, 2):
+        disk, again = (out.with_name(f"{word}-{tenths}-{out.name}") for word in ["disk", "again"])
+        disk.mkdir()
+        copy = disk / out.name
+        variables = {"SIZE": f"{size * tenths // 10240 + 4}k", "DISK": disk, "COPY": copy, "AGAIN": again}
+        arguments = ["unshare", "-rm", "sh", "-c", FILLED, "sh", *COMMAND, source, "--to", KINDS[kind], "--out", copy]
+        environment = {**os.environ, **{name: str(value) for name, value in variables.items()}}
+        done = subprocess.run(list(map(str, arguments)), env=environment, capture_output=True, text=True)
+        if done.returncode in (98, 1) and "mount" in done.stderr + done.stdout or "unshare" in done.stderr:
+            return None
+        assert done.returncode in (0, 1) and "Traceback" not in done.stderr, (tenths, done)
+        if done.returncode == 1:
+            filled += 1
+            assert "No space left on device" in done.stderr, (tenths, done)
+        assert content(again) == whole, tenths
+        shutil.rmtree(again) if again.is_dir() else again.unlink()
+    return filled
+
+
 def changed(dataset, kind, out, finger=""):
     """A copy of which a pixel, a number or a label changed is found, of presses; the sample and the array are named."""
     key = dataset[1]["key"]
@@ -407,6 +442,9 @@ def check(made, folder, python=None):
     several = [("halves", kind) for kind in KINDS] + [("grips", "zarr")]
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda each: killed(made[each[0]].path, each[1], place(folder, *each)), several))
+    disks = {kind: full(made["frames"].path, kind, place(folder, "frames", kind)) for kind in KINDS}
+    assert all(filled is None or filled > 1 for filled in disks.values()), disks
+    print("exports: no disk can be mounted" if None in disks.values() else f"exports: disks filled up: {disks}", flush=True)
     refused(made["halves"], made["forceless"], folder)
     for kind in KINDS:
         changed(made["halves"], kind, place(folder, "halves", kind))

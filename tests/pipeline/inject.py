@@ -63,6 +63,15 @@ pose = { x_mm = [-2.0, 2.0], y_mm = [-1.0, 1.0], anchor = "origin" }
 indentation.depth_mm = [0.3, 0.6]
 output = { layers = ["depth"], container = "CONTAINER" }
 """
+SEQUENCE = """
+[sequence]
+frame_rate_hz = 25.0
+friction.coefficient = 0.5
+[[sequence.phase]]
+name = "press"
+duration_s = 0.08
+depth_mm = [0.3, 0.6]
+"""
 RECIPE = """\
 seed = SEED
 [input]
@@ -114,6 +123,12 @@ def job(folder, container="tar", seed=7):
     for radius in "23":
         (folder / f"stones/stone-{radius}.obj").write_text(STONE.replace("R", radius))
     (folder / "job.toml").write_text(JOB.replace("SEED", str(seed)).replace("CONTAINER", container))
+
+
+def sequences(folder):
+    job(folder)
+    text = (folder / "job.toml").read_text()
+    (folder / "job.toml").write_text(text.replace("indentation.depth_mm = [0.3, 0.6]\n", "") + SEQUENCE)
 
 
 def another(folder, container):
@@ -171,6 +186,7 @@ CASES = [
     Case("generate folders", GENERATE, lambda folder: job(folder, "folder"), False),
     Case("generate damaged", GENERATE, lambda folder: damaged(folder, "folder"), True),
     Case("generate over", f"{GENERATE} --overwrite", lambda folder: another(folder, "tar"), False),
+    Case("generate sequences", GENERATE, sequences, False),
     Case("augment", AUGMENT, real, False),
     Case("augment over", AUGMENT, lambda folder: real(folder, "folder", True), False),
     Case("render", RENDER, frames, True),

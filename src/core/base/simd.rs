@@ -48,6 +48,12 @@ pub fn sum(values: &[f32]) -> f64 {
     sums.iter().sum()
 }
 
+/// How many, of less than 2^32, are true.
+#[inline(always)]
+pub fn count(values: impl Iterator<Item = bool>) -> u32 {
+    values.map(u32::from).sum()
+}
+
 /// The largest of values, 0 if none is above it.
 #[inline(always)]
 pub fn largest(values: impl Iterator<Item = f32>) -> f32 {

@@ -21,7 +21,7 @@ pub mod subpixel;
 pub mod tangential;
 pub mod whole;
 
-use crate::core::base::simd::simd_dispatch;
+use crate::core::base::simd::{largest, simd_dispatch};
 use elastic::friction::Drag;
 use elastic::inplane::{InPlane, Load};
 use elastic::layer::ElasticLayer;
@@ -307,31 +307,18 @@ impl Contact {
 
     /// Lowest and highest displacement of the surface in view, mm; numbers that are none do not count.
     pub fn range_mm(&self) -> [f32; 2] {
-        let mut range = [0.0_f32; 2];
         let Rect { x0, y0, x1, y1 } = self.region;
-        simd_dispatch(
+        let [up, down] = simd_dispatch(
             #[inline(always)]
             || {
-                for y in y0..y1 {
-                    // Eight at a time, which the compiler makes one vector of.
-                    let mut lanes = [[0.0_f32; 8]; 2];
+                (y0..y1).fold([0.0_f32; 2], |[up, down], y| {
                     let row = &self.surface.row(y)[x0..x1];
-                    let chunks = row.chunks_exact(8);
-                    for w in chunks.remainder() {
-                        range = [range[0].min(*w), range[1].max(*w)];
-                    }
-                    for chunk in chunks {
-                        for (lane, w) in chunk.iter().enumerate() {
-                            lanes[0][lane] = lanes[0][lane].min(*w);
-                            lanes[1][lane] = lanes[1][lane].max(*w);
-                        }
-                    }
-                    range[0] = lanes[0].iter().fold(range[0], |lowest, w| lowest.min(*w));
-                    range[1] = lanes[1].iter().fold(range[1], |highest, w| highest.max(*w));
-                }
+                    [up.max(largest(row.iter().map(|w| -w))), down.max(largest(row.iter().copied()))]
+                })
             },
         );
-        range
+        // Not -0.0 where nothing rises.
+        [0.0 - up, down]
     }
 }
 

@@ -3,6 +3,7 @@
 use super::Contact;
 use super::elastic::inplane::Load;
 use crate::core::base::grid::Grid;
+use crate::core::base::simd::{count, simd_dispatch};
 use crate::core::base::view::View;
 use crate::core::depth::Depth;
 use crate::core::depth::beyond::{Area, Cells, Surroundings};
@@ -85,8 +86,11 @@ impl Whole {
             return Self::framed(contact, cut_by_view);
         }
         let [dx, dy] = view.mm_per_px;
-        let touching = contact.mask.data.iter().map(|touches| u64::from(*touches > 0)).sum::<u64>();
-        let in_view_mm2 = touching as f64 * dx * dy;
+        let touching = simd_dispatch(
+            #[inline(always)]
+            || count(contact.mask.data.iter().map(|touches| *touches > 0)),
+        );
+        let in_view_mm2 = f64::from(touching) * dx * dy;
         // Around the view, as far as the object was captured.
         let (force, mut area_mm2) = match (&contact.load, contact.force_n) {
             (Some(load), Some(_)) => pressed_around(load, view),

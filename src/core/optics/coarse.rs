@@ -1,7 +1,7 @@
 //! A coarser grid than the camera's, and what varies slowly enough to be found there and interpolated.
 
-use crate::core::base::grid::Resolution;
-use crate::core::base::grid::{Grid, Rect};
+use crate::core::base::grid::{Grid, Rect, Resolution};
+use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::SURFACE_BORDER;
 
 /// Every pixel of a surface, or every second or fourth one.
@@ -63,10 +63,23 @@ impl Coarse {
     /// What is kept of a surface.
     pub fn thinned(self, surface: &Grid<f32>) -> Grid<f32> {
         let (left, top) = (self.first(surface.width), self.first(surface.height));
-        let rows = (top..surface.height).step_by(self.factor);
-        let data = rows.flat_map(|y| surface.row(y)[left..].iter().step_by(self.factor).copied()).collect();
         let count = |first: usize, count: usize| (count - 1 - first) / self.factor + 1;
-        Grid { width: count(left, surface.width), height: count(top, surface.height), data }
+        let mut thinned = Grid::new(count(left, surface.width), count(top, surface.height));
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in 0..thinned.height {
+                    let row = &surface.row(top + y * self.factor)[left..];
+                    match self.factor {
+                        1 => thin::<1>(row, thinned.row_mut(y)),
+                        2 => thin::<2>(row, thinned.row_mut(y)),
+                        4 => thin::<4>(row, thinned.row_mut(y)),
+                        _ => thin::<8>(row, thinned.row_mut(y)),
+                    }
+                }
+            },
+        );
+        thinned
     }
 
     /// Pixels of the grid that [`Coarse::thinned`] gives, less those in the border of the surface.
@@ -141,6 +154,18 @@ impl Values {
             4 => expand::<4>(line, start, inside),
             _ => expand::<8>(line, start, inside),
         }
+    }
+}
+
+/// Every `F`th value.
+#[inline(always)]
+fn thin<const F: usize>(values: &[f32], out: &mut [f32]) {
+    let (steps, rest) = values.as_chunks::<F>();
+    for (out, step) in out.iter_mut().zip(steps) {
+        *out = step[0];
+    }
+    if let (Some(last), [value, ..]) = (out.get_mut(steps.len()), rest) {
+        *last = *value;
     }
 }
 

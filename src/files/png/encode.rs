@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use png::{BitDepth, ColorType};
 use simd_adler32::Adler32;
 
-use super::deflate::{Deflate, Histogram};
+use crate::files::deflate::{Codes, Deflate, Histogram, Runs};
 
 /// Of larger pictures, one in so many rows is counted for the codes.
 const COUNTED: usize = 4;
@@ -39,20 +39,23 @@ pub fn encode([width, height]: [usize; 2], pixels: &[u8], color: ColorType, dept
         let mut histogram = Histogram::new();
         for y in (0..height).step_by(step) {
             take_above_away(pixels, of_row, y, &mut row[1..]);
-            histogram.add(row);
+            histogram.add(&Runs(row));
         }
 
         let head =
             [&(width as u32).to_be_bytes()[..], &(height as u32).to_be_bytes(), &[depth as u8, color as u8, 0, 0, 0]];
         let mut bytes = Vec::from(*b"\x89PNG\r\n\x1a\n");
         chunk(&mut bytes, *b"IHDR", &head.concat());
-        let mut stream = Deflate::new(out, ZLIB_HEAD.len(), &histogram);
+        let codes = Codes::estimated(&histogram);
+        let mut stream = Deflate::new(out, ZLIB_HEAD.len());
+        stream.begin(&codes, true);
         let mut sum = Adler32::new();
         for y in 0..height {
             take_above_away(pixels, of_row, y, &mut row[1..]);
             sum.write(row);
-            stream.row(row);
+            stream.write(&codes, &Runs(row));
         }
+        stream.end(&codes);
         let end = stream.finish();
         out.truncate(end);
         out[..ZLIB_HEAD.len()].copy_from_slice(&ZLIB_HEAD);

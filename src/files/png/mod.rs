@@ -10,7 +10,6 @@ use crate::core::camera::Image;
 
 #[cfg(feature = "datasets")]
 mod decode;
-mod deflate;
 mod encode;
 
 #[cfg(feature = "datasets")]

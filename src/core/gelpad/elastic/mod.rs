@@ -6,7 +6,6 @@
 //! theory holds for small strain; what it gets wrong: [`model_error`]. Displacements do not depend on Young's modulus;
 //! pressures are proportional to it.
 
-use crate::core::base::grid::Resolution;
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -15,9 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use super::whole::Beyond;
 use super::{Contact, Numerics, untouched};
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
+use crate::core::base::grid::{Grid, Rect, Resolution, bounding_box};
+use crate::core::base::simd::{count, simd_dispatch};
+use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::depth::{Depth, Window};
 use crate::core::gelpad::material::Material;
 
@@ -341,8 +340,11 @@ impl Pad {
         // A press shallower than the tolerance would be solved before it began, whatever its pressure.
         let deepest = overlap.largest(|g| g);
         let goal = tolerance.min(SHALLOW * deepest);
-        let touching_px = overlap.data.iter().filter(|g| **g > 0.0).count();
-        let area = touching_px as f64 * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
+        let touching_px = simd_dispatch(
+            #[inline(always)]
+            || count(overlap.data.iter().map(|g| *g > 0.0)),
+        );
+        let area = f64::from(touching_px) * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
         let cutoff = std::f64::consts::PI / libm::sqrt(area);
         // Pile-up may meet the object where it does not reach below the untouched pad: the box grows to hold it.
         const MOST_BOXES: u32 = 12;

@@ -17,6 +17,7 @@
 
 use super::shear::Friction;
 use crate::core::base::grid::Grid;
+use crate::core::base::simd::{count, largest, simd_dispatch};
 use crate::core::base::view::SURFACE_BORDER;
 
 /// The numbers of the law for one kind of contact.
@@ -79,22 +80,18 @@ impl ContactEdge {
             if touching == nothing && (y + 1 == mask.height || mask.row(y + 1) == nothing) {
                 continue;
             }
-            touching_px += touching.iter().map(|value| u64::from(*value != 0)).sum::<u64>();
-            for (touching, mm) in touching.windows(2).zip(here.windows(2)) {
-                if touching[0] != touching[1] {
-                    slope = slope.max((mm[0] - mm[1]).abs() * per_px[0]);
-                    sides[1] += 1;
-                }
-            }
-            if y + 1 < mask.height {
-                let below = mask.row(y + 1).iter().zip(object(y + 1));
-                for ((touching, mm), (touching_below, mm_below)) in touching.iter().zip(here).zip(below) {
-                    if touching != touching_below {
-                        slope = slope.max((mm - mm_below).abs() * per_px[1]);
-                        sides[0] += 1;
-                    }
-                }
-            }
+            let after = (touching.get(1..).unwrap_or_default(), here.get(1..).unwrap_or_default());
+            let below = if y + 1 < mask.height { (mask.row(y + 1), object(y + 1)) } else { Default::default() };
+            let (many, along, down) = simd_dispatch(
+                #[inline(always)]
+                || {
+                    let many = count(touching.iter().map(|value| *value != 0));
+                    (many, differing((touching, here), after), differing((touching, here), below))
+                },
+            );
+            touching_px += u64::from(many);
+            sides = [sides[0] + down.0, sides[1] + along.0];
+            slope = slope.max(along.1 * per_px[0]).max(down.1 * per_px[1]);
         }
         // The sides of pixels are longer than a smooth outline: by 4 / pi for a disc.
         let sides_mm = sides[0] as f64 * mm_per_px[0] + sides[1] as f64 * mm_per_px[1];
@@ -104,6 +101,14 @@ impl ContactEdge {
             area_over_perimeter_mm: area / (0.25 * std::f64::consts::PI * sides_mm),
         })
     }
+}
+
+/// In how many places the masks of two lines differ, and by how much their heights do there at most.
+#[inline(always)]
+fn differing(a: (&[u8], &[f32]), b: (&[u8], &[f32])) -> (u64, f32) {
+    let masks = || a.0.iter().zip(b.0).map(|(a, b)| a != b);
+    let steps = masks().zip(a.1.iter().zip(b.1)).map(|(differ, (a, b))| if differ { (a - b).abs() } else { 0.0 });
+    (u64::from(count(masks())), largest(steps))
 }
 
 impl Law {

@@ -171,16 +171,17 @@ impl Between {
         });
         let [nx, ny, nz, x_mm, between_mm, displaced_mm] = &mut planes;
         for (at, pixel) in pixels.iter().enumerate() {
-            let [across, down] = &pixel.falls;
-            for k in 0..SAMPLES {
-                let (fx, fy) = (across[k], down[k]);
-                let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
-                (nx[at][k], ny[at][k], nz[at][k]) = (fx * inverse, fy * inverse, -inverse);
-            }
+            [nx[at], ny[at]] = pixel.falls;
             x_mm[at] = [shader.columns_mm[pixel.x]; SAMPLES];
             between_mm[at] = pixel.heights_mm;
             // It changes little within the pixel beside its slope.
             displaced_mm[at] = [heights_mm[pixel.x - part.x0]; SAMPLES];
+        }
+        // In one long loop, of which the compiler makes vectors.
+        let [nx, ny, nz] = [nx, ny, nz].map(|plane| plane.as_flattened_mut());
+        for ((x, y), z) in nx.iter_mut().zip(ny).zip(nz) {
+            let inverse = 1.0 / (*x * *x + *y * *y + 1.0).sqrt();
+            (*x, *y, *z) = (*x * inverse, *y * inverse, -inverse);
         }
     }
 }

@@ -1,10 +1,10 @@
 //! OpenEXR files of a sample: float layers with named channels.
 //!
 //! File structure and the other compressions are the `exr` crate's. ZIP blocks are packed here: the crate's fixed level
-//! of deflate is slower than the rest of a sample, and most presses leave many blocks untouched, whose bytes are always
-//! the same and are packed once.
+//! of deflate is slower than the rest of a sample.
 
 use std::io::Cursor;
+use std::ops::Range;
 
 use exr::block::UncompressedBlock;
 use exr::block::chunk::{Chunk, CompressedBlock, CompressedScanLineBlock};
@@ -14,20 +14,13 @@ use exr::meta::{BlockDescription, MetaData};
 use exr::prelude::{ChannelDescription, LineOrder, ReadChannels, ReadLayers, SampleType, SmallVec, Text, Vec2};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
-use miniz_oxide::deflate::compress_to_vec_zlib;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::unpack;
 use crate::core::base::grid::Grid;
-use crate::core::base::simd::simd_dispatch;
 
-/// Rows in a ZIP block, by the file format.
-const ZIP_ROWS: usize = 16;
-
-/// Deflate's effort, 0 to 10. On depth maps of four bundled objects, 1 took 30 to 60 % of the time of the `exr` crate's
-/// 4, for 18 to 30 % more bytes.
-const ZIP_LEVEL: u8 = 1;
+mod zip;
 
 /// Storage of EXR layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -66,9 +59,9 @@ impl Pixel {
 pub enum Compression {
     /// No compression.
     None,
-    /// Run lengths: quickest.
+    /// Run lengths.
     Rle,
-    /// Deflate over 16 rows: smallest.
+    /// Deflate over 16 rows: smallest, and as quick.
     #[default]
     Zip,
 }
@@ -92,22 +85,19 @@ pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: E
         LineOrder::Increasing,
     );
     let mut bytes = Cursor::new(Vec::new());
-    let lines = Lines { width, planes, pixel: storage.pixel };
+    let lines = Lines { width, height, planes, pixel: storage.pixel };
     exr::block::write(&mut bytes, SmallVec::from_elem(header, 1), false, |meta, writer| {
         if storage.compression == Compression::Zip {
-            let mut packer = ZipPacker::default();
-            for (number, top) in (0..height).step_by(ZIP_ROWS).enumerate() {
-                let raw = lines.pack(top, ZIP_ROWS.min(height - top));
-                let block =
-                    CompressedScanLineBlock { y_coordinate: top as i32, compressed_pixels_le: packer.pack(raw) };
+            return zip::blocks(&lines, |number, compressed_pixels_le| {
+                let y_coordinate = (number * zip::ROWS) as i32;
+                let block = CompressedScanLineBlock { y_coordinate, compressed_pixels_le };
                 let compressed_block = CompressedBlock::ScanLine(block);
-                writer.write_chunk(number, Chunk { layer_index: 0, compressed_block })?;
-            }
-            return Ok(());
+                writer.write_chunk(number, Chunk { layer_index: 0, compressed_block })
+            });
         }
         let blocks = meta.collect_ordered_blocks(|index| UncompressedBlock {
             index,
-            data: lines.pack(index.pixel_position.y(), index.pixel_size.height()),
+            data: lines.pack(index.pixel_position.y()..index.pixel_position.y() + index.pixel_size.height()),
         });
         let mut compressor = writer.sequential_blocks_compressor(&meta);
         for (number, block) in blocks {
@@ -119,94 +109,35 @@ pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: E
     bytes.into_inner()
 }
 
+/// Values as the format wants them: row by row, in each row channel by channel.
 struct Lines<'a> {
     width: usize,
+    height: usize,
     planes: &'a [(&'a str, &'a [f32])],
     pixel: Pixel,
 }
 
 impl Lines<'_> {
-    /// The bytes of some rows as the format wants them: row by row, in each row channel by channel, little endian.
-    fn pack(&self, top: usize, rows: usize) -> Vec<u8> {
-        let width = self.width;
-        let size = self.pixel.bytes();
-        let mut bytes = vec![0; rows * width * self.planes.len() * size];
-        let mut halves = vec![f16::ZERO; width];
-        let mut lines = bytes.chunks_exact_mut((width * size).max(1));
-        for y in top..top + rows {
-            for ((_, plane), line) in self.planes.iter().zip(&mut lines) {
-                let row = &plane[y * width..][..width];
-                match self.pixel {
-                    Pixel::Half => {
-                        halves.convert_from_f32_slice(row);
-                        for (bytes, value) in line.chunks_exact_mut(2).zip(&halves) {
-                            bytes.copy_from_slice(&value.to_le_bytes());
-                        }
-                    }
-                    Pixel::Float => {
-                        for (bytes, value) in line.chunks_exact_mut(4).zip(row) {
-                            bytes.copy_from_slice(&value.to_le_bytes());
-                        }
-                    }
+    /// Those of some rows.
+    fn of(&self, rows: Range<usize>) -> impl Iterator<Item = &[f32]> {
+        rows.flat_map(move |y| self.planes.iter().map(move |(_, plane)| &plane[y * self.width..][..self.width]))
+    }
+
+    /// The bytes of some rows, little endian.
+    fn pack(&self, rows: Range<usize>) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(rows.len() * self.width * self.planes.len() * self.pixel.bytes());
+        let mut halves = vec![f16::ZERO; self.width];
+        for line in self.of(rows) {
+            match self.pixel {
+                Pixel::Half => {
+                    halves.convert_from_f32_slice(line);
+                    bytes.extend(halves.iter().flat_map(|value| value.to_le_bytes()));
                 }
+                Pixel::Float => bytes.extend(line.iter().flat_map(|value| value.to_le_bytes())),
             }
         }
         bytes
     }
-}
-
-/// Packs ZIP blocks and remembers the last one that was all zeros.
-#[derive(Default)]
-struct ZipPacker {
-    zeros: Option<(usize, Vec<u8>)>,
-}
-
-impl ZipPacker {
-    fn pack(&mut self, raw: Vec<u8>) -> Vec<u8> {
-        let blank = raw.iter().all(|byte| *byte == 0);
-        if let (true, Some((size, packed))) = (blank, &self.zeros)
-            && *size == raw.len()
-        {
-            return packed.clone();
-        }
-        let packed = compress_to_vec_zlib(&differences(&raw), ZIP_LEVEL);
-        if blank {
-            self.zeros = Some((raw.len(), packed.clone()));
-        }
-        // By the format, a block that packing does not make smaller is stored as it is.
-        if packed.len() < raw.len() { packed } else { raw }
-    }
-}
-
-/// The format's filter before deflate: even bytes, then odd bytes, each as the difference to the one before plus 128.
-fn differences(raw: &[u8]) -> Vec<u8> {
-    let mut ordered = vec![0; raw.len()];
-    let (even, odd) = ordered.split_at_mut(raw.len().div_ceil(2));
-    let mut filtered = vec![0; raw.len()];
-    simd_dispatch(
-        #[inline(always)]
-        || {
-            let pairs = raw.chunks_exact(2);
-            if let (Some(last), [byte]) = (even.last_mut(), pairs.remainder()) {
-                *last = *byte;
-            }
-            for ((pair, even), odd) in pairs.zip(even.iter_mut()).zip(odd.iter_mut()) {
-                (*even, *odd) = (pair[0], pair[1]);
-            }
-        },
-    );
-    simd_dispatch(
-        #[inline(always)]
-        || {
-            if let (Some(filtered), Some(first)) = (filtered.first_mut(), ordered.first()) {
-                *filtered = *first;
-            }
-            for (filtered, pair) in filtered.iter_mut().skip(1).zip(ordered.windows(2)) {
-                *filtered = pair[1].wrapping_sub(pair[0]).wrapping_add(128);
-            }
-        },
-    );
-    filtered
 }
 
 /// An image's channels.
@@ -317,6 +248,29 @@ mod tests {
                         assert!((read - written).abs() <= tolerance, "{pixel:?} {compression:?}: {read} {written}");
                     }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn planes_of_any_size_come_back() {
+        let sizes = [(1, 1), (1, 16), (16, 1), (3, 17), (65, 33), (128, 48)];
+        for ((width, height), count) in sizes.into_iter().flat_map(|size| [1, 2, 3].map(|count| (size, count))) {
+            // Slopes, which repeat, beside what does not: whole numbers, which both precisions hold.
+            let plane = |k: usize| -> Vec<f32> {
+                (0..width * height).map(|at| [at % width, at / width * 3, (at * 7919) % 251][k] as f32).collect()
+            };
+            let planes: Vec<Vec<f32>> = (0..count).map(plane).collect();
+            let named: Vec<(&str, &[f32])> =
+                ["X", "Y", "Z"].into_iter().zip(planes.iter().map(Vec::as_slice)).collect();
+            for pixel in [Pixel::Half, Pixel::Float] {
+                let bytes = encode(width, height, &named, Exr { pixel, ..Exr::default() });
+                let read = super::planes(&bytes).expect("what was written can be read");
+                assert_eq!((read.width, read.height), (width, height));
+                assert!(
+                    read.channels.iter().map(|(_, values)| values).eq(&planes),
+                    "{width}x{height} {count} {pixel:?}"
+                );
             }
         }
     }

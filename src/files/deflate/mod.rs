@@ -1,0 +1,213 @@
+//! Deflate (RFC 1951) for differences of neighbouring values: streams of blocks, each with Huffman codes that fit it.
+//!
+//! Crates do this for any bytes. Here literals go four at a time, and what noise makes of a picture is not searched for
+//! matches: there are none.
+
+mod codes;
+mod matches;
+
+pub use codes::{Codes, Histogram};
+pub use matches::{Finder, Runs};
+
+use codes::{HEAD_BYTES, LONGEST_CODE};
+
+/// Shortest and longest match.
+const MATCHES: [usize; 2] = [3, 258];
+/// How far back a match lies at most.
+const FARTHEST: usize = 1 << 15;
+
+/// Bytes that know how they are taken apart.
+pub trait Content {
+    /// How many bytes they are.
+    fn size(&self) -> usize;
+    /// Takes them apart.
+    fn pieces(&self, pieces: &mut impl Pieces);
+}
+
+/// What bytes are taken apart into.
+pub trait Pieces {
+    /// Bytes as they are.
+    fn literals(&mut self, bytes: &[u8]);
+    /// As many bytes as one match holds, which are those a distance before.
+    fn again(&mut self, length: usize, distance: usize);
+
+    /// Three bytes or more, which are those a distance before.
+    #[inline(always)]
+    fn copy(&mut self, mut length: usize, distance: usize) {
+        let [shortest, longest] = MATCHES;
+        while length > longest {
+            // What is left must be a match, too.
+            let count = longest.min(length - shortest);
+            self.again(count, distance);
+            length -= count;
+        }
+        self.again(length, distance);
+    }
+}
+
+/// A stream being written into a buffer, which may be that of an earlier one.
+pub struct Deflate<'a> {
+    out: &'a mut Vec<u8>,
+    tail: Tail,
+}
+
+impl<'a> Deflate<'a> {
+    /// Starts behind the first `at` bytes of `out`.
+    pub fn new(out: &'a mut Vec<u8>, at: usize) -> Self {
+        Self { out, tail: Tail { at, bits: 0, count: 0 } }
+    }
+
+    /// Begins a block of these codes, the stream's last one or not.
+    pub fn begin(&mut self, codes: &Codes, last: bool) {
+        let (out, mut tail) = self.room(HEAD_BYTES);
+        codes.head(last, |bits, count| tail.put(out, u64::from(bits), count));
+        self.tail = tail;
+    }
+
+    /// Writes bytes into the block that was begun with these codes, which were made for them.
+    pub fn write(&mut self, codes: &Codes, content: &impl Content) {
+        // More than a match of the bytes takes.
+        let (out, tail) = self.room(content.size() * LONGEST_CODE / 8);
+        let mut written = Written { out, tail, codes };
+        content.pieces(&mut written);
+        self.tail = written.tail;
+    }
+
+    /// Ends the block that was begun with these codes.
+    pub fn end(&mut self, codes: &Codes) {
+        let (out, mut tail) = self.room(LONGEST_CODE);
+        tail.put(out, u64::from(codes.end.bits), codes.end.count);
+        self.tail = tail;
+    }
+
+    /// Ends the stream. The bytes that it ends after.
+    pub fn finish(mut self) -> usize {
+        let (out, mut tail) = self.room(1);
+        let odd = (8 - tail.count) % 8;
+        tail.put(out, 0, odd);
+        tail.at
+    }
+
+    /// The buffer, with room for so many bytes and those that are written at a time, and where it goes on.
+    fn room(&mut self, bytes: usize) -> (&mut [u8], Tail) {
+        let wanted = self.tail.at + bytes + 16;
+        if self.out.len() < wanted {
+            self.out.resize(wanted.max(self.out.len() * 3 / 2), 0);
+        }
+        (self.out, self.tail)
+    }
+}
+
+/// Where a stream goes on, and the bits of the byte there. A copy of it lies in registers while much is written.
+#[derive(Clone, Copy)]
+struct Tail {
+    at: usize,
+    bits: u64,
+    count: u32,
+}
+
+impl Tail {
+    #[inline(always)]
+    fn put(&mut self, out: &mut [u8], bits: u64, count: u32) {
+        self.bits |= bits << self.count;
+        self.count += count;
+        out[self.at..][..8].copy_from_slice(&self.bits.to_le_bytes());
+        self.at += (self.count / 8) as usize;
+        self.bits >>= self.count & !7;
+        self.count &= 7;
+    }
+}
+
+struct Written<'a> {
+    out: &'a mut [u8],
+    tail: Tail,
+    codes: &'a Codes,
+}
+
+impl Pieces for Written<'_> {
+    #[inline(always)]
+    fn literals(&mut self, bytes: &[u8]) {
+        let (fours, rest) = bytes.as_chunks::<4>();
+        for four in fours {
+            let [a, b, c, d] = four.map(|byte| self.codes.literals[usize::from(byte)]);
+            let first = u64::from(a.bits) | u64::from(b.bits) << a.count;
+            let second = u64::from(c.bits) | u64::from(d.bits) << c.count;
+            let half = a.count + b.count;
+            self.tail.put(self.out, first | second << half, half + c.count + d.count);
+        }
+        for byte in rest {
+            let code = self.codes.literals[usize::from(*byte)];
+            self.tail.put(self.out, u64::from(code.bits), code.count);
+        }
+    }
+
+    #[inline(always)]
+    fn again(&mut self, length: usize, distance: usize) {
+        let (bits, count) = self.codes.again(length, distance);
+        self.tail.put(self.out, bits, count);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use miniz_oxide::inflate::decompress_to_vec;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A stream of two blocks of the same content, with these codes.
+    fn stream(content: &impl Content, codes: &Codes) -> Vec<u8> {
+        let mut out = Vec::new();
+        let mut stream = Deflate::new(&mut out, 0);
+        for last in [false, true] {
+            stream.begin(codes, last);
+            stream.write(codes, content);
+            stream.end(codes);
+        }
+        let end = stream.finish();
+        out.truncate(end);
+        out
+    }
+
+    fn check(content: &impl Content, bytes: &[u8], more: Option<Codes>) {
+        let mut histogram = Histogram::new();
+        histogram.add(content);
+        for codes in [Codes::of(&histogram), Codes::estimated(&histogram)].iter().chain(&more) {
+            let unpacked = decompress_to_vec(&stream(content, codes)).expect("a stream");
+            assert!(unpacked == [bytes, bytes].concat());
+        }
+    }
+
+    /// In both ways to look for matches.
+    fn check_both(bytes: &[u8]) {
+        // Runs may be written with codes for which none was counted.
+        check(&Runs(bytes), bytes, Some(Codes::estimated(&Histogram::new())));
+        check(&Finder::default().find(bytes), bytes, None);
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_come_back(
+            runs in proptest::collection::vec((any::<u8>(), 0..700_usize, 1..5_u8), 0..40),
+            far in 0..2_usize,
+        ) {
+            // Runs, patterns, and the whole once more, from so far away that some of it is out of reach.
+            let mut bytes: Vec<u8> = Vec::new();
+            for (value, count, period) in runs {
+                bytes.extend((0..count).map(|k| value.wrapping_add((k % usize::from(period)) as u8)));
+            }
+            bytes.resize(bytes.len() + far * 30_000, 0);
+            bytes.extend_from_within(..);
+            check_both(&bytes);
+        }
+    }
+
+    #[test]
+    fn few_bytes_come_back() {
+        for count in 0..40 {
+            for bytes in [vec![0; count], vec![9; count], (0..count as u8).collect()] {
+                check_both(&bytes);
+            }
+        }
+    }
+}
