@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
+from io import FileIO
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Optional
@@ -36,6 +38,51 @@ def source(out: Path) -> Any:
         return None
 
 
+class Lenient(FileIO):
+    """A file that takes what it cannot write, and keeps the first error: HDF5 cannot close a file on a full disk, and brings the
+    process down when it ends."""
+
+    failed: Optional[OSError] = None
+
+    def write(self, data: Any) -> int:
+        """All of it, or nothing from the first failure on."""
+        left = memoryview(data).cast("B")
+        size = len(left)
+        try:
+            while self.failed is None and len(left) > 0:
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.failed = OSError(error.errno, error.strerror, str(self.name))
+        return size
+
+    def truncate(self, size: Optional[int] = None) -> int:
+        """Makes it longer or shorter."""
+        try:
+            return super().truncate(size) if self.failed is None else size or 0
+        except OSError as error:
+            self.failed = OSError(error.errno, error.strerror, str(self.name))
+            return size or 0
+
+    def check(self) -> None:
+        """Raises what failed."""
+        if self.failed is not None:
+            raise self.failed
+
+
+@contextmanager
+def created(path: Path) -> Iterator[tuple[Any, Lenient]]:
+    """A new HDF5 file, and the file that it is written to."""
+    with Lenient(path, "w+") as file:
+        try:
+            with need("h5py", "export").File(file, "w", libver=VERSIONS) as group:
+                yield group, file
+        except Exception:
+            # Whatever HDF5 makes of it, that comes first.
+            file.check()
+            raise
+        file.check()
+
+
 class Writer:
     """Writes the parts."""
 
@@ -47,24 +94,26 @@ class Writer:
         """Writes shard `number`."""
         path = self.folder / f"parts/{number:06}.h5"
         fresh = path.with_suffix(".tmp")
-        with self.h5py.File(fresh, "w", libver=VERSIONS) as file:
+        with created(fresh) as (group, file):
             for raw in samples:
-                write(file.create_group(raw.files.key), raw)
+                write(group.create_group(raw.files.key), raw)
+                file.check()
         os.replace(fresh, path)
         return {"file": path.name}
 
     def finish(self, parts: list[dict[str, Any]]) -> Path:
         """Copies all groups into one file."""
         path = self.folder / "whole.h5"
-        with self.h5py.File(path, "w", libver=VERSIONS) as file:
-            file.attrs["frame"] = content.FRAME
-            file.attrs["classes"] = self.dataset.classes
-            file.attrs["splits"] = json.dumps(self.dataset.splits)
-            file.attrs["gelsim"] = json.dumps(self.identity)
+        with created(path) as (group, file):
+            group.attrs["frame"] = content.FRAME
+            group.attrs["classes"] = self.dataset.classes
+            group.attrs["splits"] = json.dumps(self.dataset.splits)
+            group.attrs["gelsim"] = json.dumps(self.identity)
             for part in parts:
                 with self.h5py.File(self.folder / "parts" / part["file"], "r") as its:
                     for key in its:
-                        its.copy(key, file)
+                        its.copy(key, group)
+                        file.check()
         return path
 
 
