@@ -1602,7 +1602,7 @@ NOT_RERUN = {
     "python tests/pipeline/formats.py target/release/gelsim": "the wheel; .ci/run",
     "python tests/pipeline/formats.py target/release/gelsim --speed out/quickstart": f"{TIMES}; the wheel",
     "python tests/pipeline/notebook.py": "the wheel; .ci/run",
-    "python tests/pipeline/soak.py gelsim": "prints memory, and fails if it grows; .ci/run --full",
+    "python tests/pipeline/soak.py target/release/gelsim": "prints memory, and fails if it grows; .ci/run --full",
     "python tests/pipeline/simulators.py GELSIM": "the packages of simulators; .ci/run",
     "python tests/pipeline/stores.py GELSIM GELSIM_WITH_STORES --away": "an S3 server; .ci/run",
     "python tests/pipeline/taxim_pictures.py OUT": "pictures by the package taxim, 400 MB; .ci/run",

@@ -112,6 +112,8 @@ ELSEWHERE = {
     "python tests/bench/accuracy.py target/release/gelsim": ("minutes", "tests/bench/figures.py"),
     "python tests/bench/figures.py target/release/gelsim": ("minutes", ".ci/run"),
     "bash python/wheels.sh": ("minutes", ".ci/run"),
+    "python tests/pipeline/soak.py target/release/gelsim": ("minutes", ".ci/run"),
+    "cargo publish --dry-run --locked -p gelsim": ("minutes", ".ci/run"),
     "pip install dist/gelsim-*.whl": ("the wheel; there from another folder", ".ci/run"),
     "cargo install --path . --features stores": ("minutes; there it is built", ".ci/run"),
     "gelsim generate job.toml --out s3://bucket/presses": ("an S3 server", "tests/pipeline/stores.py"),
