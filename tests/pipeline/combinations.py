@@ -4,8 +4,8 @@
 
 A job has a value on each axis below, and one command is run on it. Jobs that no refusal holds for are chosen so that every pair
 of values of two axes that can be together is in one (a greedy covering array); each is generated, verified, and given to its
-command. Jobs that are refused are drawn at random for each refusal: the command ends with 2, names the job's line and column
-and what the refusal says, and writes nothing. So a refusal that is no longer needed fails the test as one that is missing does.
+command. Jobs that are refused are drawn at random for each refusal: the command ends with 2, names line and column of the job, or of
+the sensor that it names, and what the refusal says, and writes nothing. So a refusal that is no longer needed fails the test as one that is missing does.
 """
 
 import itertools
@@ -153,11 +153,11 @@ def elastic(row):
 
 # What is refused: when, what the message says, and as the page tells it, what does not go with what.
 REFUSALS = [
-    (lambda row: row["optics"] == "lamps" and row["sensor"] != "gelsight-series2", "has no lamps", OPTICS_LAMPS, NO_LAMPS),
+    (lambda row: row["optics"] == "lamps" and (row["sensor"] != "gelsight-series2" or row["fingers"] == "two sensors"), "has no lamps", OPTICS_LAMPS, NO_LAMPS),
     (lambda row: row["layers"] == "lamps" and row["sensor"] != "gelsight-series2", "no lamps that were measured", "layer `lamps`", NO_LAMPS),
     (lambda row: row["optics"] in {"phong", "led"} and row["sensor"] == "gelsight-series2", "has lamps and no LED", '`optics = "phong"`, `"led"`', "a sensor that has lamps and no LED"),
-    (lambda row: row["optics"] == "calibrated" and row["sensor"] != "calibrated", "nothing was measured on this sensor", '`optics = "calibrated"`', "a sensor that was not calibrated"),
-    (lambda row: row["layers"] == "markers" and row["extras"] != "print", "no printed markers", "layer `markers`", "a sensor without `[markers]`"),
+    (lambda row: row["optics"] == "calibrated" and (row["sensor"] != "calibrated" or row["fingers"] == "two sensors"), "nothing was measured on this sensor", '`optics = "calibrated"`', "a sensor that was not calibrated"),
+    (lambda row: row["layers"] == "markers" and (row["extras"] != "print" or row["fingers"] == "two sensors"), "no printed markers", "layer `markers`", "a sensor without `[markers]`"),
     (lambda row: row["layers"] == "pins" and row["sensor"] != "tactip", "no pins", "layer `pins`", "a sensor without `[pins]`"),
     (lambda row: row["layers"] == "slip" and not moves(row), "a single press has no slip", "layer `slip`", "single presses"),
     (lambda row: row["layers"] == "pressure" and not elastic(row), "knows no pressure", "layer `pressure`", BLURS),
@@ -182,7 +182,7 @@ REFUSALS = [
     (lambda row: held(row) and row["place"] == "on the axis", "says how deep each finger is pressed", "`[gripper]`", '`[indentation] depth_mm`, `at = "axis"`'),
     (lambda row: held(row) and not moves(row) and row["fidelity"] == "a bound", "the level of a gripper is not chosen", "`[gripper]`", BOUND),
     (lambda row: held(row) and row["objects"] == "several", "a gripper holds one object", SEVERAL, "`[gripper]`"),
-    (lambda row: row["fingers"] == "two sensors" and row["sensor"] in {"gelsight-series2", "calibrated"}, "a job has one model of the light", "`[gripper.right]`", "a sensor with another model of the light"),
+    (lambda row: row["fingers"] == "two sensors" and row["optics"] == "the sensor's" and row["sensor"] in {"gelsight-series2", "calibrated"}, "a job has one model of the light", "`[gripper.right]`", "a sensor with another model of the light"),
     (lambda row: row["place"] == "on the gel" and not shaped(row), "this one is flat", "`from_tip_mm`, `around_deg`", "a sensor without `[shape]`"),
     (lambda row: shaped(row) and not elastic(row), "a pad that is not elastic on a gel that has a shape", "`[shape]`", BLURS),
     (lambda row: shaped(row) and row["extras"] == "print", "print on a gel that has a shape", "`[shape]`", "`[markers]`"),
@@ -392,7 +392,7 @@ def is_refused(folder, row):
     (folder / "job.toml").write_text(job(row))
     said = run(folder, "generate", "job.toml", "--quiet", "--out", "out", status=2).stderr
     missing = [says for says in refusals(row) if says not in re.sub(r"\s+", " ", said)]
-    if len(missing) == len(refusals(row)) or not re.search(r"job\.toml:\d+:\d+", said):
+    if len(missing) == len(refusals(row)) or not re.search(r"(job\.toml|sensor\.toml|preset \S+):\d+:\d+", said):
         raise Failed(f"it does not say {missing}: {said}")
     if (folder / "out").exists():
         raise Failed("it left something behind")

@@ -94,7 +94,7 @@ impl Finder {
     }
 }
 
-/// How many bytes are the same from the start on, up to a few at the end.
+/// How many bytes are the same from the start on.
 #[inline(always)]
 fn common(a: &[u8], b: &[u8]) -> usize {
     let eights = a.as_chunks::<8>().0.iter().zip(b.as_chunks::<8>().0);

@@ -331,8 +331,8 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
         match layer {
             OutputLayer::Markers if job.markers.is_none() => check.error(
                 &path,
-                "this sensor has no printed markers",
-                "leave `markers` out, or add a [markers] table",
+                format!("the sensor `{}` has no printed markers", job.sensor.name),
+                "leave `markers` out, or add a [markers] table; a gripper's right sensor has its own, `gripper.right.markers`",
             ),
             OutputLayer::Pins if job.sensor.pins.is_none() => check.error(
                 &path,
