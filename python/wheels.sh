@@ -16,13 +16,29 @@ python3 -m venv "$tools"
 # maturin asks the Python that comes first for zig.
 export PATH="$tools/bin:$PATH"
 
+# Where the system has the library that unwinds stacks on a target's processor.
+gcc_s() {
+    local name=${1%%-*} path
+    local paths=("/lib/$name-linux-gnu/libgcc_s.so.1" "/usr/$name-linux-gnu/lib/libgcc_s.so.1")
+    [ "$name" != "$(uname -m)" ] || paths+=(/lib64/libgcc_s.so.1 /usr/lib/libgcc_s.so.1)
+    for path in "${paths[@]}"; do
+        [ ! -e "$path" ] || { echo "$path"; return; }
+    done
+    return 1
+}
+
 built=0
 for target in x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu; do
     if [ ! -d "$(rustc --print target-libdir --target "$target")" ]; then
         echo "left out: $target, whose Rust standard library is not installed: rustup target add $target"
         continue
     fi
-    maturin build --release --locked --features stores --target "$target" --zig --compatibility manylinux2014 --out "$out"
+    # zig would put an unwinder of its own into the module. Python ends daemon threads by unwinding them with the system's, and
+    # two unwinders in one thread bring the process down. So the module's symbols are found in the system's library first.
+    unwinder=$(gcc_s "$target") || { echo "left out: $target, whose libgcc_s.so.1 is not installed"; continue; }
+    ln -sf "$unwinder" "$tools/libsystem_unwinder.so"
+    RUSTFLAGS="${RUSTFLAGS:-} -L native=$tools -l dylib=system_unwinder" \
+        maturin build --release --locked --features stores --target "$target" --zig --compatibility manylinux2014 --out "$out"
     built=$((built + 1))
 done
 [ "$built" -gt 0 ] || { echo "no wheel was built"; exit 1; }

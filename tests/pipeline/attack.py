@@ -876,7 +876,7 @@ def work(number):
     yield script(
         "while a job's first sample is rendered",
         """
-wide = ['object=[{ path = "flat_face.obj" }]', "sensor.field_of_view_mm=[3.0, 2.0]", "indentation.depth_mm=0.4"]
+wide = ['object=[{ path = "flat_face.obj" }]', "sensor.field_of_view_mm=[3.0, 2.25]", "indentation.depth_mm=0.4"]
 for number in range(25):
     job = gelsim.Job.load(JOB, set=wide, threads=1)
     thread = threading.Thread(target=lambda: job[0], daemon=True)
