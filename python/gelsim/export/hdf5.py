@@ -52,7 +52,7 @@ class Lenient(FileIO):
             while self.failed is None and len(left) > 0:
                 left = left[super().write(left) :]
         except OSError as error:
-            self.failed = OSError(error.errno, error.strerror, str(self.name))
+            self.keep(error)
         return size
 
     def truncate(self, size: Optional[int] = None) -> int:
@@ -60,8 +60,12 @@ class Lenient(FileIO):
         try:
             return super().truncate(size) if self.failed is None else size or 0
         except OSError as error:
-            self.failed = OSError(error.errno, error.strerror, str(self.name))
+            self.keep(error)
             return size or 0
+
+    def keep(self, error: OSError) -> None:
+        """Keeps what failed, by the file's name."""
+        self.failed = OSError(error.errno, error.strerror, str(self.name))
 
     def check(self) -> None:
         """Raises what failed."""

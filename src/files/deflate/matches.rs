@@ -6,8 +6,8 @@ use super::{Content, FARTHEST, Pieces};
 pub struct Runs<'a>(pub &'a [u8]);
 
 impl Content for Runs<'_> {
-    fn size(&self) -> usize {
-        self.0.len()
+    fn bytes(&self) -> &[u8] {
+        self.0
     }
 
     #[inline(always)]
@@ -110,8 +110,8 @@ fn common(a: &[u8], b: &[u8]) -> usize {
 }
 
 impl Content for Found<'_> {
-    fn size(&self) -> usize {
-        self.bytes.len()
+    fn bytes(&self) -> &[u8] {
+        self.bytes
     }
 
     #[inline(always)]

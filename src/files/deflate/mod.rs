@@ -1,4 +1,4 @@
-//! Deflate (RFC 1951) for differences of neighbouring values: streams of blocks, each with Huffman codes that fit it.
+//! Deflate (RFC 1951) in zlib streams (RFC 1950) for differences of neighbouring values: blocks with Huffman codes that fit them.
 //!
 //! Crates do this for any bytes. Here literals go four at a time, and what noise makes of a picture is not searched for
 //! matches: there are none.
@@ -10,16 +10,19 @@ pub use codes::{Codes, Histogram};
 pub use matches::{Finder, Runs};
 
 use codes::{HEAD_BYTES, LONGEST_CODE};
+use simd_adler32::Adler32;
 
 /// Shortest and longest match.
 const MATCHES: [usize; 2] = [3, 258];
 /// How far back a match lies at most.
 const FARTHEST: usize = 1 << 15;
+/// A zlib stream begins so.
+const HEAD: [u8; 2] = [0x78, 0x01];
 
 /// Bytes that know how they are taken apart.
 pub trait Content {
-    /// How many bytes they are.
-    fn size(&self) -> usize;
+    /// The bytes themselves.
+    fn bytes(&self) -> &[u8];
     /// Takes them apart.
     fn pieces(&self, pieces: &mut impl Pieces);
 }
@@ -45,16 +48,17 @@ pub trait Pieces {
     }
 }
 
-/// A stream being written into a buffer, which may be that of an earlier one.
-pub struct Deflate<'a> {
+/// A stream being written into a buffer, in place of what is in it.
+pub struct Zlib<'a> {
     out: &'a mut Vec<u8>,
     tail: Tail,
+    sum: Adler32,
 }
 
-impl<'a> Deflate<'a> {
-    /// Starts behind the first `at` bytes of `out`.
-    pub fn new(out: &'a mut Vec<u8>, at: usize) -> Self {
-        Self { out, tail: Tail { at, bits: 0, count: 0 } }
+impl<'a> Zlib<'a> {
+    /// Begins a stream.
+    pub fn new(out: &'a mut Vec<u8>) -> Self {
+        Self { out, tail: Tail { at: HEAD.len(), bits: 0, count: 0 }, sum: Adler32::new() }
     }
 
     /// Begins a block of these codes, the stream's last one or not.
@@ -66,8 +70,9 @@ impl<'a> Deflate<'a> {
 
     /// Writes bytes into the block that was begun with these codes, which were made for them.
     pub fn write(&mut self, codes: &Codes, content: &impl Content) {
+        self.sum.write(content.bytes());
         // More than a match of the bytes takes.
-        let (out, tail) = self.room(content.size() * LONGEST_CODE / 8);
+        let (out, tail) = self.room(content.bytes().len() * LONGEST_CODE / 8);
         let mut written = Written { out, tail, codes };
         content.pieces(&mut written);
         self.tail = written.tail;
@@ -80,12 +85,14 @@ impl<'a> Deflate<'a> {
         self.tail = tail;
     }
 
-    /// Ends the stream. The bytes that it ends after.
-    pub fn finish(mut self) -> usize {
+    /// Ends the stream: the buffer holds it and nothing else.
+    pub fn finish(mut self) {
         let (out, mut tail) = self.room(1);
         let odd = (8 - tail.count) % 8;
         tail.put(out, 0, odd);
-        tail.at
+        self.out.truncate(tail.at);
+        self.out[..HEAD.len()].copy_from_slice(&HEAD);
+        self.out.extend(self.sum.finish().to_be_bytes());
     }
 
     /// The buffer, with room for so many bytes and those that are written at a time, and where it goes on.
@@ -150,7 +157,7 @@ impl Pieces for Written<'_> {
 
 #[cfg(test)]
 mod tests {
-    use miniz_oxide::inflate::decompress_to_vec;
+    use miniz_oxide::inflate::decompress_to_vec_zlib;
     use proptest::prelude::*;
 
     use super::*;
@@ -158,14 +165,13 @@ mod tests {
     /// A stream of two blocks of the same content, with these codes.
     fn stream(content: &impl Content, codes: &Codes) -> Vec<u8> {
         let mut out = Vec::new();
-        let mut stream = Deflate::new(&mut out, 0);
+        let mut stream = Zlib::new(&mut out);
         for last in [false, true] {
             stream.begin(codes, last);
             stream.write(codes, content);
             stream.end(codes);
         }
-        let end = stream.finish();
-        out.truncate(end);
+        stream.finish();
         out
     }
 
@@ -173,7 +179,7 @@ mod tests {
         let mut histogram = Histogram::new();
         histogram.add(content);
         for codes in [Codes::of(&histogram), Codes::estimated(&histogram)].iter().chain(&more) {
-            let unpacked = decompress_to_vec(&stream(content, codes)).expect("a stream");
+            let unpacked = decompress_to_vec_zlib(&stream(content, codes)).expect("a stream");
             assert!(unpacked == [bytes, bytes].concat());
         }
     }

@@ -8,18 +8,15 @@ use std::ops::Range;
 
 use half::f16;
 use half::slice::HalfFloatSliceExt;
-use simd_adler32::Adler32;
 
 use super::{Lines, Pixel};
 use crate::core::base::simd::simd_dispatch;
-use crate::files::deflate::{Codes, Deflate, Finder, Histogram};
+use crate::files::deflate::{Codes, Finder, Histogram, Zlib};
 
 /// Rows in a block, by the format.
 pub const ROWS: usize = 16;
 /// How the format tells that a byte is the one before.
 const SAME: u8 = 128;
-/// A zlib stream begins so.
-const ZLIB_HEAD: [u8; 2] = [0x78, 0x01];
 
 /// What a thread needs for a block; made anew each time, clearing its pages would take as long as the block.
 #[derive(Default)]
@@ -41,10 +38,10 @@ pub fn blocks<E>(lines: &Lines, mut write: impl FnMut(usize, Vec<u8>) -> Result<
         for (number, top) in (0..lines.height).step_by(ROWS).enumerate() {
             let rows = top..lines.height.min(top + ROWS);
             scratch.filter(lines, rows.clone());
-            let packed = scratch.deflate();
+            scratch.deflate();
             // By the format, a block that packing does not make smaller is stored as it is.
-            let smaller = packed.len() < scratch.filtered.len();
-            write(number, if smaller { packed } else { lines.pack(rows) })?;
+            let smaller = scratch.out.len() < scratch.filtered.len();
+            write(number, if smaller { scratch.out.clone() } else { lines.pack(rows) })?;
         }
         Ok(())
     })
@@ -96,10 +93,10 @@ impl Scratch {
         }
     }
 
-    /// The zlib stream of what was filtered last.
-    fn deflate(&mut self) -> Vec<u8> {
+    /// Packs what was filtered last into `out`.
+    fn deflate(&mut self) {
         let (even, odd) = self.filtered.split_at(self.filtered.len() / 2);
-        let mut stream = Deflate::new(&mut self.out, ZLIB_HEAD.len());
+        let mut stream = Zlib::new(&mut self.out);
         for (bytes, last) in [(even, false), (odd, true)] {
             let found = self.finder.find(bytes);
             let mut histogram = Histogram::new();
@@ -109,10 +106,6 @@ impl Scratch {
             stream.write(&codes, &found);
             stream.end(&codes);
         }
-        let end = stream.finish();
-        let mut sum = Adler32::new();
-        sum.write(&self.filtered);
-        self.out[..ZLIB_HEAD.len()].copy_from_slice(&ZLIB_HEAD);
-        [&self.out[..end], &sum.finish().to_be_bytes()].concat()
+        stream.finish();
     }
 }

@@ -3,16 +3,13 @@
 use std::cell::RefCell;
 
 use png::{BitDepth, ColorType};
-use simd_adler32::Adler32;
 
-use crate::files::deflate::{Codes, Deflate, Histogram, Runs};
+use crate::files::deflate::{Codes, Histogram, Runs, Zlib};
 
 /// Of larger pictures, one in so many rows is counted for the codes.
 const COUNTED: usize = 4;
 /// Rows of a picture of which every one is counted.
 const FEW_ROWS: usize = 64;
-/// A zlib stream begins so.
-const ZLIB_HEAD: [u8; 2] = [0x78, 0x01];
 /// The number of the filter that takes the row above away.
 const UP: u8 = 2;
 
@@ -47,19 +44,14 @@ pub fn encode([width, height]: [usize; 2], pixels: &[u8], color: ColorType, dept
         let mut bytes = Vec::from(*b"\x89PNG\r\n\x1a\n");
         chunk(&mut bytes, *b"IHDR", &head.concat());
         let codes = Codes::estimated(&histogram);
-        let mut stream = Deflate::new(out, ZLIB_HEAD.len());
+        let mut stream = Zlib::new(out);
         stream.begin(&codes, true);
-        let mut sum = Adler32::new();
         for y in 0..height {
             take_above_away(pixels, of_row, y, &mut row[1..]);
-            sum.write(row);
             stream.write(&codes, &Runs(row));
         }
         stream.end(&codes);
-        let end = stream.finish();
-        out.truncate(end);
-        out[..ZLIB_HEAD.len()].copy_from_slice(&ZLIB_HEAD);
-        out.extend(sum.finish().to_be_bytes());
+        stream.finish();
         bytes.reserve_exact(out.len() + 24);
         chunk(&mut bytes, *b"IDAT", out);
         chunk(&mut bytes, *b"IEND", &[]);
