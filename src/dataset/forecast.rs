@@ -153,10 +153,10 @@ pub fn forecast(
         }
     }
     let (write_s, bytes) = (mean(&|probe| probe.write_s), mean(&|probe| probe.bytes as f64));
-    // A shard's samples are rendered by all threads, but written by one.
+    // A shard's samples are rendered by all threads, but written by one, which renders while it waits.
     let busy = |count: u64| threads.min(count.max(1) as usize) as f64;
     let render_s = (seconds.simulation() + seconds.encode) / count;
-    let wall_s = samples as f64 * (render_s / busy(samples) + write_s / busy(shards));
+    let wall_s = samples as f64 * ((render_s + write_s) / busy(samples)).max(write_s / busy(shards));
     Ok(Forecast {
         probed: probes.len() as u64,
         unhealthy: probes.iter().filter(|probe| !probe.healthy).count() as u64,

@@ -1,9 +1,7 @@
 //! Writes a dataset: shards in parallel, each whole or not at all; stops cleanly and goes on where it stopped.
 //!
-//! What is there already is read first, and made again where it is not what was written. Every thread takes the next
-//! shard that is not there yet. Within a shard, blocks of samples are rendered in parallel and appended in order, so that
-//! threads without a shard of their own help the others. No bytes depend on who renders what: a shard is a function of
-//! plan and shard number.
+//! What is there already is read first, and made again where it is not what was written. Who renders what is in `workers.rs`; no
+//! bytes depend on it: a shard is a function of plan and shard number.
 
 use crate::files::fail_point::Step;
 use std::any::Any;
@@ -13,7 +11,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -32,15 +30,13 @@ use crate::dataset::shard::Writer;
 use crate::dataset::stats::{LightRange, Stats};
 use crate::dataset::verify::{CheckLevel, Cure, Finding};
 use crate::dataset::versioned::Versioned;
+use crate::dataset::workers::{Claim, Workers};
 use crate::files::diagnostic::{Report, user_error};
 use crate::files::store::{Cause, Store, said as store_said};
 use crate::job::config::output::Container;
 use crate::job::layout::Shard;
 use crate::job::plan::Plan;
 use crate::job::sample::Unfit;
-
-/// Samples that are rendered before the first of them is written: bounds memory, and keeps helping threads busy.
-const BLOCK: usize = 16;
 
 /// What to generate and where.
 #[derive(Clone)]
@@ -216,19 +212,20 @@ fn run(
     // Nobody else sets it.
     let _ = watch.expected.set(Expected { samples, shards: missing.len() as u64, skipped: done.skipped });
 
-    let next = AtomicUsize::new(0);
-    let failed = AtomicBool::new(false);
+    let run = Run { plan, root, mirror, watch, draw, failed: AtomicBool::new(false) };
+    let workers = Workers::new(missing, pool.current_num_threads());
     let results = pool.broadcast(|_| {
         let mut written = Vec::new();
-        while let Some(shard) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
-            if failed.load(Ordering::Relaxed) {
+        while let Some(claim) = workers.claim() {
+            if run.failed.load(Ordering::Relaxed) {
                 break;
             }
-            let result = write_shard(plan, root, mirror, shard, watch, &failed, draw);
-            failed.fetch_or(!matches!(result, Ok(_) | Err(GenerateError::Held(_))), Ordering::Relaxed);
+            let result = run.write_shard(&claim);
+            run.failed.fetch_or(!matches!(result, Ok(_) | Err(GenerateError::Held(_))), Ordering::Relaxed);
             watch.written.fetch_add(u64::from(result.is_ok()), Ordering::Relaxed);
             written.push(result);
         }
+        workers.help(|index| run.encode(index));
         written
     });
 
@@ -319,82 +316,81 @@ fn known<T: Versioned>(path: &Path) -> Result<Option<T>, GenerateError> {
     Ok(T::read(path)?)
 }
 
-fn write_shard(
-    plan: &Plan,
-    root: &Path,
-    mirror: Option<&Mirror<'_>>,
-    shard: &Shard,
-    watch: &Watch,
-    failed: &AtomicBool,
-    draw: &Draw,
-) -> Result<Stats, GenerateError> {
-    let paths = Paths::new(root, shard, plan.output().container);
-    let partial = paths.partial.clone();
-    let data = root.join(DATA);
-    let io = |error| GenerateError::Io(partial.clone(), error);
-    let lock = {
-        // Another run that replaces the dataset meanwhile finds the shard locked, or is found to have done it.
-        let of_all = cleanup::lock(root);
-        let _alone = Lock::wait(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
-        let taken = Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
-        match mirror {
-            None => still_ours(root, plan)?,
-            Some(mirror) => mirror.still_ours(plan)?,
-        }
-        taken
-    };
-    let lock = match lock {
-        Ok(lock) => lock,
-        Err(holder) => return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())])),
-    };
-    Step::ShardLocked.reached(&paths.data);
-    // Another process may have finished it since we looked.
-    if mirror.is_none()
-        && let ShardState::Whole(stats) = there(plan, root, shard, CheckLevel::Checksums)?
-    {
-        return Ok(*stats);
-    }
-    let older = paths.stats.exists();
-    let mut writer = Writer::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
-    let indices: Vec<u64> = plan.layout.indices(*shard).collect();
-    // Sequences are large; no more of them wait than there are threads to make them.
-    let block = if plan.job().sequence.is_some() { rayon::current_num_threads().min(BLOCK) } else { BLOCK };
-    let stop = || watch.stop.load(Ordering::Relaxed) || failed.load(Ordering::Relaxed);
-    let keep = Keep::OnDisk { folder: &data, stop: &stop };
-    for block in indices.chunks(block) {
-        let encoded: Vec<Option<Result<Made, GenerateError>>> = block
-            .par_iter()
-            .map(|&index| {
-                (!stop()).then(|| {
-                    let encoded = encode(plan, index, keep, draw);
-                    watch.rendered.fetch_add(1, Ordering::Relaxed);
-                    encoded
-                })
-            })
-            .collect();
-        for sample in encoded {
-            let sample = sample.unwrap_or(Err(GenerateError::Interrupted))?;
-            writer.append(&sample.label.key, &sample.members).map_err(io)?;
-            writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
-        }
-    }
-    let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
-    if let Some(mirror) = mirror {
-        mirror.push_shard(&paths, &stats, older)?;
-    }
-    Step::ShardDone.reached(&partial);
-    Ok(stats)
+/// What all threads of a run share.
+struct Run<'a> {
+    plan: &'a Plan,
+    root: &'a Path,
+    mirror: Option<&'a Mirror<'a>>,
+    watch: &'a Watch,
+    draw: &'a Draw,
+    /// One of them has failed.
+    failed: AtomicBool,
 }
 
-fn encode(plan: &Plan, index: u64, keep: Keep<'_>, draw: &Draw) -> Result<Made, GenerateError> {
-    // Nothing outside is changed by what panics.
-    let made = catch_unwind(AssertUnwindSafe(|| draw(plan, index, keep)));
-    let made = made.map_err(|panic| GenerateError::Panicked(index, said(&*panic)))?;
-    made.map_err(|unmade| match unmade {
-        Unmade::Unfit(unfit) => GenerateError::Unhealthy(unfit),
-        Unmade::Io(path, error) => GenerateError::Io(path, error),
-        Unmade::Stopped => GenerateError::Interrupted,
-    })
+impl Run<'_> {
+    fn write_shard(&self, claim: &Claim<'_, Shard, Result<Made, GenerateError>>) -> Result<Stats, GenerateError> {
+        let Self { plan, root, mirror, .. } = *self;
+        let shard = &claim.shard;
+        let paths = Paths::new(root, shard, plan.output().container);
+        let partial = paths.partial.clone();
+        let io = |error| GenerateError::Io(partial.clone(), error);
+        let lock = {
+            // Another run that replaces the dataset meanwhile finds the shard locked, or is found to have done it.
+            let of_all = cleanup::lock(root);
+            let _alone = Lock::wait(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
+            let taken = Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
+            match mirror {
+                None => still_ours(root, plan)?,
+                Some(mirror) => mirror.still_ours(plan)?,
+            }
+            taken
+        };
+        let lock = match lock {
+            Ok(lock) => lock,
+            Err(holder) => {
+                return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())]));
+            }
+        };
+        Step::ShardLocked.reached(&paths.data);
+        // Another process may have finished it since we looked.
+        if mirror.is_none()
+            && let ShardState::Whole(stats) = there(plan, root, shard, CheckLevel::Checksums)?
+        {
+            return Ok(*stats);
+        }
+        let older = paths.stats.exists();
+        let mut writer = Writer::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
+        let write = |sample: Result<Made, GenerateError>| -> Result<(), GenerateError> {
+            let sample = sample?;
+            writer.append(&sample.label.key, &sample.members).map_err(io)?;
+            writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
+            Ok(())
+        };
+        claim.in_order(plan.layout.indices(*shard).collect(), |index| self.encode(index), write)?;
+        let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
+        if let Some(mirror) = mirror {
+            mirror.push_shard(&paths, &stats, older)?;
+        }
+        Step::ShardDone.reached(&partial);
+        Ok(stats)
+    }
+
+    fn encode(&self, index: u64) -> Result<Made, GenerateError> {
+        let stop = || self.watch.stop.load(Ordering::Relaxed) || self.failed.load(Ordering::Relaxed);
+        if stop() {
+            return Err(GenerateError::Interrupted);
+        }
+        let keep = Keep::OnDisk { folder: &self.root.join(DATA), stop: &stop };
+        // Nothing outside is changed by what panics.
+        let made = catch_unwind(AssertUnwindSafe(|| (self.draw)(self.plan, index, keep)));
+        self.watch.rendered.fetch_add(1, Ordering::Relaxed);
+        let made = made.map_err(|panic| GenerateError::Panicked(index, said(&*panic)))?;
+        made.map_err(|unmade| match unmade {
+            Unmade::Unfit(unfit) => GenerateError::Unhealthy(unfit),
+            Unmade::Io(path, error) => GenerateError::Io(path, error),
+            Unmade::Stopped => GenerateError::Interrupted,
+        })
+    }
 }
 
 /// The message of a panic.

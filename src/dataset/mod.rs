@@ -31,3 +31,4 @@ pub mod spool;
 pub mod stats;
 pub mod verify;
 pub mod versioned;
+mod workers;
