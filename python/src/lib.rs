@@ -10,7 +10,8 @@ mod job;
 mod sensor;
 mod threads;
 
-/// As in the command, for the same reason. Python's own memory is not touched.
+/// Keeps freed memory for the next sample, as the command does. Python's own memory is not touched, nor how its process
+/// allocates.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -3,10 +3,8 @@
 //! Prints tables. Times are CPU ms of one thread at 640x480, medians of many samples rendered in turn with and without,
 //! so that a machine that gets slower does so for both.
 
-/// As the command has it.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
+#[path = "../../src/memory.rs"]
+mod memory;
 #[path = "../physics/plan.rs"]
 mod plan;
 
@@ -147,6 +145,7 @@ fn saved() {
 }
 
 fn main() {
+    memory::keep_freed();
     // Under `cargo test --benches` it is only built.
     if std::env::args().any(|argument| argument == "--test") {
         return;

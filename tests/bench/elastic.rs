@@ -3,10 +3,8 @@
 //! `setup` computes the layer's response; `press` solves objects of all kinds on every pixel, every second and every
 //! fourth; `convolution` compares the convolution that all of it is made of with one by a library.
 
-/// As the command has it.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
+#[path = "../../src/memory.rs"]
+mod memory;
 #[path = "../physics/rig.rs"]
 #[allow(dead_code)]
 mod rig;
@@ -14,7 +12,7 @@ mod rig;
 use std::hint::black_box;
 use std::time::Duration;
 
-use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, criterion_group};
 use gelsim::core::base::grid::Grid;
 use gelsim::core::base::grid::Resolution;
 use gelsim::core::gelpad::elastic::Elastic;
@@ -203,4 +201,8 @@ fn convolution(c: &mut Criterion) {
 }
 
 criterion_group!(benches, convolution, setup, press);
-criterion_main!(benches);
+fn main() {
+    memory::keep_freed();
+    benches();
+    Criterion::default().configure_from_args().final_summary();
+}

@@ -1,16 +1,14 @@
 //! Time of each stage at 640x480, one thread: `cargo bench --bench stages`.
 
-/// As the command has it.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
+#[path = "../../src/memory.rs"]
+mod memory;
 #[path = "../physics/plan.rs"]
 mod plan;
 
 use std::hint::black_box;
 use std::io::Cursor;
 
-use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, criterion_group};
 use gelsim::core::base::grid::Rect;
 use gelsim::core::base::rng::stream;
 use gelsim::core::base::view::View;
@@ -294,4 +292,8 @@ fn frames(c: &mut Criterion) {
 }
 
 criterion_group!(benches, capture, stages, light, frames);
-criterion_main!(benches);
+fn main() {
+    memory::keep_freed();
+    benches();
+    Criterion::default().configure_from_args().final_summary();
+}

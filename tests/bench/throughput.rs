@@ -6,10 +6,8 @@
 //! `cargo bench --bench throughput -- --beside OTHER` runs the program OTHER and the one beside this bench in turns on the
 //! same jobs, and prints what each takes and the ratio.
 
-/// As the command has it.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
+#[path = "../../src/memory.rs"]
+mod memory;
 #[path = "../physics/plan.rs"]
 mod plan;
 
@@ -119,6 +117,7 @@ fn beside(other: &Path, root: &Path) {
 }
 
 fn main() {
+    memory::keep_freed();
     // `cargo test --benches` and `cargo bench` both run this; only the latter passes --bench.
     if !std::env::args().any(|argument| argument == "--bench") {
         println!("throughput: run with cargo bench");
