@@ -76,13 +76,14 @@ impl Member {
 }
 
 /// A tar being written.
-pub struct Writer(tar::Builder<BufWriter<Hashed>>);
+pub struct Writer(BufWriter<Hashed>);
 
 impl Writer {
     /// Starts a tar in place of what is at `path`.
     pub fn create(path: &Path) -> io::Result<Self> {
         let hashed = Hashed { file: create_anew(path)?, hash: Sha256::new(), bytes: 0 };
-        Ok(Self(tar::Builder::new(BufWriter::with_capacity(1 << 18, hashed))))
+        // Pictures are larger, and go past the buffer.
+        Ok(Self(BufWriter::with_capacity(1 << 14, hashed)))
     }
 
     /// Appends a sample's files.
@@ -96,18 +97,20 @@ impl Writer {
             header.set_uid(0);
             header.set_gid(0);
             header.set_cksum();
-            self.0.append(&header, &*member.bytes.read()?)?;
+            let content = member.bytes.read()?;
+            self.0.write_all(header.as_bytes())?;
+            self.0.write_all(&content)?;
+            self.0.write_all(&[0; BLOCK][..content.len().next_multiple_of(BLOCK) - content.len()])?;
         }
         Ok(())
     }
 
     /// Brings to disk what was begun at `path`, which must still be there. Its length and SHA-256.
     pub fn finish(&mut self, path: &Path) -> io::Result<(u64, String)> {
-        self.0.finish()?;
-        let buffer = self.0.get_mut();
-        buffer.flush()?;
+        self.0.write_all(&[0; EMPTY_BYTES as usize])?;
+        self.0.flush()?;
         Step::ShardWritten.reached(path);
-        let hashed = buffer.get_mut();
+        let hashed = self.0.get_ref();
         hashed.file.sync_all()?;
         if !same_file(&hashed.file, path) {
             return Err(io::Error::other("another process has replaced it"));
@@ -116,12 +119,14 @@ impl Writer {
     }
 }
 
-/// Bytes that a tar has besides its files.
-pub const EMPTY_BYTES: u64 = 1024;
+/// Headers and contents of files fill blocks of so many bytes.
+const BLOCK: usize = 512;
+/// Bytes that a tar has besides its files: two empty blocks at its end.
+pub const EMPTY_BYTES: u64 = 2 * BLOCK as u64;
 
 /// Bytes that a sample's files take in a tar: each with a header, in blocks.
 pub fn bytes_of(members: &[Member]) -> u64 {
-    members.iter().map(|member| 512 + (member.bytes.count() as u64).next_multiple_of(512)).sum()
+    members.iter().map(|member| (BLOCK + member.bytes.count().next_multiple_of(BLOCK)) as u64).sum()
 }
 
 /// A file that knows the SHA-256 of what was written to it.

@@ -207,8 +207,9 @@ pub fn margin_of(blur: MeanBlur) -> usize {
 }
 
 /// The blur as this test binary compiles it.
-pub fn blur_without_dispatch(image: &mut Grid<f32>, blur: MeanBlur) {
-    mean_blur::mean_blur(image, blur.kernel_px as usize, blur.passes as usize);
+pub fn blur_without_dispatch(image: &Grid<f32>, blur: MeanBlur) -> Grid<f32> {
+    let whole = Rect::whole(image.width, image.height);
+    mean_blur::mean_blur(image, whole, blur.kernel_px as usize, blur.passes as usize)
 }
 
 /// Where the middle of a pixel is, mm, in the contract's frame; pixels of a border count from -1.

@@ -152,13 +152,23 @@ impl<'a> Surroundings<'a> {
     /// The overlap at the cells' middles, as in the window: with its texture, on a pad that goes on beyond the view as high
     /// as it is at its border. The object is known up to a pad's thickness above it.
     pub fn overlap(&self, cells: &Cells) -> Grid<f32> {
+        self.captured(cells, self.thickness_mm)
+    }
+
+    /// The same where it is above 0; elsewhere it is not.
+    pub fn depths(&self, cells: &Cells) -> Grid<f32> {
+        // Texture and a curved pad may take more of an object below the pad.
+        let smooth = self.texture.is_none() && self.drop_mm.is_none();
+        self.captured(cells, if smooth { 0.0 } else { self.thickness_mm })
+    }
+
+    fn captured(&self, cells: &Cells, above_mm: f64) -> Grid<f32> {
         let Placement { rotation, translation_mm } = self.pose.placement();
         let middle = cells.middle_mm();
         let [x, y, z] = translation_mm;
         let origin_mm = [x - middle[0], y - middle[1]];
         let placement = Placement { rotation, translation_mm: [origin_mm[0], origin_mm[1], z] };
         let view = View { resolution_px: cells.count, mm_per_px: [cells.pitch_mm; 2] };
-        let above_mm = self.thickness_mm;
         let mut depth = capture(self.object, &placement, &view, Window { margin_px: 0, above_mm }, self.thickness_mm);
         if let Some(Texture { relief, sample, laid }) = self.texture {
             let Laid { origin_mm: [x, y], yaw_deg } = laid.unwrap_or_else(|| Laid::with(self.pose));

@@ -51,11 +51,10 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     if contact.region.is_empty() {
         return contact;
     }
-    let mut blurred = overlap.crop(area);
     simd_dispatch(
         #[inline(always)]
         || {
-            mean_blur(&mut blurred, blur.kernel_px as usize, blur.passes as usize);
+            let blurred = mean_blur(overlap, area, blur.kernel_px as usize, blur.passes as usize);
             join(&blurred, area, depth, &mut contact);
         },
     );
@@ -95,24 +94,24 @@ fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
     }
 }
 
-/// Applies a `kernel` x `kernel` mean `passes` times, in place; beyond the image the depth is 0.
+/// A part of an image after `passes` means of `kernel` x `kernel`; beyond the part the depth is 0.
 ///
 /// Means along rows and along columns commute, so all passes of one direction are done while a line is in cache.
 #[inline(always)]
-pub fn mean_blur(image: &mut Grid<f32>, kernel: usize, passes: usize) {
-    let (width, height) = (image.width, image.height);
-    if image.data.is_empty() {
-        return;
-    }
+pub fn mean_blur(image: &Grid<f32>, part: Rect, kernel: usize, passes: usize) -> Grid<f32> {
+    let (width, height) = (part.width(), part.height());
+    let mut blurred = Grid { width, height, data: Vec::with_capacity(width * height) };
     let mut row_means = Means::new(kernel, width, 1);
-    for row in image.data.chunks_exact_mut(width) {
+    for y in part.y0..part.y1 {
+        let row = &image.row(y)[part.x0..part.x1];
         // Rows above, below and between contacts stay what they are.
         if row.iter().all(|value| *value == 0.0) {
+            blurred.data.extend_from_slice(row);
             continue;
         }
         row_means.cells().copy_from_slice(row);
         row_means.repeat(passes);
-        row.copy_from_slice(row_means.cells());
+        blurred.data.extend_from_slice(row_means.cells());
     }
     let mut column_means = Means::new(kernel, height, STRIP.min(width));
     for x in (0..width).step_by(STRIP) {
@@ -120,14 +119,15 @@ pub fn mean_blur(image: &mut Grid<f32>, kernel: usize, passes: usize) {
         if strip < column_means.stride {
             column_means = Means::new(kernel, height, strip);
         }
-        for (cells, row) in column_means.cells().chunks_exact_mut(strip).zip(image.data.chunks_exact(width)) {
+        for (cells, row) in column_means.cells().chunks_exact_mut(strip).zip(blurred.data.chunks_exact(width)) {
             cells.copy_from_slice(&row[x..x + strip]);
         }
         column_means.repeat(passes);
-        for (cells, row) in column_means.cells().chunks_exact(strip).zip(image.data.chunks_exact_mut(width)) {
+        for (cells, row) in column_means.cells().chunks_exact(strip).zip(blurred.data.chunks_exact_mut(width)) {
             row[x..x + strip].copy_from_slice(cells);
         }
     }
+    blurred
 }
 
 /// Columns that are averaged at a time: a strip of 600 rows and its sums stay within the L2 cache.
@@ -260,8 +260,8 @@ mod tests {
                     *value = if i % 7 == 3 { ((i * 2_654_435_761) % 3001) as f32 * 1e-3 } else { 0.0 };
                 }
                 let expected = oracle(&image, kernel, passes);
-                mean_blur(&mut image, kernel, passes);
-                for (found, expected) in image.data.iter().zip(&expected) {
+                let blurred = mean_blur(&image, Rect::whole(width, height), kernel, passes);
+                for (found, expected) in blurred.data.iter().zip(&expected) {
                     let error = (f64::from(*found) - expected).abs();
                     assert!(error <= 2e-6 * (1.0 + expected), "{width}x{height} k{kernel} p{passes}: {error}");
                     assert!(*found >= 0.0);

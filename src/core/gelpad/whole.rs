@@ -34,10 +34,10 @@ impl Beyond {
         let touching = around.below(0.0);
         let pitch_mm = touching.longest().max(f64::from(f32::MIN_POSITIVE)) / CELLS;
         let cells = Cells::over(touching, pitch_mm, 0);
-        let (window, overlap) = (Area::around(around.view(), margin_px), around.overlap(&cells));
+        let (window, depths) = (Area::around(around.view(), margin_px), around.depths(&cells));
         let mut area_mm2 = 0.0;
-        for y in 0..overlap.height {
-            for (x, _) in overlap.row(y).iter().enumerate().filter(|(_, mm)| **mm > 0.0) {
+        for y in 0..depths.height {
+            for (x, _) in depths.row(y).iter().enumerate().filter(|(_, mm)| **mm > 0.0) {
                 area_mm2 += (1.0 - window.share(&cells, x, y)) * pitch_mm * pitch_mm;
             }
         }

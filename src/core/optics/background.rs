@@ -87,26 +87,29 @@ impl BackgroundImage {
         field_of_view_mm: [f64; 2],
         view: &View,
     ) -> Self {
-        let half = field_of_view_mm.map(|mm| mm / 2.0);
-        let towards: Vec<(f64, f64)> = leds.iter().map(|led| sin_cos_deg(led.azimuth_deg)).collect();
-        let glow = |led: usize, _: usize, [x, y]: [f64; 2]| {
-            let (sin, cos) = towards[led];
-            let edge = half[0] * libm::fabs(cos) + half[1] * libm::fabs(sin);
-            let distance = edge - (x * cos + y * sin);
-            libm::exp(-distance / look.glow_reach_mm)
+        // It falls exponentially with the distance to the LED, which is that along x and that along y together.
+        let along = |led: &Led, k: usize| -> Vec<f64> {
+            let (sin, cos) = sin_cos_deg(led.azimuth_deg);
+            let (towards, half) = ([cos, sin][k], field_of_view_mm[k] / 2.0);
+            let distance = |at: usize| half * libm::fabs(towards) - place_mm(at, k, field_of_view_mm, view) * towards;
+            (0..view.resolution_px[k]).map(|at| libm::exp(-distance(at) / look.glow_reach_mm)).collect()
+        };
+        let strengths: Vec<[Vec<f64>; 2]> = leds.iter().map(|led| [along(led, 0), along(led, 1)]).collect();
+        let glow = |led: usize, [i, j]: [usize; 2]| {
+            let [columns, rows] = &strengths[led];
+            columns[i] * rows[j]
         };
         Self::glowing(grain, look, leds, field_of_view_mm, view, glow)
     }
 
-    /// The same of a pad on which an LED glows as strongly as its number, a pixel's and the pixel's place in mm from the
-    /// image's middle say, 1 at the LED.
+    /// The same of a pad on which an LED glows as strongly as its number and a pixel's column and row say, 1 at the LED.
     pub fn glowing(
         grain: &Grid<f32>,
         look: &RenderedBackground,
         leds: &[Led],
         field_of_view_mm: [f64; 2],
         view: &View,
-        strength: impl Fn(usize, usize, [f64; 2]) -> f64,
+        strength: impl Fn(usize, [usize; 2]) -> f64,
     ) -> Self {
         let [width, height] = view.resolution_px;
         let half = field_of_view_mm.map(|mm| mm / 2.0);
@@ -116,15 +119,14 @@ impl BackgroundImage {
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
             for i in 0..width {
-                let x = (i as f64 + 0.5) * view.mm_per_px[0] - half[0];
-                let y = (j as f64 + 0.5) * view.mm_per_px[1] - half[1];
+                let [x, y] = [(i, 0), (j, 1)].map(|(at, k)| place_mm(at, k, field_of_view_mm, view));
                 let mut color = look.color;
                 if let Some(pattern) = &look.pattern {
                     let factors = pattern.at(x / half[0], y / half[1]);
                     color.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
                 }
                 for (number, led) in leds.iter().enumerate() {
-                    let glow = look.glow * led.intensity * strength(number, j * width + i, [x, y]);
+                    let glow = look.glow * led.intensity * strength(number, [i, j]);
                     for (value, share) in color.iter_mut().zip(led.color) {
                         // Light that is added to a bright pad saturates softly, and never beyond white.
                         *value += (glow * share).min(1.0) * (1.0 - *value);
@@ -138,6 +140,11 @@ impl BackgroundImage {
         }
         Self::new(width, height, rgb)
     }
+}
+
+/// Where the middle of a column (`k` is 0) or a row lies, mm from the image's middle.
+fn place_mm(at: usize, k: usize, field_of_view_mm: [f64; 2], view: &View) -> f64 {
+    (at as f64 + 0.5) * view.mm_per_px[k] - field_of_view_mm[k] / 2.0
 }
 
 /// Most specks of dust that are drawn.

@@ -213,8 +213,8 @@ pub fn rendered(
     points: &[Option<SkinPoint>],
     view: &View,
 ) -> BackgroundImage {
-    let glow = |number: usize, pixel: usize, _: [f64; 2]| {
-        let (led, Some(point)) = (&leds[number], points[pixel]) else { return 0.0 };
+    let glow = |number: usize, [column, row]: [usize; 2]| {
+        let (led, Some(point)) = (&leds[number], points[row * view.resolution_px[0] + column]) else { return 0.0 };
         match (led.position_mm, &along_gel.0) {
             (Some(position_mm), _) => {
                 let (towards, strength) = straight(position_mm, point.site.point_mm);

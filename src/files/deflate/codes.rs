@@ -177,8 +177,8 @@ impl Codes {
         put(LENGTHS_OF_CODES as u32 - 4, 4);
         ORDER.iter().for_each(|symbol| put(u32::from(lengths[*symbol]), 3));
         for Told { symbol, more } in told {
-            put(codes[symbol].bits, codes[symbol].count);
-            put(more.bits, more.count);
+            let code = codes[symbol];
+            put(code.bits | more.bits << code.count, code.count + more.count);
         }
     }
 }
@@ -218,53 +218,80 @@ fn told(lengths: &[u8]) -> Vec<Told> {
 /// Lengths of codes of at most `longest` bits, the shortest that there are while none has to be cut, 0 for what does not
 /// occur. One code alone takes a bit, and two there are at least, for decoders that want a whole tree.
 fn code_lengths(weights: &[u32], longest: usize, lengths: &mut [u8]) {
-    let mut leaves: Vec<(u32, usize)> = weights.iter().copied().zip(0..).filter(|(weight, _)| *weight > 0).collect();
-    let unused: Vec<usize> = (0..2).filter(|symbol| weights[*symbol] == 0).collect();
-    leaves.extend(unused.iter().take(2_usize.saturating_sub(leaves.len())).map(|symbol| (1, *symbol)));
+    // Weight and symbol in one number, by which they are sorted.
+    let mut leaves = [0_u64; SYMBOLS];
+    let mut count = 0;
+    for (symbol, weight) in weights.iter().enumerate() {
+        leaves[count] = leaf(*weight, symbol);
+        count += usize::from(*weight > 0);
+    }
+    for symbol in (0..2).filter(|symbol| weights[*symbol] == 0).take(2_usize.saturating_sub(count)) {
+        leaves[count] = leaf(1, symbol);
+        count += 1;
+    }
+    let leaves = &mut leaves[..count];
     leaves.sort_unstable();
+    let mut weights = [0; SYMBOLS];
+    for (weight, leaf) in weights.iter_mut().zip(&*leaves) {
+        *weight = leaf >> 32;
+    }
+    let mut depths = weights;
     loop {
-        let depths = depths(&leaves);
-        if depths.iter().all(|depth| usize::from(*depth) <= longest) {
-            break leaves.iter().zip(depths).for_each(|((_, symbol), depth)| lengths[*symbol] = depth);
+        let deepest = depths_of(&mut depths[..count]);
+        if deepest as usize <= longest {
+            break leaves.iter().zip(depths).for_each(|(leaf, depth)| lengths[*leaf as u32 as usize] = depth as u8);
         }
         // Rare ones come nearer to the others, in the same order.
-        leaves.iter_mut().for_each(|(weight, _)| *weight = weight.div_ceil(2));
+        weights.iter_mut().for_each(|weight| *weight = weight.div_ceil(2));
+        depths = weights;
     }
 }
 
-/// How deep leaves lie, from the lightest to the heaviest, where the two lightest of leaves and pairs are made a pair until
-/// one is left.
-fn depths(leaves: &[(u32, usize)]) -> Vec<u8> {
-    let count = leaves.len();
-    // Pairs come about from the lightest to the heaviest, too. In which pair each leaf is, and each pair.
-    let mut pairs: Vec<u64> = Vec::with_capacity(count);
-    let mut within = vec![0; 2 * count];
+fn leaf(weight: u32, symbol: usize) -> u64 {
+    u64::from(weight) << 32 | symbol as u64
+}
+
+/// Puts how deep leaves lie in place of their weights, from the lightest to the heaviest, where the two lightest of leaves and
+/// pairs are made a pair until one is left. How deep the deepest lies. Source: Moffat and Katajainen (1995), "In-place calculation
+/// of minimum-redundancy codes".
+fn depths_of(nodes: &mut [u64]) -> u64 {
+    let count = nodes.len();
+    // Pairs come about from the lightest to the heaviest, too: each takes the place of a leaf that is in one, and later its own
+    // weight is replaced by the place of the pair that it is in.
     let (mut leaf, mut pair) = (0, 0);
     for next in 0..count - 1 {
         let mut both = 0;
         for _ in 0..2 {
-            let weight = leaves.get(leaf).map(|(weight, _)| u64::from(*weight));
-            match (weight, pairs.get(pair)) {
-                (Some(weight), other) if other.is_none_or(|other| weight <= *other) => {
-                    both += weight;
-                    within[leaf] = next;
-                    leaf += 1;
-                }
-                (_, other) => {
-                    both += other.copied().unwrap_or_default();
-                    within[count + pair] = next;
-                    pair += 1;
-                }
+            if leaf < count && (pair == next || nodes[leaf] <= nodes[pair]) {
+                both += nodes[leaf];
+                leaf += 1;
+            } else {
+                both += nodes[pair];
+                nodes[pair] = next as u64;
+                pair += 1;
             }
         }
-        pairs.push(both);
+        nodes[next] = both;
     }
-    let mut depths = vec![0; 2 * count - 1];
-    for node in (0..2 * count - 2).rev() {
-        depths[node] = depths[count + within[node]] + 1;
+    // The last pair is the root; the others lie one deeper than the pair that they are in.
+    nodes[count - 2] = 0;
+    for pair in (0..count - 2).rev() {
+        nodes[pair] = nodes[nodes[pair] as usize] + 1;
     }
-    depths.truncate(count);
-    depths
+    // At each depth there is room for twice the pairs above it: what of it no pairs take, leaves do, the heaviest first.
+    let (mut pairs, mut leaves) = (count - 1, count);
+    let (mut depth, mut room) = (0, 1);
+    while leaves > 0 {
+        let taken = nodes[..pairs].iter().rev().take_while(|of_pair| **of_pair == depth).count();
+        pairs -= taken;
+        for _ in taken..room {
+            leaves -= 1;
+            nodes[leaves] = depth;
+        }
+        room = 2 * taken;
+        depth += 1;
+    }
+    depth - 1
 }
 
 /// The codes of these lengths, as Deflate numbers them.
