@@ -9,6 +9,7 @@ mod matches;
 pub use codes::{Codes, Histogram};
 pub use matches::{Finder, Runs};
 
+use crate::core::base::simd::simd_dispatch;
 use codes::{HEAD_BYTES, LONGEST_CODE};
 use simd_adler32::Adler32;
 
@@ -71,11 +72,16 @@ impl<'a> Zlib<'a> {
     /// Writes bytes into the block that was begun with these codes, which were made for them.
     pub fn write(&mut self, codes: &Codes, content: &impl Content) {
         self.sum.write(content.bytes());
-        // More than a match of the bytes takes.
+        // More than a match of the bytes takes. With wide vectors come shifts by any number of bits.
         let (out, tail) = self.room(content.bytes().len() * LONGEST_CODE / 8);
-        let mut written = Written { out, tail, codes };
-        content.pieces(&mut written);
-        self.tail = written.tail;
+        self.tail = simd_dispatch(
+            #[inline(always)]
+            move || {
+                let mut written = Written { out, tail, codes };
+                content.pieces(&mut written);
+                written.tail
+            },
+        );
     }
 
     /// Ends the block that was begun with these codes.
@@ -113,7 +119,11 @@ struct Tail {
     count: u32,
 }
 
+/// So many bits are written at a time beside what is left of a byte: not all 64 may be done with at once.
+const MOST_BITS: u32 = 56;
+
 impl Tail {
+    /// Writes up to [`MOST_BITS`].
     #[inline(always)]
     fn put(&mut self, out: &mut [u8], bits: u64, count: u32) {
         self.bits |= bits << self.count;
@@ -131,16 +141,31 @@ struct Written<'a> {
     codes: &'a Codes,
 }
 
+impl Written<'_> {
+    /// The bits of four literals, and how many.
+    #[inline(always)]
+    fn four(&self, bytes: [u8; 4]) -> (u64, u32) {
+        let [a, b, c, d] = bytes.map(|byte| self.codes.literals[usize::from(byte)]);
+        let first = u64::from(a.bits) | u64::from(b.bits) << a.count;
+        let second = u64::from(c.bits) | u64::from(d.bits) << c.count;
+        let half = a.count + b.count;
+        (first | second << half, half + c.count + d.count)
+    }
+}
+
 impl Pieces for Written<'_> {
     #[inline(always)]
     fn literals(&mut self, bytes: &[u8]) {
-        let (fours, rest) = bytes.as_chunks::<4>();
-        for four in fours {
-            let [a, b, c, d] = four.map(|byte| self.codes.literals[usize::from(byte)]);
-            let first = u64::from(a.bits) | u64::from(b.bits) << a.count;
-            let second = u64::from(c.bits) | u64::from(d.bits) << c.count;
-            let half = a.count + b.count;
-            self.tail.put(self.out, first | second << half, half + c.count + d.count);
+        let (eights, rest) = bytes.as_chunks::<8>();
+        for [a, b, c, d, e, f, g, h] in eights {
+            let (first, second) = (self.four([*a, *b, *c, *d]), self.four([*e, *f, *g, *h]));
+            // Most of the time there is room for all of them.
+            if first.1 + second.1 <= MOST_BITS {
+                self.tail.put(self.out, first.0 | second.0 << first.1, first.1 + second.1);
+            } else {
+                self.tail.put(self.out, first.0, first.1);
+                self.tail.put(self.out, second.0, second.1);
+            }
         }
         for byte in rest {
             let code = self.codes.literals[usize::from(*byte)];
