@@ -417,9 +417,10 @@ impl Pad {
         let solution = self.solve(workspace, &thinned.overlap, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
-            let enlarge = |values, shape| lattice.enlarge(values, solution.contact_box, part, shape);
-            pressure = enlarge(&solution.pressure, Shape::Linear);
-            let surface = enlarge(&solution.displacement, Shape::Cubic);
+            let enlarge = |values, shape, out| lattice.enlarge(values, solution.contact_box, part, shape, out);
+            enlarge(&solution.pressure, Shape::Linear, &mut pressure);
+            let mut surface = Grid::default();
+            enlarge(&solution.displacement, Shape::Cubic, &mut surface);
             let close = self.close_mm();
             for y in 0..part.height() {
                 let object = &fine.row(part.y0 + y)[part.x0..part.x1];

@@ -76,81 +76,67 @@ impl Lattice {
         }
     }
 
-    /// Interpolates at the fine pixels `rect`. `values` are the coarse pixels `part`; beyond
+    /// Interpolates at the fine pixels `rect`, into `out`. `values` are the coarse pixels `part`; beyond
     /// them the outermost go on.
-    pub fn enlarge(self, values: &Grid<f32>, part: Rect, rect: Rect, shape: Shape) -> Grid<f32> {
-        let factor = self.factor;
-        let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
-        let (top, rows) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
-        let (steps, lines) = (columns.len() - 1, rows.len());
-        let [bases, bases_down] = [0, 1].map(|k| self.bases(k, shape));
+    pub fn enlarge(self, values: &Grid<f32>, part: Rect, rect: Rect, shape: Shape, out: &mut Grid<f32>) {
+        let bases_down = self.bases(1, shape);
         let slopes = (shape == Shape::Cubic).then(|| Slopes::new(values));
-        let (mut line, mut steepness) = (vec![0.0; steps + 1], vec![0.0; steps + 1]);
         // First along x in every coarse row, then along y: the second is what is done for all fine pixels.
-        let mut widened = Grid::<f32>::new(steps * factor, lines);
-        let mut widened_slopes = Grid::<f32>::new(steps * factor, if slopes.is_some() { lines } else { 0 });
-        let mut out = Grid::new(rect.width(), rect.height());
+        let mut rows = self.rows_by(values, slopes.as_ref().map(|slopes| &slopes.x), part, rect, shape);
+        let mut steep = slopes.as_ref().map(|Slopes { y, xy, .. }| self.rows_by(y, Some(xy), part, rect, shape));
+        out.reshape(rect.width(), rect.height());
         simd_dispatch(
             #[inline(always)]
             || {
-                let mut widen = |values: &Grid<f32>, along: Option<&Grid<f32>>, widened: &mut Grid<f32>| {
-                    for (y, row) in rows.iter().enumerate() {
-                        gather(&mut line, values.row(*row), &columns);
-                        if let Some(along) = along {
-                            gather(&mut steepness, along.row(*row), &columns);
-                        }
-                        match factor {
-                            2 => interleave::<2>(&line, &steepness, &bases, widened.row_mut(y)),
-                            _ => interleave::<4>(&line, &steepness, &bases, widened.row_mut(y)),
-                        }
-                    }
-                };
-                widen(values, slopes.as_ref().map(|slopes| &slopes.x), &mut widened);
-                if let Some(slopes) = &slopes {
-                    widen(&slopes.y, Some(&slopes.xy), &mut widened_slopes);
-                }
                 for y in 0..rect.height() {
-                    let (row, basis) = ((top + y) / factor, bases_down[(top + y) % factor]);
-                    let inside = left..left + rect.width();
-                    let (here, next) = (&widened.row(row)[inside.clone()], &widened.row(row + 1)[inside.clone()]);
-                    let out = out.row_mut(y);
-                    for ((value, here), next) in out.iter_mut().zip(here).zip(next) {
-                        *value = here + basis.next * (next - here);
-                    }
-                    if slopes.is_some() {
-                        let leave = &widened_slopes.row(row)[inside.clone()];
-                        let arrive = &widened_slopes.row(row + 1)[inside];
-                        for ((value, leave), arrive) in out.iter_mut().zip(leave).zip(arrive) {
-                            *value += basis.leave * leave + basis.arrive * arrive;
-                        }
+                    let basis = bases_down[(rows.top + y) % self.factor];
+                    let [here, next] = rows.around(y).0;
+                    let pairs = out.row_mut(y).iter_mut().zip(here.iter().zip(next));
+                    let Some(steep) = &mut steep else {
+                        pairs.for_each(|(value, (here, next))| *value = here + basis.next * (next - here));
+                        continue;
+                    };
+                    let [leave, arrive] = steep.around(y).0;
+                    for ((value, (here, next)), (leave, arrive)) in pairs.zip(leave.iter().zip(arrive)) {
+                        let straight = here + basis.next * (next - here);
+                        *value = straight + (basis.leave * leave + basis.arrive * arrive);
                     }
                 }
             },
         );
-        out
     }
 
     /// The same along straight lines, a row at a time.
-    pub fn rows(self, values: &Grid<f32>, part: Rect, rect: Rect) -> Rows {
+    pub fn rows(self, values: &Grid<f32>, part: Rect, rect: Rect) -> Rows<'_> {
+        self.rows_by(values, None, part, rect, Shape::Linear)
+    }
+
+    fn rows_by<'a>(
+        self,
+        values: &'a Grid<f32>,
+        slopes: Option<&'a Grid<f32>>,
+        part: Rect,
+        rect: Rect,
+        shape: Shape,
+    ) -> Rows<'a> {
         let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
-        let (top, rows) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
-        let bases = self.bases(0, Shape::Linear);
-        let (mut line, level) = (vec![0.0; columns.len()], vec![0.0; columns.len()]);
-        let mut widened = Grid::new((columns.len() - 1) * self.factor, rows.len());
-        simd_dispatch(
-            #[inline(always)]
-            || {
-                for (y, row) in rows.iter().enumerate() {
-                    gather(&mut line, values.row(*row), &columns);
-                    match self.factor {
-                        2 => interleave::<2>(&line, &level, &bases, widened.row_mut(y)),
-                        _ => interleave::<4>(&line, &level, &bases, widened.row_mut(y)),
-                    }
-                }
-            },
-        );
-        let phase = self.phase(1);
-        Rows { widened, inside: left..left + rect.width(), top, factor: self.factor, phase }
+        let (top, coarse) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
+        let widened = [0, 1].map(|_| vec![0.0; (columns.len() - 1) * self.factor]);
+        Rows {
+            values,
+            slopes,
+            bases: self.bases(0, shape),
+            line: vec![0.0; columns.len()],
+            steepness: vec![0.0; columns.len()],
+            columns,
+            coarse,
+            widened,
+            done: 0,
+            inside: left..left + rect.width(),
+            top,
+            factor: self.factor,
+            phase: self.phase(1),
+        }
     }
 
     /// How far fine pixels are past where they would be if one were at a coarse pixel's centre: half a pixel or nothing.
@@ -174,9 +160,21 @@ impl Lattice {
     }
 }
 
-/// Values on a coarse grid, interpolated along its rows and, when they are asked for, between them.
-pub struct Rows {
-    widened: Grid<f32>,
+/// Values on a coarse grid, interpolated along its rows and, when they are asked for, between them. No more than two rows are
+/// kept at a time.
+pub struct Rows<'a> {
+    values: &'a Grid<f32>,
+    /// Slopes along the rows, 0 without them.
+    slopes: Option<&'a Grid<f32>>,
+    bases: Vec<Basis>,
+    /// The coarse columns and rows that the fine ones lie between.
+    columns: Vec<usize>,
+    coarse: Vec<usize>,
+    line: Vec<f32>,
+    steepness: Vec<f32>,
+    widened: [Vec<f32>; 2],
+    /// How many of the coarse rows were widened, or passed over.
+    done: usize,
     inside: Range<usize>,
     /// Fine rows from the first coarse one to the first that there is.
     top: usize,
@@ -184,13 +182,31 @@ pub struct Rows {
     phase: f32,
 }
 
-impl Rows {
-    /// The coarse rows above and below fine row `y`, and the share of the lower one.
+impl Rows<'_> {
+    /// The coarse rows above and below fine row `y`, and the share of the lower one. Rows are asked for from the top down.
     #[inline(always)]
-    pub fn around(&self, y: usize) -> ([&[f32]; 2], f32) {
+    pub fn around(&mut self, y: usize) -> ([&[f32]; 2], f32) {
         let (row, past) = ((self.top + y) / self.factor, (self.top + y) % self.factor);
-        let rows = [row, row + 1].map(|row| &self.widened.row(row)[self.inside.clone()]);
+        for number in self.done.max(row)..row + 2 {
+            self.widen(number);
+        }
+        self.done = row + 2;
+        let rows = self.widened.each_ref().map(|row| &row[self.inside.clone()]);
         (rows, (past as f32 + self.phase) / self.factor as f32)
+    }
+
+    #[inline(always)]
+    fn widen(&mut self, number: usize) {
+        self.widened.swap(0, 1);
+        let row = self.coarse[number];
+        gather(&mut self.line, self.values.row(row), &self.columns);
+        if let Some(slopes) = self.slopes {
+            gather(&mut self.steepness, slopes.row(row), &self.columns);
+        }
+        match self.factor {
+            2 => interleave::<2>(&self.line, &self.steepness, &self.bases, &mut self.widened[1]),
+            _ => interleave::<4>(&self.line, &self.steepness, &self.bases, &mut self.widened[1]),
+        }
     }
 }
 

@@ -101,7 +101,8 @@ impl Pad {
             operator.displace(&solution.pressure, &mut workspace.operator, &mut gives);
             if lattice.factor > 1 {
                 let fine = Rect::whole(depth.overlap.width, depth.overlap.height);
-                gives = lattice.enlarge(&gives, whole, fine, Shape::Cubic);
+                let coarse = std::mem::take(&mut gives);
+                lattice.enlarge(&coarse, whole, fine, Shape::Cubic, &mut gives);
             }
             lower(depth, &gives, window);
         }

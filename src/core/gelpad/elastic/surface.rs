@@ -44,7 +44,8 @@ impl Pad {
                 (Rect::default(), Cow::Borrowed(&solution.pressure))
             }
             _ => {
-                contact.surface = lattice.enlarge(&solution.displacement, solution.seen, seen, Shape::Cubic);
+                let (displacement, surface) = (&solution.displacement, &mut contact.surface);
+                lattice.enlarge(displacement, solution.seen, seen, Shape::Cubic, surface);
                 let area = lattice.covered_by(solution.contact_box);
                 let touched = Touched { solution, depth, coarse, cut, area, highest: -contact.bulge_mm };
                 let pressure = self.enlarge_pressure(&touched, lattice, seen, &mut contact.surface);
@@ -130,7 +131,9 @@ impl Pad {
             edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness, highest);
         let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
         if visible.is_empty() {
-            return lattice.enlarge(&solution.pressure, solution.contact_box, area, Shape::Linear);
+            let mut pressure = Grid::default();
+            lattice.enlarge(&solution.pressure, solution.contact_box, area, Shape::Linear, &mut pressure);
+            return pressure;
         }
         let mut touching = solution.pressure.clone();
         touching.data.iter_mut().for_each(|p| *p = if *p > 0.0 { 1.0 } else { 0.0 });
@@ -142,8 +145,8 @@ impl Pad {
         }
         let rows = |values, part| lattice.rows(values, part, area);
         // A cubic overshoots beside a sharp edge, where a straight line does not.
-        let straight = rows(&solution.displacement, solution.seen);
-        let [pressures, inside, touching] =
+        let mut straight = rows(&solution.displacement, solution.seen);
+        let [mut pressures, mut inside, mut touching] =
             [&solution.pressure, &inside, &touching].map(|values| rows(values, solution.contact_box));
         // A flank that a shallow press shows is far from the pad in spite of being near by the grid's measure. Gaps are
         // divided by it: above 0 for the smallest depth, too.
@@ -169,7 +172,7 @@ impl Pad {
                     let object = &depth.overlap.row(y)[columns.clone()];
                     let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
                     let to = &mut to[in_area.clone()];
-                    let around = [&inside, &straight, &touching].map(|rows| rows.around(y - area.y0).0);
+                    let around = [&mut inside, &mut straight, &mut touching].map(|rows| rows.around(y - area.y0).0);
                     let [inside, straight, touching] = around.map(|rows| rows.map(|row| &row[in_area.clone()]));
                     for x in 0..to.len() {
                         let between = |[above, below]: [&[f32]; 2]| above[x] + share * (below[x] - above[x]);
