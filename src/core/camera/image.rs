@@ -73,35 +73,37 @@ impl Image {
 fn quantise_region(light: &Light, image: &mut Image) {
     let Rect { x0, y0, .. } = light.region;
     let width = light.region.width();
-    let mut bytes = [vec![0_u8; width], vec![0; width], vec![0; width]];
+    let mut pixels = vec![0; width];
     for row in 0..light.region.height() {
         let [red, green, blue] = light.planes.each_ref().map(|plane| &plane[row * width..][..width]);
-        let (mut clipped, mut not_finite) = (0_u32, 0_u32);
+        let (mut clipped, mut not_finite, mut saturated) = (0_u32, 0_u32, 0_u32);
         for x in 0..width {
             let (low, high) = (red[x].min(green[x]).min(blue[x]), red[x].max(green[x]).max(blue[x]));
             clipped += u32::from((low < 0.0) | (high > 1.0));
             // Finite numbers times 0 are 0; NaN and infinities are NaN.
             not_finite += u32::from((red[x] + green[x] + blue[x]) * 0.0 != 0.0);
+            let [red, green, blue] = [red[x], green[x], blue[x]].map(|brightness| u32::from(quantise(brightness)));
+            saturated += u32::from((red == 255) | (green == 255) | (blue == 255));
+            pixels[x] = red | green << 8 | blue << 16;
         }
         image.clipped_px += u64::from(clipped);
         image.finite &= not_finite == 0;
 
-        for (bytes, plane) in bytes.iter_mut().zip([red, green, blue]) {
-            for (byte, brightness) in bytes.iter_mut().zip(plane) {
-                *byte = quantise(*brightness);
-            }
-        }
-        let [red, green, blue] = bytes.each_ref().map(|bytes| &bytes[..width]);
-        let rgb = &mut image.rgb[((y0 + row) * image.width + x0) * 3..][..width * 3];
-        let mut saturated = 0_u32;
-        for (x, pixel) in rgb.chunks_exact_mut(3).enumerate() {
-            pixel[0] = red[x];
-            pixel[1] = green[x];
-            pixel[2] = blue[x];
-        }
-        for x in 0..width {
-            saturated += u32::from(red[x].max(green[x]).max(blue[x]) == 255);
-        }
+        put_side_by_side(&pixels, &mut image.rgb[((y0 + row) * image.width + x0) * 3..][..width * 3]);
         image.saturated_px += u64::from(saturated);
+    }
+}
+
+/// Writes the low three bytes of each number.
+#[inline(always)]
+fn put_side_by_side(pixels: &[u32], rgb: &mut [u8]) {
+    // Two at a time and two bytes more, which are written again with the next ones; so not the last two.
+    let pairs = &pixels.as_chunks::<2>().0[..pixels.len().saturating_sub(1) / 2];
+    for (number, [one, other]) in pairs.iter().enumerate() {
+        let both = u64::from(*one) | u64::from(*other) << 24;
+        rgb[6 * number..][..8].copy_from_slice(&both.to_le_bytes());
+    }
+    for x in 2 * pairs.len()..pixels.len() {
+        rgb[3 * x..][..3].copy_from_slice(&pixels[x].to_le_bytes()[..3]);
     }
 }

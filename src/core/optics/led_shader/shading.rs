@@ -251,20 +251,22 @@ fn shade_row(
                 *gain *= share;
             }
         }
-        match lit.at_rest.get(number) {
-            None => {}
-            Some(Flat::Even(flat)) => gain.iter_mut().for_each(|gain| *gain -= flat),
+        let flat = match lit.at_rest.get(number) {
+            None => 0.0,
+            Some(Flat::Even(flat)) => *flat,
             Some(Flat::Map(map)) => {
                 for (gain, flat) in gain.iter_mut().zip(&map.row(y)[region.x0..region.x1]) {
                     *gain -= flat;
                 }
+                0.0
             }
-        }
+        };
         let color = lamp.color;
         for x in 0..width {
-            red[x] += gain[x] * color[0];
-            green[x] += gain[x] * color[1];
-            blue[x] += gain[x] * color[2];
+            let gain = gain[x] - flat;
+            red[x] += gain * color[0];
+            green[x] += gain * color[1];
+            blue[x] += gain * color[2];
         }
     }
     if let Some(ready) = &shader.residual {
@@ -289,6 +291,9 @@ fn shade_row(
                 *value += added * (f32::from(*rest) * (1.0 / 255.0) - stray_light[channel]).max(0.0);
             }
         }
+    }
+    if lit.darkening_per_mm == 0.0 {
+        return;
     }
     let [red, green, blue] = planes;
     for x in 0..width {
