@@ -1,5 +1,6 @@
 //! Runs a kernel with the widest vectors that give the same bits everywhere.
 
+use std::any::Any;
 use std::cell::Cell;
 
 use pulp::{Arch, Simd, WithSimd};
@@ -22,6 +23,45 @@ pub fn simd_dispatch<R>(kernel: impl FnOnce() -> R) -> R {
 pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     let arch = if NARROW.get() { Arch::Scalar } else { Arch::new() };
     arch.dispatch(kernel)
+}
+
+/// Rows become columns.
+#[inline(always)]
+pub fn transposed<S: Simd>(simd: S, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
+    // Known when it is compiled. What the compiler makes of the loops takes twice the time.
+    #[cfg(target_arch = "x86_64")]
+    if let Some(wide) = (&simd as &dyn Any).downcast_ref() {
+        return transposed_wide(*wide, rows);
+    }
+    let mut columns = [[0.0; 8]; 8];
+    for (k, row) in rows.iter().enumerate() {
+        for (column, value) in columns.iter_mut().zip(row) {
+            column[k] = *value;
+        }
+    }
+    columns
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn transposed_wide(pulp::x86::V3 { avx, .. }: pulp::x86::V3, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
+    // Halves of columns: numbers 0 to 3 come into the lower half of a vector, 4 to 7 into the upper one.
+    let mut halves = [avx._mm256_setzero_ps(); 8];
+    for (half, four) in halves.as_chunks_mut::<4>().0.iter_mut().zip(rows.as_chunks::<4>().0) {
+        let [a, b, c, d] = [pulp::cast(four[0]), pulp::cast(four[1]), pulp::cast(four[2]), pulp::cast(four[3])];
+        let [ab, cd] = [avx._mm256_unpacklo_ps(a, b), avx._mm256_unpacklo_ps(c, d)];
+        let [ab_next, cd_next] = [avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d)];
+        half[0] = avx._mm256_shuffle_ps::<0b01_00_01_00>(ab, cd);
+        half[1] = avx._mm256_shuffle_ps::<0b11_10_11_10>(ab, cd);
+        half[2] = avx._mm256_shuffle_ps::<0b01_00_01_00>(ab_next, cd_next);
+        half[3] = avx._mm256_shuffle_ps::<0b11_10_11_10>(ab_next, cd_next);
+    }
+    let mut columns = [[0.0; 8]; 8];
+    for k in 0..4 {
+        columns[k] = pulp::cast(avx._mm256_permute2f128_ps::<0x20>(halves[k], halves[k + 4]));
+        columns[k + 4] = pulp::cast(avx._mm256_permute2f128_ps::<0x31>(halves[k], halves[k + 4]));
+    }
+    columns
 }
 
 /// The whole part of a number from 0 to 2^22 and the rest, from 0 to below 1.

@@ -7,7 +7,7 @@ use pulp::{Simd, WithSimd};
 
 use super::fft::{Fft, LANES, Signals, fast_length};
 use crate::core::base::grid::Grid;
-use crate::core::base::simd::dispatch;
+use crate::core::base::simd::{dispatch, transposed};
 
 /// Transforms of every length that a torus may have.
 #[derive(Clone, Debug)]
@@ -187,7 +187,7 @@ impl<'a> Torus<'a> {
                         *row = lanes(plane, self.y.place((block * LANES + k) % height));
                     }
                     half.re[(block * wide + x) * LANES..][..LANES * LANES]
-                        .copy_from_slice(transposed(&rows).as_flattened());
+                        .copy_from_slice(transposed(simd, &rows).as_flattened());
                 }
             }
         }
@@ -318,10 +318,10 @@ impl<'a> Torus<'a> {
                 }
                 let at = (block * wide + x) * LANES;
                 let size = LANES * LANES;
-                half.re[at..][..size].copy_from_slice(transposed(&first[0]).as_flattened());
-                half.im[at..][..size].copy_from_slice(transposed(&first[1]).as_flattened());
-                half.re[at + size..][..size].copy_from_slice(transposed(&second[0]).as_flattened());
-                half.im[at + size..][..size].copy_from_slice(transposed(&second[1]).as_flattened());
+                half.re[at..][..size].copy_from_slice(transposed(simd, &first[0]).as_flattened());
+                half.im[at..][..size].copy_from_slice(transposed(simd, &first[1]).as_flattened());
+                half.re[at + size..][..size].copy_from_slice(transposed(simd, &second[0]).as_flattened());
+                half.im[at + size..][..size].copy_from_slice(transposed(simd, &second[1]).as_flattened());
             }
         }
     }
@@ -334,8 +334,8 @@ impl<'a> Torus<'a> {
         for x in (0..target.width).step_by(2 * LANES) {
             for block in 0..self.blocks() {
                 let at = block * wide + x;
-                let (re, im) = (turned(&half.re, at), turned(&half.im, at));
-                let (re_next, im_next) = (turned(&half.re, at + LANES), turned(&half.im, at + LANES));
+                let (re, im) = (turned(simd, &half.re, at), turned(simd, &half.im, at));
+                let (re_next, im_next) = (turned(simd, &half.re, at + LANES), turned(simd, &half.im, at + LANES));
                 for k in 0..LANES.min(height / 2 + 1 - block * LANES) {
                     let frequency = block * LANES + k;
                     let (mut sums, mut differences) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
@@ -416,10 +416,10 @@ fn lanes(plane: &[f32], at: usize) -> [f32; LANES] {
 
 /// Eight values of eight signals from number `at` on, signal by signal.
 #[inline(always)]
-fn turned(plane: &[f32], at: usize) -> [[f32; LANES]; LANES] {
+fn turned<S: Simd>(simd: S, plane: &[f32], at: usize) -> [[f32; LANES]; LANES] {
     let mut rows = [[0.0; LANES]; LANES];
     rows.as_flattened_mut().copy_from_slice(&plane[at * LANES..][..LANES * LANES]);
-    transposed(&rows)
+    transposed(simd, &rows)
 }
 
 /// Multiplies value number `at` of eight signals by real factors.
@@ -432,16 +432,4 @@ fn times<S: Simd>(simd: S, line: &mut Signals, at: usize, factors: &[f32; LANES]
             *value = simd.mul_f32s(*value, *factor);
         }
     }
-}
-
-/// Rows become columns.
-#[inline(always)]
-fn transposed(block: &[[f32; LANES]; LANES]) -> [[f32; LANES]; LANES] {
-    let mut out = [[0.0; LANES]; LANES];
-    for (k, row) in block.iter().enumerate() {
-        for (j, value) in row.iter().enumerate() {
-            out[j][k] = *value;
-        }
-    }
-    out
 }
