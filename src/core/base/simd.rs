@@ -124,3 +124,29 @@ impl<R, F: FnOnce() -> R> WithSimd for Kernel<F> {
         (self.0)()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Transpose([[f32; 8]; 8]);
+
+    impl WithSimd for Transpose {
+        type Output = [[f32; 8]; 8];
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            transposed(simd, &self.0)
+        }
+    }
+
+    #[test]
+    fn columns_become_rows_with_and_without_wide_vectors() {
+        let rows: [[f32; 8]; 8] = std::array::from_fn(|y| std::array::from_fn(|x| (8 * y + x) as f32));
+        for columns in [dispatch(Transpose(rows)), scalar_only(|| dispatch(Transpose(rows)))] {
+            for (x, column) in columns.iter().enumerate() {
+                assert_eq!(*column, std::array::from_fn(|y| rows[y][x]));
+            }
+        }
+    }
+}

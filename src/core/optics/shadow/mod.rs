@@ -72,10 +72,7 @@ pub fn visible(casters: &[Option<Caster>], surface: &Grid<f32>, region: Rect, sc
     let Scratch { sweep, turned, shares } = scratch;
     if casters.iter().flatten().any(|caster| caster.sweep == Sweep::OverColumns) {
         turned.resize(surface.data.len(), 0.0);
-        simd_dispatch(
-            #[inline(always)]
-            || turn(&surface.data, surface.width, turned),
-        );
+        turn(&surface.data, surface.width, turned);
     }
     let seen = |caster: &Option<Caster>| {
         let mut visible = Vec::new();
@@ -162,25 +159,20 @@ impl Caster {
         let columns = region.x0 + SURFACE_BORDER..region.x1 + SURFACE_BORDER;
         let rows = region.y0 + SURFACE_BORDER..region.y1 + SURFACE_BORDER;
         let [width, height] = [surface.width, surface.height];
-        simd_dispatch(
-            #[inline(always)]
-            || match self.sweep {
-                Sweep::OverRows => {
-                    sweep::sweep(
-                        self.rays,
-                        (&surface.data, [width, height]),
-                        columns.clone(),
-                        rows.clone(),
-                        scratch,
-                        visible,
-                    );
-                }
-                Sweep::OverColumns => {
-                    shares.resize(visible.len(), 1.0);
-                    sweep::sweep(self.rays, (turned, [height, width]), rows.clone(), columns.clone(), scratch, shares);
-                    turn(shares, rows.len(), visible);
-                }
-            },
-        );
+        let mut sweep = |image, lines, steps, seen: &mut [f32]| {
+            simd_dispatch(
+                #[inline(always)]
+                || sweep::sweep(self.rays, image, lines, steps, scratch, seen),
+            );
+        };
+        match self.sweep {
+            Sweep::OverRows => sweep((&surface.data, [width, height]), columns, rows, visible),
+            Sweep::OverColumns => {
+                shares.resize(visible.len(), 1.0);
+                let wide = rows.len();
+                sweep((turned, [height, width]), rows, columns, shares);
+                turn(shares, wide, visible);
+            }
+        }
     }
 }
