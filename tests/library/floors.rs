@@ -30,6 +30,9 @@ fn imports() -> BTreeMap<Module, BTreeSet<Module>> {
     texts.iter().map(imported).collect()
 }
 
+/// Files on no floor: the roots of library and program, what only the program's root imports, and tests.
+const OUTSIDE: [&str; 4] = ["lib", "main", "memory", "tests"];
+
 fn read(folder: &Path, module: &mut Module, texts: &mut BTreeMap<Module, String>) {
     for entry in fs::read_dir(folder).expect("src is there") {
         let path = entry.expect("it can be listed").path();
@@ -37,8 +40,7 @@ fn read(folder: &Path, module: &mut Module, texts: &mut BTreeMap<Module, String>
         module.push(name.clone());
         if path.is_dir() {
             read(&path, module, texts);
-        } else if path.extension().is_some_and(|end| end == "rs") && !["lib", "main", "tests"].contains(&name.as_str())
-        {
+        } else if path.extension().is_some_and(|end| end == "rs") && !OUTSIDE.contains(&name.as_str()) {
             let key = if name == "mod" { module[..module.len() - 1].to_vec() } else { module.clone() };
             texts.insert(key, code(&fs::read_to_string(&path).expect("UTF-8")));
         }
