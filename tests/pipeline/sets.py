@@ -12,7 +12,7 @@ JOB = """\
 [dataset]
 name = "cluster"
 samples = {samples}
-samples_per_shard = 25
+samples_per_shard = 5
 splits = {{ train = 0.8, val = 0.1, test = 0.1 }}
 
 [sensor]

@@ -1,6 +1,6 @@
 //! Deflate (RFC 1951) in zlib streams (RFC 1950) for differences of neighbouring values: blocks with Huffman codes that fit them.
 //!
-//! Crates do this for any bytes. Here literals go four at a time, and what noise makes of a picture is not searched for
+//! Crates do this for any bytes. Here literals go eight at a time, and what noise makes of a picture is not searched for
 //! matches: there are none.
 
 mod codes;
