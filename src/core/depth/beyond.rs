@@ -155,7 +155,7 @@ impl<'a> Surroundings<'a> {
         self.captured(cells, self.thickness_mm)
     }
 
-    /// The same where it is above 0; elsewhere it is not.
+    /// The same where it is above 0; where it is not, it is not known how far the object is above the pad.
     pub fn depths(&self, cells: &Cells) -> Grid<f32> {
         // Texture and a curved pad may take more of an object below the pad.
         let smooth = self.texture.is_none() && self.drop_mm.is_none();

@@ -292,14 +292,13 @@ fn shade_row(
             }
         }
     }
-    if lit.darkening_per_mm == 0.0 {
-        return;
-    }
-    let [red, green, blue] = planes;
-    for x in 0..width {
-        let kept = 1.0 - lit.darkening_per_mm * heights_mm[x];
-        red[x] *= kept;
-        green[x] *= kept;
-        blue[x] *= kept;
+    if lit.darkening_per_mm != 0.0 {
+        let [red, green, blue] = planes;
+        for x in 0..width {
+            let kept = 1.0 - lit.darkening_per_mm * heights_mm[x];
+            red[x] *= kept;
+            green[x] *= kept;
+            blue[x] *= kept;
+        }
     }
 }
