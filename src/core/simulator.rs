@@ -158,7 +158,7 @@ impl Simulator {
             curved.press(&gel, sliding, &mut seconds, &mut effects);
         let mut clock = Clock::start();
         let touched = map.mask(&contact.mask);
-        let image = self.camera.expose(light, Some(&touched), None, &camera, &mut effects);
+        let image = self.camera.expose(light.into(), Some(&touched), None, &camera, &mut effects);
         let differ = self.sensor.pins.as_ref().is_some_and(|pins| pins.size_jitter > 0.0 || pins.place_jitter_mm > 0.0);
         let need = match (contact.region.is_empty(), differ) {
             _ if pins.is_none() => Requirement::Absent("the sensor has none"),
@@ -289,8 +289,12 @@ impl Simulator {
             let moved_by = contact.tangential.as_ref().map(|tangential| &tangential.field);
             effects.timed(Effect::Markers, || markers.print.positions(&pattern, moved_by, &self.view))
         });
+        let before = effects.seconds[Effect::Shading];
         let image = self.camera.expose(light, Some(&contact.mask), markers.as_ref(), &camera, &mut effects);
-        seconds.camera = clock.lap();
+        // The camera asks for the light as it goes.
+        let shading = effects.seconds[Effect::Shading] - before;
+        seconds.optics += shading;
+        seconds.camera = clock.lap() - shading;
 
         let lens = camera.lens(&self.view);
         let lamps = self.lamps.clone();
@@ -357,7 +361,7 @@ impl Simulator {
         let nothing = Light { region: Rect::whole(0, 0), planes: Default::default() };
         let markers = impression.markers.as_ref().map(MarkerPositions::at_rest);
         let camera = impression.camera.at_another_moment();
-        self.camera.expose(nothing, None, markers.as_ref(), &camera, &mut EffectLog::new(self.policy))
+        self.camera.expose(nothing.into(), None, markers.as_ref(), &camera, &mut EffectLog::new(self.policy))
     }
 
     /// The gelpad alone: contacts without light.
@@ -377,7 +381,7 @@ impl Simulator {
 
     /// The light that a contact sends to the camera, where it differs from the background image.
     pub fn light(&self, contact: &Contact) -> Light {
-        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy))
+        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy)).whole()
     }
 
     /// How far a curved pad lies below its highest point, mm, on the grid of [`Contact::surface`].

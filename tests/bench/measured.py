@@ -1576,6 +1576,7 @@ NOT_RERUN = {
     "cargo bench --bench stages -- light": TIMES,
     "cargo bench --bench stages -- png": TIMES,
     "cargo bench --bench stages -- streamed_frame": TIMES,
+    "cargo bench --bench stages -- vectors": TIMES,
     "cargo bench --bench throughput": TIMES,
     "cargo bench --bench throughput -- --beside OTHER": f"{TIMES}, against another build",
     "cargo test": NO_FIGURE,

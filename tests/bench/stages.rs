@@ -11,6 +11,7 @@ use std::io::Cursor;
 use criterion::{BenchmarkId, Criterion, criterion_group};
 use gelsim::core::base::grid::Rect;
 use gelsim::core::base::rng::stream;
+use gelsim::core::base::simd::{Vectors, at_most};
 use gelsim::core::base::view::View;
 use gelsim::core::depth::{self, Window};
 use gelsim::core::effects::{EffectLog, EffectPolicy};
@@ -137,21 +138,14 @@ fn stages(c: &mut Criterion) {
             b.iter(|| blur.press(black_box(&sample.impression.depth)))
         });
         group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| {
-                plan.simulator.shader().shade(
-                    black_box(&sample.impression.contact),
-                    plan.simulator.background(),
-                    &mut ledger(),
-                )
-            });
+            b.iter(|| plan.simulator.light(black_box(&sample.impression.contact)));
         });
-        let light =
-            plan.simulator.shader().shade(&sample.impression.contact, plan.simulator.background(), &mut ledger());
+        let light = plan.simulator.light(&sample.impression.contact);
         let shot = plan.job().camera.resting();
         group.bench_function(BenchmarkId::new("expose", name), |b| {
             b.iter(|| {
                 plan.simulator.camera().expose(
-                    black_box(light.clone()),
+                    black_box(light.clone()).into(),
                     Some(&sample.impression.contact.mask),
                     None,
                     &shot,
@@ -216,7 +210,7 @@ fn light(c: &mut Criterion) {
     waves.region = Rect::whole(width, waves.surface.height);
     for (name, contact) in [("ball", &ball), ("bent everywhere", &waves)] {
         group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| plan.simulator.shader().shade(black_box(contact), plan.simulator.background(), &mut ledger()));
+            b.iter(|| plan.simulator.light(black_box(contact)));
         });
         for spacing_mm in [Calibrated::default().spacing_mm, 0.125, 0.0625] {
             let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
@@ -291,7 +285,21 @@ fn frames(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, capture, stages, light, frames);
+/// Whole samples without files, as on processors with wider vectors and without.
+fn vectors(c: &mut Criterion) {
+    let mut group = c.benchmark_group("vectors");
+    for name in ["dots", "sphere"] {
+        let plan = plan(name);
+        for vectors in Vectors::ALL {
+            group.bench_function(BenchmarkId::new(format!("{vectors:?}").to_lowercase(), name), |b| {
+                b.iter(|| at_most(vectors, || render(black_box(&plan), 0)));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, capture, stages, light, frames, vectors);
 fn main() {
     memory::keep_freed();
     benches();

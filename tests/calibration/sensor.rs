@@ -170,7 +170,8 @@ pub fn simulated(table: &Table, contact: &Contact) -> RgbImage {
 pub fn uncalibrated(contact: &Contact) -> RgbImage {
     let model = Fidelity::Standard.models(LightSource::Leds).optics;
     let shader = Shader::new(&model, None, &session([]).sensor.illumination(), &CAMERA, None);
-    picture(&shader.shade(contact, &rest(), &mut EffectLog::new(EffectPolicy::WhereNeeded)), &rest())
+    let (rest, mut effects) = (rest(), EffectLog::new(EffectPolicy::WhereNeeded));
+    picture(&shader.shade(contact, &rest, &mut effects).whole(), &rest)
 }
 
 /// Mean absolute error around the contact, levels: in the box that holds it.

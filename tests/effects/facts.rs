@@ -1,5 +1,6 @@
 //! What is known of each effect whatever else happens: what it can only lower, what it keeps, how large it is.
 
+use gelsim::core::effects::EffectLog;
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::Sample;
 use gelsim::job::sample::render;
@@ -165,6 +166,23 @@ fn the_untouched_pad_at_another_moment_is_what_the_samples_camera_shows_of_it() 
     // What a press that touches nothing shows is another frame.
     let (_, nothing) = sample(UNTOUCHED, "camera.read_noise_levels = 3.0");
     assert_ne!(nothing.simulator.untouched_beside(&nothing.impression).rgb, nothing.impression.image.rgb);
+}
+
+#[test]
+fn light_that_is_shaded_some_rows_at_a_time_is_that_shaded_at_once() {
+    let rough = "sensor.grain = { height_um = 3.0, size_mm = 0.1 }";
+    let pyramid = "indentation.depth_mm = 0.5\noptics.phong = { darkening = 0.2 }";
+    for (press, lines) in [(PRESS, ""), (PRESS, rough), (pyramid, ""), (PRESS, "sensor.preset = 'digit'")] {
+        let (plan, sample) = sample(press, lines);
+        let (simulator, contact) = (&plan.simulator, &sample.impression.contact);
+        let at_once = simulator.light(contact);
+        assert!(at_once.region.height() > 32, "{lines}: more rows than are shaded at a time");
+        let (camera, mut effects) = (&sample.impression.camera, EffectLog::new(simulator.policy()));
+        let image = simulator.camera().expose(at_once.into(), Some(&contact.mask), None, camera, &mut effects);
+        assert_eq!(image.rgb, sample.impression.image.rgb, "{lines}");
+        assert_eq!(image.clipped_px, sample.impression.image.clipped_px, "{lines}");
+        assert_eq!(image.saturated_px, sample.impression.image.saturated_px, "{lines}");
+    }
 }
 
 #[test]

@@ -69,13 +69,11 @@ fn described(sample: &Sample, exact: bool) -> Label {
 
 /// True if the surface is flat and at rest at every pixel that was not shaded.
 fn flat_beyond_light(plan: &Plan, sample: &Sample) -> bool {
-    let light = plan.simulator.shader().shade(
-        &sample.impression.contact,
-        plan.simulator.background(),
-        &mut EffectLog::new(EffectPolicy::WhereNeeded),
-    );
+    let mut where_needed = EffectLog::new(EffectPolicy::WhereNeeded);
+    let (contact, background) = (&sample.impression.contact, plan.simulator.background());
+    let light = plan.simulator.shader().shade(contact, background, &mut where_needed).whole();
     assert!(light.planes.iter().flatten().all(|value| value.is_finite()), "the light is finite");
-    let (lit, surface) = (light.region, &sample.impression.contact.surface);
+    let (lit, surface) = (light.region, &contact.surface);
     let flat = |x: usize, y: usize| {
         let at = |dx: usize, dy: usize| surface.at(x + dx, y + dy);
         at(0, 1) == at(2, 1) && at(1, 0) == at(1, 2) && at(1, 1) == 0.0

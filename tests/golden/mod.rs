@@ -13,10 +13,11 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use gelsim::core::base::grid::{Grid, Rect};
+use gelsim::core::base::simd::{Vectors, at_most};
 use gelsim::core::optics::normals::normals;
 use gelsim::files::png::{decode_rgb, encode_small};
 use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
+use gelsim::job::sample::{Sample, render};
 use image::RgbImage;
 
 const REFRESH: &str = "GELSIM_UPDATE_GOLDEN";
@@ -318,6 +319,22 @@ fn compare(case: &Case) -> Result<(), String> {
     let size = if same_size { "" } else { "another size, " };
     let name = case.name;
     Err(format!("{name}: {size}{differ} values differ, by up to {largest} levels: see {}", shown_path.display()))
+}
+
+#[test]
+fn processors_with_wider_vectors_and_without_give_the_same_bits() {
+    for case in cases() {
+        let seen = |vectors| {
+            at_most(vectors, || {
+                let Sample { impression, label, .. } = render(&plan_of(case), 0);
+                let surface: Vec<u32> = impression.contact.surface.data.iter().map(|mm| mm.to_bits()).collect();
+                (impression.image.rgb, surface, label)
+            })
+        };
+        let [plain, eight, sixteen] = Vectors::ALL.map(seen);
+        assert!(plain == eight, "{}: AVX2 gives other bits", case.name);
+        assert!(plain == sixteen, "{}: AVX-512 gives other bits", case.name);
+    }
 }
 
 /// Every golden image is found again.

@@ -1,7 +1,7 @@
 //! Fourier transforms and convolutions against plain ones in f64 and against sums written out.
 
 use gelsim::core::base::grid::Grid;
-use gelsim::core::base::simd;
+use gelsim::core::base::simd::{self, Vectors};
 use gelsim::core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
 use gelsim::core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 use nalgebra::Complex;
@@ -70,7 +70,7 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
         let (fft, plain) = (Fft::new(len), Fourier::new(len, false));
         let before = noise(len, &mut random);
         let mut signals = before.clone();
-        Arch::new().dispatch(Run { fft: &fft, signals: &mut signals, forward: true });
+        simd::dispatch(Run { fft: &fft, signals: &mut signals, forward: true });
         // Rounding adds up like a random walk over the stages; the root of the length is the size of a spectrum of noise.
         let bound = 4.0 * f64::from(f32::EPSILON) * (len as f64).sqrt();
         let mut places: Vec<usize> = (0..len).map(|k| fft.place(k)).collect();
@@ -82,7 +82,7 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
                 worst = worst.max(error / (len as f64).sqrt());
             }
         }
-        Arch::new().dispatch(Run { fft: &fft, signals: &mut signals, forward: false });
+        simd::dispatch(Run { fft: &fft, signals: &mut signals, forward: false });
         for (found, value) in signals.re.iter().zip(&before.re).chain(signals.im.iter().zip(&before.im)) {
             let error = f64::from(found / len as f32 - value).abs();
             assert!(error < 2e-6, "length {len}: there and back is off by {error}");
@@ -101,11 +101,13 @@ fn vectors_of_eight_and_of_one_give_the_same_bits() {
     for len in lengths() {
         let fft = Fft::new(len);
         let mut wide = noise(len, &mut random);
-        let mut narrow = wide.clone();
+        let (mut eight, mut narrow) = (wide.clone(), wide.clone());
         for forward in [true, false] {
-            Arch::new().dispatch(Run { fft: &fft, signals: &mut wide, forward });
+            simd::dispatch(Run { fft: &fft, signals: &mut wide, forward });
+            simd::at_most(Vectors::Eight, || simd::dispatch(Run { fft: &fft, signals: &mut eight, forward }));
             Run { fft: &fft, signals: &mut narrow, forward }.with_simd(Scalar);
             assert!(bits(&wide) == bits(&narrow), "length {len}, forward {forward}");
+            assert!(bits(&eight) == bits(&narrow), "length {len}, forward {forward}, by AVX2");
         }
     }
 }

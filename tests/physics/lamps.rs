@@ -218,7 +218,7 @@ fn an_untouched_pad_is_the_composite_of_its_lamps_and_nothing_is_shaded() {
     }
     // Shaded everywhere all the same, it is still the background to the last bit.
     let mut everywhere = EffectLog::new(EffectPolicy::All);
-    let light = plan.simulator.shader().shade(&sample.impression.contact, background, &mut everywhere);
+    let light = plan.simulator.shader().shade(&sample.impression.contact, background, &mut everywhere).whole();
     assert_eq!(light.planes, background.light(light.region).planes);
     assert_eq!(light.region.area(), background.width * background.height);
 }

@@ -264,11 +264,8 @@ pub fn grey(camera: &View, level: u8) -> BackgroundImage {
 
 /// The light of a model; where the press does not change it, the picture's own.
 pub fn light_of(model: &optics::Model, sensor: &Sensor, contact: &Contact, rest: &BackgroundImage) -> Light {
-    Shader::new(model, None, &sensor.illumination(), &camera_of(sensor), None).shade(
-        contact,
-        rest,
-        &mut EffectLog::new(EffectPolicy::WhereNeeded),
-    )
+    let shader = Shader::new(model, None, &sensor.illumination(), &camera_of(sensor), None);
+    shader.shade(contact, rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)).whole()
 }
 
 /// The same without shadows.

@@ -163,7 +163,7 @@ fn only_pixels_within_which_the_surface_bends_are_sampled() {
     let [with, without] = [&sample, &plain].map(|sample| sample.impression.image.rgb.chunks(3));
     for (at, (with, without)) in with.zip(without).enumerate() {
         let [x, y] = [at % 160, at / 160];
-        let among = sampled.row(y).iter().any(|pixel| pixel.x == x && pixel.weight > 0.0);
+        let among = sampled.row(y).iter().any(|pixel| pixel.x as usize == x && pixel.weight > 0.0);
         assert!(with == without || among, "({x}, {y}): {with:?} {without:?}");
     }
     let many: usize = (0..120).map(|y| sampled.row(y).len()).sum();

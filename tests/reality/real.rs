@@ -44,7 +44,7 @@ pub fn half() -> gelpad::Model {
 pub fn simulate(session: &Session, contacts: &[Contact], shader: &optics::Shader) -> Vec<RgbImage> {
     let rest = session.reference();
     let one = |contact: &Contact| {
-        picture(&shader.shade(contact, &rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)), &rest)
+        picture(&shader.shade(contact, &rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)).whole(), &rest)
     };
     contacts.par_iter().map(one).collect()
 }

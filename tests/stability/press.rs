@@ -163,6 +163,7 @@ impl Shown {
             plan.simulator.background(),
             &mut EffectLog::new(EffectPolicy::WhereNeeded),
         );
+        let light = light.whole();
         Self {
             depth: sample.impression.depth.below_pad(),
             surface: sample.impression.contact.surface,

@@ -88,6 +88,7 @@ fn check(plan: &Plan, sample: &Sample) -> Result<(), &'static str> {
         plan.simulator.background(),
         &mut EffectLog::new(EffectPolicy::WhereNeeded),
     );
+    let light = light.whole();
     let [low, high] = light_range(plan, sample);
     let slack = 1e-4 * (high - low);
     let within = |value: &f32| (low - slack..=high + slack).contains(&f64::from(*value));

@@ -15,7 +15,6 @@ use exr::prelude::{ReadChannels, ReadLayers};
 use gelsim::core::base::grid::{Rect, bounding_box};
 use gelsim::core::base::view::SURFACE_BORDER;
 use gelsim::core::camera::CameraParams;
-use gelsim::core::effects::EffectLog;
 use gelsim::core::gelpad::{Model, Pad};
 use gelsim::core::optics::normals::normals;
 use gelsim::dataset::archive::Member;
@@ -225,11 +224,7 @@ fn picture(plan: &Plan, sample: &Sample) -> Result<(), String> {
     let [width, height] = plan.simulator.view().resolution_px;
     ensure!((image.width, image.height) == (width, height), "an image of another size");
     ensure!(image.rgb.len() == 3 * width * height, "{} bytes", image.rgb.len());
-    let light = plan.simulator.shader().shade(
-        &sample.impression.contact,
-        plan.simulator.background(),
-        &mut EffectLog::new(plan.simulator.policy()),
-    );
+    let light = plan.simulator.light(&sample.impression.contact);
     for plane in &light.planes {
         finite("the light", plane)?;
     }

@@ -52,9 +52,9 @@ fn lowered(plan: &Plan, lower_mm: f64) -> Shown {
     let object = &plan.sampling.objects[0].clusters;
     let depth = depth::capture(object, &placement, plan.simulator.view(), window, plan.thickness_mm());
     let contact = gelpad::deform(plan.simulator.pad(), &depth, None, None, false, &mut effects);
-    let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects);
+    let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects).whole();
     let light_levels = levels(plan, &light);
-    let image = plan.simulator.camera().expose(light, Some(&contact.mask), None, &scene.camera, &mut effects);
+    let image = plan.simulator.camera().expose(light.into(), Some(&contact.mask), None, &scene.camera, &mut effects);
     Shown { depth: depth.below_pad(), surface: contact.surface, light: light_levels, rgb: image.rgb }
 }
 

@@ -249,14 +249,8 @@ pub fn apart(found: &[f32], expected: &[f64]) -> f64 {
 
 /// The sample's light, grey levels, everywhere.
 pub fn light(plan: &Plan, sample: &Sample) -> Vec<f32> {
-    levels(
-        plan,
-        &plan.simulator.shader().shade(
-            &at_centres(sample),
-            plan.simulator.background(),
-            &mut EffectLog::new(EffectPolicy::All),
-        ),
-    )
+    let (contact, mut everywhere) = (at_centres(sample), EffectLog::new(EffectPolicy::All));
+    levels(plan, &plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut everywhere).whole())
 }
 
 /// The pad of a sample without what was sampled between its pixels' centres.

@@ -13,24 +13,24 @@ pub fn grain(width: usize, height: usize, size_mm: f64, view: &View, name: &str)
         let rows = (height as f64 / spacing[1]) as usize + 2;
         let mut random = stream(0, name, octave);
         let knots: Vec<f64> = (0..columns * rows).map(|_| random.normal()).collect();
+        // Bilinear weights shrink the spread between knots: divided out, so that no lattice shows.
+        let kept = |u: f64| u * u + (1.0 - u) * (1.0 - u);
+        let knot = |at: usize, k: usize| {
+            let position = (at as f64 + 0.5) / spacing[k];
+            let whole = libm::floor(position);
+            (whole as usize, position - whole)
+        };
+        let across: Vec<(usize, f64, f64)> =
+            (0..width).map(|i| knot(i, 0)).map(|(column, u)| (column, u, kept(u))).collect();
         for j in 0..height {
-            let (row, v) = knot((j as f64 + 0.5) / spacing[1]);
-            for i in 0..width {
-                let (column, u) = knot((i as f64 + 0.5) / spacing[0]);
-                let at = |dx: usize, dy: usize| knots[(row + dy) * columns + column + dx];
-                let above = at(0, 0) * (1.0 - u) + at(1, 0) * u;
-                let below = at(0, 1) * (1.0 - u) + at(1, 1) * u;
-                // Bilinear weights shrink the spread between knots: divided out, so that no lattice shows.
-                let spread = libm::sqrt((u * u + (1.0 - u) * (1.0 - u)) * (v * v + (1.0 - v) * (1.0 - v)));
-                let value = (above * (1.0 - v) + below * v) / spread;
-                grid.row_mut(j)[i] += (value * std::f64::consts::FRAC_1_SQRT_2) as f32;
+            let (row, v) = knot(j, 1);
+            let (above, below) = knots[row * columns..][..2 * columns].split_at(columns);
+            for (value, (column, u, kept_u)) in grid.row_mut(j).iter_mut().zip(&across) {
+                let between = |row: &[f64]| row[*column] * (1.0 - u) + row[column + 1] * u;
+                let sum = (between(above) * (1.0 - v) + between(below) * v) / (kept_u * kept(v)).sqrt();
+                *value += (sum * std::f64::consts::FRAC_1_SQRT_2) as f32;
             }
         }
     }
     grid
-}
-
-fn knot(position: f64) -> (usize, f64) {
-    let whole = libm::floor(position);
-    (whole as usize, position - whole)
 }

@@ -12,6 +12,38 @@ pub struct Light {
     pub planes: [Vec<f32>; 3],
 }
 
+/// Light that is worked out where and when it is wanted: much of it is needed for no longer than it takes to become bytes.
+pub enum LazyLight<'a> {
+    /// It is worked out already.
+    Known(Light),
+    /// What gives the light of any part of a region.
+    Pending(Rect, Box<dyn Fn(Rect) -> Light + 'a>),
+}
+
+impl LazyLight<'_> {
+    /// Part of the view that it is the light of.
+    pub fn region(&self) -> Rect {
+        match self {
+            Self::Known(light) => light.region,
+            Self::Pending(region, _) => *region,
+        }
+    }
+
+    /// All of it.
+    pub fn whole(self) -> Light {
+        match self {
+            Self::Known(light) => light,
+            Self::Pending(region, of) => of(region),
+        }
+    }
+}
+
+impl From<Light> for LazyLight<'_> {
+    fn from(light: Light) -> Self {
+        Self::Known(light)
+    }
+}
+
 /// 8-bit display value of a brightness, 1 = full scale, rounded to the nearest and cut to 0 .. 255; NaN is 0.
 #[inline(always)]
 pub fn quantise(brightness: f32) -> u8 {

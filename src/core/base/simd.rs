@@ -5,11 +5,44 @@ use std::cell::Cell;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Runs `kernel`, compiled once for every x86-64 and once for those with AVX2, chosen when the program runs, and returns
-/// what it does.
+/// The vectors that a kernel may be compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Vectors {
+    /// What every processor of the kind has.
+    Plain,
+    /// AVX2: eight numbers.
+    Eight,
+    /// AVX-512: sixteen numbers in plain loops; where a kernel names its vectors eight, in twice as many registers.
+    Sixteen,
+}
+
+impl Vectors {
+    /// From the narrowest on.
+    pub const ALL: [Self; 3] = [Self::Plain, Self::Eight, Self::Sixteen];
+}
+
+thread_local! {
+    static MOST: Cell<Vectors> = const { Cell::new(Vectors::Sixteen) };
+}
+
+/// Does `work` as on a processor without wider vectors, on this thread: what it gives must not differ in a bit.
+pub fn at_most<T>(vectors: Vectors, work: impl FnOnce() -> T) -> T {
+    let before = MOST.replace(vectors);
+    let result = work();
+    MOST.set(before);
+    result
+}
+
+/// Does `work` as on a processor without wide vectors.
+pub fn scalar_only<T>(work: impl FnOnce() -> T) -> T {
+    at_most(Vectors::Plain, work)
+}
+
+/// Runs `kernel`, compiled for every x86-64, for those with AVX2 and for those with AVX-512, chosen when the program runs,
+/// and returns what it does.
 ///
 /// The compiler vectorises plain loops; it neither reorders sums nor fuses multiplications into additions on its own,
-/// so both versions give the same bits. The closure and all that it calls must be `#[inline(always)]`, or it stays
+/// so all versions give the same bits. The closure and all that it calls must be `#[inline(always)]`, or it stays
 /// as it is for every x86-64. What it counts or compares it returns: a variable of the caller's would lie in memory, and
 /// its loop would take one number at a time. It is `move` for the same reason, where its loop reads numbers of the caller's.
 #[inline(always)]
@@ -21,8 +54,51 @@ pub fn simd_dispatch<R>(kernel: impl FnOnce() -> R) -> R {
 /// eight numbers or of one; no operation may depend on which.
 #[inline(always)]
 pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
-    let arch = if NARROW.get() { Arch::Scalar } else { Arch::new() };
-    arch.dispatch(kernel)
+    let most = MOST.get();
+    if most == Vectors::Plain {
+        return Arch::Scalar.dispatch(kernel);
+    }
+    #[cfg(target_arch = "x86_64")]
+    {
+        use pulp::x86::{V3, V4};
+        let sixteen = if most == Vectors::Sixteen { V4::try_new() } else { None };
+        match (V3::try_new(), sixteen) {
+            (Some(eight), Some(sixteen)) => Simd::vectorize(sixteen, OfEight { kernel, eight }),
+            (Some(eight), None) => Simd::vectorize(eight, kernel),
+            (None, _) => Arch::Scalar.dispatch(kernel),
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    Arch::new().dispatch(kernel)
+}
+
+/// pulp takes closures too, but calls them through a shim that the compiler does not inline.
+struct Kernel<F>(F);
+
+impl<R, F: FnOnce() -> R> WithSimd for Kernel<F> {
+    type Output = R;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> R {
+        (self.0)()
+    }
+}
+
+/// A kernel that names its vectors, with those of AVX2 in what is compiled for AVX-512: it counts on eight numbers.
+#[cfg(target_arch = "x86_64")]
+struct OfEight<K> {
+    kernel: K,
+    eight: pulp::x86::V3,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<K: WithSimd> WithSimd for OfEight<K> {
+    type Output = K::Output;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> K::Output {
+        self.kernel.with_simd(self.eight)
+    }
 }
 
 /// Rows become columns.
@@ -101,30 +177,6 @@ pub fn largest(values: impl Iterator<Item = f32>) -> f32 {
     f32::from_bits(values.fold(0, |most, value| value.max(0.0).to_bits().max(most)))
 }
 
-thread_local! {
-    static NARROW: Cell<bool> = const { Cell::new(false) };
-}
-
-/// Does `work` as on a processor without wide vectors, on this thread: what it gives must not differ in a bit.
-pub fn scalar_only<T>(work: impl FnOnce() -> T) -> T {
-    let before = NARROW.replace(true);
-    let result = work();
-    NARROW.set(before);
-    result
-}
-
-/// pulp takes closures too, but calls them through a shim that the compiler does not inline.
-struct Kernel<F>(F);
-
-impl<R, F: FnOnce() -> R> WithSimd for Kernel<F> {
-    type Output = R;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> R {
-        (self.0)()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -141,9 +193,9 @@ mod tests {
     }
 
     #[test]
-    fn columns_become_rows_with_and_without_wide_vectors() {
+    fn columns_become_rows_whatever_the_vectors() {
         let rows: [[f32; 8]; 8] = std::array::from_fn(|y| std::array::from_fn(|x| (8 * y + x) as f32));
-        for columns in [dispatch(Transpose(rows)), scalar_only(|| dispatch(Transpose(rows)))] {
+        for columns in Vectors::ALL.map(|vectors| at_most(vectors, || dispatch(Transpose(rows)))) {
             for (x, column) in columns.iter().enumerate() {
                 assert_eq!(*column, std::array::from_fn(|y| rows[y][x]));
             }

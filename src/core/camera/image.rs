@@ -97,13 +97,14 @@ fn quantise_region(light: &Light, image: &mut Image) {
 /// Writes the low three bytes of each number.
 #[inline(always)]
 fn put_side_by_side(pixels: &[u32], rgb: &mut [u8]) {
-    // Two at a time and two bytes more, which are written again with the next ones; so not the last two.
-    let pairs = &pixels.as_chunks::<2>().0[..pixels.len().saturating_sub(1) / 2];
-    for (number, [one, other]) in pairs.iter().enumerate() {
-        let both = u64::from(*one) | u64::from(*other) << 24;
-        rgb[6 * number..][..8].copy_from_slice(&both.to_le_bytes());
+    // Four of them are three words.
+    let (fours, rest) = pixels.as_chunks::<4>();
+    let (words, last) = rgb.split_at_mut(12 * fours.len());
+    for ([a, b, c, d], words) in fours.iter().zip(words.as_chunks_mut::<12>().0) {
+        let joined = [a | b << 24, b >> 8 | c << 16, c >> 16 | d << 8];
+        words.as_chunks_mut().0.iter_mut().zip(joined).for_each(|(bytes, word)| *bytes = word.to_le_bytes());
     }
-    for x in 2 * pairs.len()..pixels.len() {
-        rgb[3 * x..][..3].copy_from_slice(&pixels[x].to_le_bytes()[..3]);
+    for (pixel, bytes) in rest.iter().zip(last.as_chunks_mut::<3>().0) {
+        bytes.copy_from_slice(&pixel.to_le_bytes()[..3]);
     }
 }

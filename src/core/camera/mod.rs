@@ -5,8 +5,10 @@
 //! a rendered one goes through the same lens as everything else. Dots are drawn where the lens shows them; exposure,
 //! white balance and noise act on the sum.
 
+use std::sync::Arc;
+
 use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
+use crate::core::base::light::{LazyLight, Light};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::View;
 use crate::core::effects::{Effect, EffectLog, Requirement};
@@ -28,6 +30,9 @@ pub use image::Image;
 use markers::MarkerPositions;
 pub use params::CameraParams;
 
+/// Rows that are shaded at a time.
+const ROWS: usize = 16;
+
 /// Red, green and blue, row-major.
 type Planes = [Vec<f32>; 3];
 
@@ -40,9 +45,9 @@ pub struct Camera {
     /// The dots of a pad whose print is the same in every sample, as the resting camera sees them.
     print: Option<Vec<Dot>>,
     /// Light of the untouched pad.
-    bare: Planes,
+    bare: Arc<Planes>,
     /// The same as the resting camera sees it.
-    seen: Planes,
+    seen: Arc<Planes>,
     /// The same with the print, if there is any.
     marked: Option<Planes>,
     /// The same as an image.
@@ -60,15 +65,18 @@ impl Camera {
     ) -> Self {
         let [width, height] = view.resolution_px;
         let whole = Rect::whole(width, height);
-        let bare = light.planes;
-        let seen = if photograph { bare.clone() } else { resting.through(&bare, view) };
+        let bare = Arc::new(light.planes);
+        let seen = match photograph || resting.same_optics(&CameraParams::default()) {
+            true => Arc::clone(&bare),
+            false => Arc::new(resting.through(&bare, view)),
+        };
         let dots = print.as_ref().map(|markers| markers.dots(&resting, view));
         let marked = print.as_ref().zip(dots.as_ref()).map(|(markers, dots)| {
-            let mut marked = seen.clone();
+            let mut marked = Planes::clone(&seen);
             markers.draw(dots, &resting, view, &mut marked, whole);
             marked
         });
-        let mut bright = marked.clone().unwrap_or_else(|| seen.clone());
+        let mut bright = marked.as_ref().unwrap_or(&seen).clone();
         scale(resting.gains, &mut bright);
         let mut untouched = Image::black(width, height);
         untouched.quantise(&Light { region: whole, planes: bright });
@@ -80,7 +88,7 @@ impl Camera {
     /// mask is not 0; without a mask it is not.
     pub fn expose(
         &self,
-        light: Light,
+        light: LazyLight<'_>,
         touched: Option<&Grid<u8>>,
         markers: Option<&MarkerPositions>,
         camera: &CameraParams,
@@ -102,21 +110,27 @@ impl Camera {
         let speckle = if effects.enable(Effect::Speckle, need) { speckle } else { None };
         if jitters || noise.is_some() || speckle.is_some() {
             // What differs from sample to sample, differs everywhere.
-            light = self.spread(light, self.marked.as_ref().unwrap_or(&self.seen));
+            light = self.spread(shaded(light, effects), self.marked.as_ref().unwrap_or(&self.seen)).into();
         }
         let need = match (jitters, camera.gains == [1.0; 3]) {
             (false, true) => Requirement::Unneeded("all gains are 1"),
-            (false, false) if light.region.is_empty() => Requirement::Unneeded("the press changed no light"),
+            (false, false) if light.region().is_empty() => Requirement::Unneeded("the press changed no light"),
             _ => Requirement::Needed("not all gains are 1"),
         };
         let width = self.view.resolution_px[0];
         if let Some((speckle, touched)) = speckle.zip(touched) {
+            let mut bright = shaded(light, effects);
             effects.timed(Effect::Speckle, || match camera.lens(&self.view) {
-                Some(lens) => speckle.add(width, &mut light.planes, Some(&lens.warp_mask(touched).data)),
-                None => speckle.add(width, &mut light.planes, Some(&touched.data)),
+                Some(lens) => speckle.add(width, &mut bright.planes, Some(&lens.warp_mask(touched).data)),
+                None => speckle.add(width, &mut bright.planes, Some(&touched.data)),
             });
+            light = bright.into();
         }
-        effects.run(Effect::Exposure, need, || scale(camera.gains, &mut light.planes));
+        if effects.enable(Effect::Exposure, need) {
+            let mut bright = shaded(light, effects);
+            effects.timed(Effect::Exposure, || scale(camera.gains, &mut bright.planes));
+            light = bright.into();
+        }
         let need = match noise {
             Some(_) => Requirement::Needed("every pixel is noisy"),
             None => Requirement::Absent("the camera has none"),
@@ -124,14 +138,26 @@ impl Camera {
         if effects.enable(Effect::Noise, need)
             && let Some(noise) = noise
         {
-            effects.timed(Effect::Noise, || noise.add(width, &mut light.planes, None));
+            let mut bright = shaded(light, effects);
+            effects.timed(Effect::Noise, || noise.add(width, &mut bright.planes, None));
+            light = bright.into();
         }
 
         let mut image = self.untouched.clone();
         if image.clipped_px > 0 {
-            image.clipped_px -= self.clipped_in(light.region);
+            image.clipped_px -= self.clipped_in(light.region());
         }
-        image.quantise(&light);
+        match light {
+            LazyLight::Known(light) => image.quantise(&light),
+            // Nothing looks at light beside its own: some rows are bytes before the next ones are shaded.
+            LazyLight::Pending(region, shade) => {
+                for y0 in (region.y0..region.y1).step_by(ROWS) {
+                    let rows = Rect { y0, y1: (y0 + ROWS).min(region.y1), ..region };
+                    let light = effects.timed(Effect::Shading, || shade(rows));
+                    image.quantise(&light);
+                }
+            }
+        }
         image.binarise(camera.threshold);
         image
     }
@@ -149,9 +175,9 @@ impl Camera {
     }
 
     /// What lens and vignette make of the light.
-    fn see(&self, light: Light, camera: &CameraParams, effects: &mut EffectLog) -> Light {
+    fn see<'a>(&self, light: LazyLight<'a>, camera: &CameraParams, effects: &mut EffectLog) -> LazyLight<'a> {
         let own_optics = !self.photograph && !camera.same_optics(&self.resting);
-        let unchanged = light.region.is_empty() && !own_optics;
+        let unchanged = light.region().is_empty() && !own_optics;
         let need = |has_any| match has_any {
             false => Requirement::Absent("the camera has none"),
             true if unchanged => Requirement::Unneeded("the press changed no light"),
@@ -166,7 +192,7 @@ impl Camera {
 
         // Only what the press changed goes through the lens.
         let [width, height] = self.view.resolution_px;
-        let mut change = light;
+        let mut change = shaded(light, effects);
         self.add(&mut change, &self.bare, -1.0);
         if blurs {
             change = effects.timed(Effect::Defocus, || {
@@ -200,32 +226,33 @@ impl Camera {
         } else {
             self.add(&mut change, &self.seen, 1.0);
         }
-        change
+        change.into()
     }
 
     /// Prints the dots where the camera sees them, on the light that the press changed.
-    fn print(
+    fn print<'a>(
         &self,
-        light: Light,
+        light: LazyLight<'a>,
         markers: Option<&MarkerPositions>,
         camera: &CameraParams,
         effects: &mut EffectLog,
-    ) -> Light {
+    ) -> LazyLight<'a> {
         let dots = markers.map(|markers| effects.timed(Effect::Markers, || markers.dots(camera, &self.view)));
         // Defocus softens the dots of a photograph, too.
         let as_printed = dots == self.print && camera.defocus_mm == self.resting.defocus_mm;
         let need = match markers {
             None => Requirement::Absent("the pad has none"),
             Some(_) if !as_printed => Requirement::Needed("they look otherwise than on the untouched pad"),
-            Some(_) if light.region.is_empty() => Requirement::Unneeded("nothing moves them"),
+            Some(_) if light.region().is_empty() => Requirement::Unneeded("nothing moves them"),
             Some(_) => Requirement::Needed("the light around them changed"),
         };
         let runs = effects.enable(Effect::Markers, need);
         let Some((markers, dots)) = markers.zip(dots).filter(|_| runs) else { return light };
+        let light = shaded(light, effects);
         effects.timed(Effect::Markers, || {
             let mut light = if as_printed { light } else { self.spread(light, &self.seen) };
             markers.draw(&dots, camera, &self.view, &mut light.planes, light.region);
-            light
+            light.into()
         })
     }
 
@@ -281,6 +308,14 @@ impl Camera {
                 }
             },
         );
+    }
+}
+
+/// All of the light, for what looks at more of it than a pixel's own.
+fn shaded(light: LazyLight<'_>, effects: &mut EffectLog) -> Light {
+    match light {
+        LazyLight::Known(light) => light,
+        pending => effects.timed(Effect::Shading, || pending.whole()),
     }
 }
 

@@ -80,11 +80,13 @@ impl Depth {
 
     /// How far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
     pub fn below_pad(&self) -> Grid<f32> {
-        let mut view = self.overlap.inner(self.margin_px);
-        for value in &mut view.data {
-            *value = value.max(0.0);
+        let [width, height] = [self.overlap.width, self.overlap.height].map(|px| px - 2 * self.margin_px);
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height {
+            let row = &self.overlap.row(y + self.margin_px)[self.margin_px..][..width];
+            data.extend(row.iter().map(|mm| mm.max(0.0)));
         }
-        view
+        Grid { width, height, data }
     }
 }
 

@@ -6,7 +6,7 @@
 //! without a step. The optics average the light over the samples (not the heights, which would round the wall off), with a
 //! weight that grows from 0 to 1 while the slope changes by one to two [`BEND`]s from pixel to pixel.
 
-use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::base::view::{SURFACE_BORDER, View};
 use crate::core::depth::indenter::{Indenter, Shape};
@@ -48,19 +48,22 @@ pub struct Subpixel {
     pixels: Vec<SampledPixel>,
     /// Where each of the region's rows begins among them, and the last one ends.
     rows: Vec<usize>,
+    /// The surface, mm, at each offset of them and of the pixels beside them, row by row.
+    heights_mm: Vec<[f32; SAMPLES]>,
+    /// From the difference of a pixel's neighbours, mm, to the slope, along the row and down.
+    per_fall: [f32; 2],
 }
 
 /// A pixel that is sampled.
 #[derive(Clone, Copy, Debug)]
 pub struct SampledPixel {
     /// Column of the view.
-    pub x: usize,
+    pub x: u32,
     /// Weight of the samples against the centre, over 0 to 1.
     pub weight: f32,
-    /// The surface at each offset, mm.
-    pub heights_mm: [f32; SAMPLES],
-    /// Its fall at each offset, along the row and down.
-    pub falls: [[f32; SAMPLES]; 2],
+    /// The numbers of the pixel above, of this one and of the one below among the heights. Those beside it along the row come
+    /// before and after it.
+    numbers: [u32; 3],
 }
 
 impl Subpixel {
@@ -72,31 +75,31 @@ impl Subpixel {
         }
     }
 
-    /// The same over a relief of the pad at rest, on the grid of [`Contact::surface`].
-    pub fn over(&self, relief: &Grid<f32>, view: &View) -> Self {
-        let mut over = self.clone();
-        let per_fall = per_fall(view);
-        for (row, ends) in self.rows.windows(2).enumerate() {
-            let y = self.region.y0 + row + SURFACE_BORDER;
-            for pixel in &mut over.pixels[ends[0]..ends[1]] {
-                let x = pixel.x + SURFACE_BORDER;
-                let falls = [
-                    (relief.at(x - 1, y) - relief.at(x + 1, y)) * per_fall[0],
-                    (relief.at(x, y - 1) - relief.at(x, y + 1)) * per_fall[1],
-                ];
-                pixel.heights_mm.iter_mut().for_each(|mm| *mm += relief.at(x, y));
-                for (samples, fall) in pixel.falls.iter_mut().zip(falls) {
-                    samples.iter_mut().for_each(|sample| *sample += fall);
-                }
-            }
-        }
-        over
+    /// The surface at each offset of a pixel, mm.
+    #[inline(always)]
+    pub fn heights_mm(&self, pixel: &SampledPixel) -> [f32; SAMPLES] {
+        self.heights_mm[pixel.numbers[1] as usize]
     }
-}
 
-/// From the difference of a pixel's neighbours, mm, to the slope.
-fn per_fall(view: &View) -> [f32; 2] {
-    view.mm_per_px.map(|pitch| (0.5 / pitch) as f32)
+    /// Its fall there, along the row and down.
+    #[inline(always)]
+    pub fn falls(&self, pixel: &SampledPixel) -> [[f32; SAMPLES]; 2] {
+        let [above, here, below] = pixel.numbers.map(|number| number as usize);
+        let [per_x, per_y] = self.per_fall;
+        let fall = |before: usize, after: usize, per_fall: f32| {
+            let (before, after) = (&self.heights_mm[before], &self.heights_mm[after]);
+            std::array::from_fn(|sample| (before[sample] - after[sample]) * per_fall)
+        };
+        [fall(here - 1, here + 1, per_x), fall(above, below, per_y)]
+    }
+
+    /// The fall of a relief under a pixel in row `y` of the view, on the grid of [`Contact::surface`], and its height, mm.
+    pub fn of_relief(&self, pixel: &SampledPixel, y: usize, relief: &Grid<f32>) -> ([f32; 2], f32) {
+        let [x, y] = [pixel.x as usize, y].map(|at| at + SURFACE_BORDER);
+        let fall_x = (relief.at(x - 1, y) - relief.at(x + 1, y)) * self.per_fall[0];
+        let fall_y = (relief.at(x, y - 1) - relief.at(x, y + 1)) * self.per_fall[1];
+        ([fall_x, fall_y], relief.at(x, y))
+    }
 }
 
 /// What the pad under an indenter is sampled from.
@@ -129,11 +132,11 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
         (_, Pad::MeanBlur(_) | Pad::Gaussian(_)) => Some("the gelpad model blurs every edge"),
         (Shape::Mesh(_), Pad::None | Pad::Elastic(_)) => None,
     };
-    let weight = match absent {
-        None if !contact.region.is_empty() => effects.timed(Effect::Supersampling, || weights(contact, view)),
-        _ => Grid::default(),
+    let weights = match absent {
+        None if !contact.region.is_empty() => effects.timed(Effect::Supersampling, || Weights::new(contact, view)),
+        _ => Weights::default(),
     };
-    let region = bounding_box(&weight, |weight| weight > 0.0);
+    let region = weights.region;
     let need = match absent {
         Some(why) => Requirement::Absent(why),
         None if region.is_empty() => Requirement::Unneeded("the surface bends little from pixel to pixel"),
@@ -143,8 +146,7 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
     let Shape::Mesh(object) = &indenter.shape else { return None };
     runs.then(|| {
         effects.timed(Effect::Supersampling, || {
-            let weight = weight.crop(region);
-            let places = places(&weight);
+            let places = weights.places();
             let size = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
             let sampled = Sampled::new(&places, size, &OFFSETS);
             let pose = &indenter.pose;
@@ -155,60 +157,127 @@ pub fn sample(scene: &Scene<'_>, effects: &mut EffectLog) -> Option<Subpixel> {
                 #[inline(always)]
                 || scene.surfaces(region, &places, &mut heights, centres.as_ref()),
             );
-            scene.sampled(region, &weight, &sampled, &heights)
+            weights.sampled(&sampled, heights, view)
         })
     })
 }
 
-/// How much the samples count at each pixel of the view: by the largest bend there or beside it. Empty where nothing is bent.
-fn weights(contact: &Contact, view: &View) -> Grid<f32> {
-    let [width, height] = view.resolution_px;
-    let surface = &contact.surface;
-    let per_px = view.mm_per_px.map(|pitch| (1.0 / pitch) as f32);
-    let part =
-        contact.region.grown(1, surface.width, surface.height).seen_from(SURFACE_BORDER, SURFACE_BORDER, width, height);
-    let mut any = vec![false; height];
-    let mut weight = Grid::default();
-    simd_dispatch(
-        #[inline(always)]
-        || {
-            let mut rows = [0; 3].map(|_| vec![0.0_f32; width]);
-            for (y, any) in any.iter_mut().enumerate().take(part.y1).skip(part.y0) {
-                let row = &mut rows[0][part.x0..part.x1];
-                bends(surface, part, per_px, y, row);
-                *any = row.iter().fold(false, |any, bend| any | (*bend > BEND));
-            }
-            if !any.contains(&true) {
-                return;
-            }
-            weight.reset(width, height);
-            rows[0].fill(0.0);
-            // The largest of three rows, and of three columns of that.
-            let mut tallest = vec![0.0_f32; width + 2];
-            for y in part.y0..part.y1 {
-                let (before, after) = (y.saturating_sub(1), (y + 1).min(height - 1));
-                if !(any[before] | any[y] | any[after]) {
-                    continue;
+/// How much the samples count at the pixels where they do: by the largest bend there or beside it.
+#[derive(Default)]
+struct Weights {
+    /// The part of the view that holds all of these pixels.
+    region: Rect,
+    /// Column in the region and weight of each, row by row.
+    pixels: Vec<(u32, f32)>,
+    /// Where each of the region's rows begins among them, and the last one ends.
+    rows: Vec<usize>,
+}
+
+impl Weights {
+    fn new(contact: &Contact, view: &View) -> Self {
+        let [width, height] = view.resolution_px;
+        let surface = &contact.surface;
+        let per_px = view.mm_per_px.map(|pitch| (1.0 / pitch) as f32);
+        let part = contact.region.grown(1, surface.width, surface.height);
+        let part = part.seen_from(SURFACE_BORDER, SURFACE_BORDER, width, height);
+        let mut any = vec![false; height];
+        let (mut pixels, mut ends) = (Vec::new(), Vec::new());
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                let mut rows = [0; 3].map(|_| vec![0.0_f32; width]);
+                for (y, any) in any.iter_mut().enumerate().take(part.y1).skip(part.y0) {
+                    let row = &mut rows[0][part.x0..part.x1];
+                    bends(surface, part, per_px, y, row);
+                    *any = row.iter().fold(false, |any, bend| any | (*bend > BEND));
                 }
-                for (row, y) in rows.iter_mut().zip([before, y, after]) {
-                    match (part.y0..part.y1).contains(&y) {
-                        true => bends(surface, part, per_px, y, &mut row[part.x0..part.x1]),
-                        false => row.fill(0.0),
+                if !any.contains(&true) {
+                    return;
+                }
+                rows[0].fill(0.0);
+                // The largest of three rows, and of three columns of that.
+                let (mut tallest, mut weights) = (vec![0.0_f32; width + 2], vec![0.0_f32; width]);
+                for y in part.y0..part.y1 {
+                    let (before, after) = (y.saturating_sub(1), (y + 1).min(height - 1));
+                    if !(any[before] | any[y] | any[after]) {
+                        ends.push(pixels.len());
+                        continue;
                     }
+                    for (row, y) in rows.iter_mut().zip([before, y, after]) {
+                        match (part.y0..part.y1).contains(&y) {
+                            true => bends(surface, part, per_px, y, &mut row[part.x0..part.x1]),
+                            false => row.fill(0.0),
+                        }
+                    }
+                    let [before, here, after] = &rows;
+                    let rows = before.iter().zip(here).zip(after);
+                    for (tallest, ((before, here), after)) in tallest[1..].iter_mut().zip(rows) {
+                        *tallest = before.max(*here).max(*after);
+                    }
+                    for (x, weight) in weights.iter_mut().enumerate() {
+                        let most = tallest[x].max(tallest[x + 1]).max(tallest[x + 2]);
+                        *weight = ((most - BEND) / BEND).clamp(0.0, 1.0);
+                    }
+                    let counts = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
+                    pixels.extend(counts.map(|(x, weight)| (x as u32, *weight)));
+                    ends.push(pixels.len());
                 }
-                let [before, here, after] = &rows;
-                let rows = before.iter().zip(here).zip(after);
-                for (tallest, ((before, here), after)) in tallest[1..].iter_mut().zip(rows) {
-                    *tallest = before.max(*here).max(*after);
-                }
-                for (x, weight) in weight.row_mut(y).iter_mut().enumerate() {
-                    let most = tallest[x].max(tallest[x + 1]).max(tallest[x + 2]);
-                    *weight = ((most - BEND) / BEND).clamp(0.0, 1.0);
-                }
+            },
+        );
+        Self::within(part, pixels, &ends)
+    }
+
+    /// Of pixels with columns of the view, in rows of a part of it that end so.
+    fn within(part: Rect, mut pixels: Vec<(u32, f32)>, ends: &[usize]) -> Self {
+        let columns = pixels.iter().map(|(x, _)| *x);
+        let Some((x0, x1)) = columns.clone().min().zip(columns.max()) else { return Self::default() };
+        pixels.iter_mut().for_each(|(x, _)| *x -= x0);
+        // Rows before the first pixel end at 0, those from the last one on where all do.
+        let first = ends.partition_point(|end| *end == 0);
+        let last = ends.partition_point(|end| *end < pixels.len());
+        let rows = std::iter::once(0).chain(ends[first..=last].iter().copied()).collect();
+        let region = Rect { x0: x0 as usize, y0: part.y0 + first, x1: x1 as usize + 1, y1: part.y0 + last + 1 };
+        Self { region, pixels, rows }
+    }
+
+    /// Those of a row of the region.
+    fn row(&self, y: usize) -> &[(u32, f32)] {
+        &self.pixels[self.rows[y]..self.rows[y + 1]]
+    }
+
+    /// The pixels of the region with its border that are sampled, or beside one that is.
+    fn places(&self) -> Vec<[u32; 2]> {
+        // What is sampled of a pixel's three rows and columns lies at its own place, and up to twice the border before it.
+        let [width, height] = [self.region.width(), self.region.height()];
+        let (wide, reach) = (width + 2 * SURFACE_BORDER, 2 * SURFACE_BORDER);
+        let mut places = Vec::new();
+        let mut counts = vec![false; wide];
+        for y in 0..height + 2 * SURFACE_BORDER {
+            counts.fill(false);
+            for row in y.saturating_sub(reach)..(y + 1).min(height) {
+                self.row(row).iter().for_each(|(x, _)| counts[*x as usize..][..=reach].fill(true));
             }
-        },
-    );
-    weight
+            let counted = counts.iter().enumerate().filter(|(_, counts)| **counts);
+            places.extend(counted.map(|(x, _)| [x as u32, y as u32]));
+        }
+        places
+    }
+
+    /// The surface's heights at these places.
+    fn sampled(&self, sampled: &Sampled, heights_mm: Vec<[f32; SAMPLES]>, view: &View) -> Subpixel {
+        let mut pixels = Vec::with_capacity(self.pixels.len());
+        for y in 0..self.region.height() {
+            let numbers = |x: u32| [0, 1, 2].map(|dy| sampled.number(x as usize + 1, y + dy));
+            let in_view = |(x, weight): &(u32, f32)| SampledPixel {
+                x: self.region.x0 as u32 + x,
+                weight: *weight,
+                numbers: numbers(*x),
+            };
+            pixels.extend(self.row(y).iter().map(in_view));
+        }
+        let per_fall = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+        Subpixel { region: self.region, pixels, rows: self.rows.clone(), heights_mm, per_fall }
+    }
 }
 
 /// By how much the surface bends at the pixels of a row of a part of the view.
@@ -254,20 +323,15 @@ impl Scene<'_> {
     /// From the object's height over the pad at the offsets of each place to the surface there: `centres` are those heights
     /// at the centres themselves, if that is other than in the depth map.
     #[inline(always)]
-    fn surfaces(
-        &self,
-        region: Rect,
-        places: &[[usize; 2]],
-        heights: &mut [[f32; SAMPLES]],
-        centres: Option<&Grid<f32>>,
-    ) {
+    fn surfaces(&self, region: Rect, places: &[[u32; 2]], heights: &mut [[f32; SAMPLES]], centres: Option<&Grid<f32>>) {
         let Self { depth, contact, .. } = self;
         let surface = &contact.surface;
         // From the grid of the region to that of the surface, and on to that of the depth map.
         let margin = depth.margin_px - SURFACE_BORDER;
         let around = |at: usize, size: usize| [at.saturating_sub(1), at, (at + 1).min(size - 1)];
         let per_step = 1.0 / (STEP * self.view.mm_per_px[0].max(self.view.mm_per_px[1]) as f32);
-        for ([x, y], heights) in places.iter().copied().zip(heights) {
+        for (place, heights) in places.iter().zip(heights) {
+            let [x, y] = place.map(|at| at as usize);
             let [columns, rows] = [around(x + region.x0, surface.width), around(y + region.y0, surface.height)];
             // Of the pixel and those around it: the pad's surface, and the object's.
             let (mut pads, mut objects) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
@@ -307,43 +371,4 @@ impl Scene<'_> {
             }
         }
     }
-
-    /// The pixels of a region with its weights, of the surface's heights at their places.
-    fn sampled(&self, region: Rect, weight: &Grid<f32>, sampled: &Sampled, heights: &[[f32; SAMPLES]]) -> Subpixel {
-        let per_fall = per_fall(self.view);
-        let (mut pixels, mut rows) = (Vec::new(), vec![0]);
-        for y in 0..weight.height {
-            for (x, weight) in weight.row(y).iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-                let there = |dx: usize, dy: usize| &heights[sampled.number(x + dx, y + dy)];
-                let fall = |before: &[f32; SAMPLES], after: &[f32; SAMPLES], per_fall: f32| {
-                    std::array::from_fn(|sample| (before[sample] - after[sample]) * per_fall)
-                };
-                let falls = [fall(there(0, 1), there(2, 1), per_fall[0]), fall(there(1, 0), there(1, 2), per_fall[1])];
-                pixels.push(SampledPixel { x: region.x0 + x, weight: *weight, heights_mm: *there(1, 1), falls });
-            }
-            rows.push(pixels.len());
-        }
-        Subpixel { region, pixels, rows }
-    }
-}
-
-/// The pixels of the region with its border that are sampled, or beside one that is.
-fn places(weight: &Grid<f32>) -> Vec<[usize; 2]> {
-    // What is sampled of a pixel's three rows and columns lies at its own place, and up to twice the border before it.
-    let (wide, reach) = (weight.width + 2 * SURFACE_BORDER, 2 * SURFACE_BORDER);
-    let mut places = Vec::new();
-    let (mut of_rows, mut counts) = (vec![false; wide], vec![false; wide]);
-    for y in 0..weight.height + 2 * SURFACE_BORDER {
-        of_rows.fill(false);
-        for row in y.saturating_sub(reach)..(y + 1).min(weight.height) {
-            let row = weight.row(row);
-            of_rows.iter_mut().zip(row).for_each(|(sampled, weight)| *sampled |= *weight > 0.0);
-        }
-        counts.copy_from_slice(&of_rows);
-        for shift in 1..=reach {
-            counts[shift..].iter_mut().zip(&of_rows).for_each(|(counts, sampled)| *counts |= *sampled);
-        }
-        places.extend(counts.iter().enumerate().filter(|(_, counts)| **counts).map(|(x, _)| [x, y]));
-    }
-    places
 }

@@ -116,26 +116,41 @@ impl BackgroundImage {
         let corner = half[0] * half[0] + half[1] * half[1];
         let leds = if look.glow == 0.0 { &[] } else { leds };
         let dust = look.dust(field_of_view_mm, view);
+        let columns_mm: Vec<f64> = (0..width).map(|i| place_mm(i, 0, field_of_view_mm, view)).collect();
+        let (mut colors, mut glow) = ([0; 3].map(|_| vec![0.0; width]), vec![0.0; width]);
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
-            for i in 0..width {
-                let [x, y] = [(i, 0), (j, 1)].map(|(at, k)| place_mm(at, k, field_of_view_mm, view));
-                let mut color = look.color;
-                if let Some(pattern) = &look.pattern {
+            let y = place_mm(j, 1, field_of_view_mm, view);
+            for (values, color) in colors.iter_mut().zip(look.color) {
+                values.fill(color);
+            }
+            if let Some(pattern) = &look.pattern {
+                for (i, x) in columns_mm.iter().enumerate() {
                     let factors = pattern.at(x / half[0], y / half[1]);
-                    color.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
+                    colors.iter_mut().zip(factors).for_each(|(values, factor)| values[i] *= factor);
                 }
-                for (number, led) in leds.iter().enumerate() {
-                    let glow = look.glow * led.intensity * strength(number, [i, j]);
-                    for (value, share) in color.iter_mut().zip(led.color) {
-                        // Light that is added to a bright pad saturates softly, and never beyond white.
-                        *value += (glow * share).min(1.0) * (1.0 - *value);
-                    }
+            }
+            for (number, led) in leds.iter().enumerate() {
+                for (i, glow) in glow.iter_mut().enumerate() {
+                    *glow = look.glow * led.intensity * strength(number, [i, j]);
                 }
+                simd_dispatch(
+                    #[inline(always)]
+                    || {
+                        for (values, share) in colors.iter_mut().zip(led.color) {
+                            for (value, glow) in values.iter_mut().zip(&glow) {
+                                // Light that is added to a bright pad saturates softly, and never beyond white.
+                                *value += (glow * share).min(1.0) * (1.0 - *value);
+                            }
+                        }
+                    },
+                );
+            }
+            for (i, x) in columns_mm.iter().enumerate() {
                 let kept = 1.0 - look.vignette * (x * x + y * y) / corner;
                 let grain = look.grain * f64::from(grain.at(i, j));
                 let kept = kept * dust.as_ref().map_or(1.0, |dust| f64::from(dust.at(i, j)));
-                rgb.extend(color.map(|value| quantise((value * kept + grain) as f32)));
+                rgb.extend(colors.each_ref().map(|values| quantise((values[i] * kept + grain) as f32)));
             }
         }
         Self::new(width, height, rgb)

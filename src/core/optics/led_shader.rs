@@ -1,7 +1,5 @@
 //! Light of LEDs on the surface: which effects a press calls for, and where.
 
-use std::borrow::Cow;
-
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::base::view::SURFACE_BORDER;
 use crate::core::base::view::View;
@@ -16,7 +14,7 @@ use super::phong::{Equation, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::Casting;
 use super::visible::{self, Extent, Threshold};
-use crate::core::base::light::Light;
+use crate::core::base::light::{LazyLight, Light};
 use shading::Lit;
 
 mod shading;
@@ -139,6 +137,7 @@ impl Shader {
             at_rest,
             residual_at_rest,
             subpixel: None,
+            relief: None,
             visible: &[],
             darkening_per_mm: 0.0,
         };
@@ -146,7 +145,12 @@ impl Shader {
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
-    pub fn shade(&self, contact: &Contact, rest: &BackgroundImage, effects: &mut EffectLog) -> Light {
+    pub fn shade<'a>(
+        &'a self,
+        contact: &'a Contact,
+        rest: &'a BackgroundImage,
+        effects: &mut EffectLog,
+    ) -> LazyLight<'a> {
         let (surface, everywhere) = (&contact.surface, effects.everywhere());
         let bent = effects.timed(Effect::Shading, || self.threshold.region(contact, &self.view));
         // Samples see bends beside their pixel.
@@ -161,17 +165,9 @@ impl Shader {
         };
         let under = |relief: &Relief| relief.under(surface);
         let rough = effects.run(Effect::Grain, need, || self.relief.as_ref().map(under)).flatten();
-        let (shape, at_rest, residual_at_rest) = match (&rough, &self.relief) {
-            (Some(shape), Some(relief)) => (shape, &relief.at_rest, relief.residual_at_rest.as_ref()),
-            _ => (surface, &self.flat, None),
-        };
-
-        let between = match (&rough, &self.relief) {
-            (Some(_), Some(relief)) => {
-                contact.subpixel.as_ref().map(|between| Cow::Owned(between.over(&relief.shape, &self.view)))
-            }
-            _ => contact.subpixel.as_ref().map(Cow::Borrowed),
-        };
+        let relief = self.relief.as_ref().filter(|_| rough.is_some());
+        let at_rest = relief.map_or(&self.flat, |relief| &relief.at_rest);
+        let residual_at_rest = relief.and_then(|relief| relief.residual_at_rest.as_ref());
 
         let shadows = effects.timed(Effect::Shadows, || self.shadows(surface, bent, everywhere));
         let need = match self.phong.shadows {
@@ -189,7 +185,7 @@ impl Shader {
         };
         let darkening_per_mm = if effects.enable(Effect::Darkening, need) { self.darkening_per_mm } else { 0.0 };
         if !shades {
-            return Light::default();
+            return Light::default().into();
         }
 
         let whole = Rect::whole(rest.width, rest.height);
@@ -202,16 +198,20 @@ impl Shader {
             let visible = shadows.map(|shadows| shadows.shares(&self.view, region));
             (region, visible.unwrap_or_default())
         });
-        let lit = Lit {
-            shape,
-            displacement: surface,
-            at_rest,
-            residual_at_rest,
-            subpixel: between.as_deref(),
-            visible: &visible,
-            darkening_per_mm,
+        let light = move |part: Rect| {
+            let lit = Lit {
+                shape: rough.as_ref().unwrap_or(surface),
+                displacement: surface,
+                at_rest,
+                residual_at_rest,
+                subpixel: contact.subpixel.as_ref(),
+                relief: relief.map(|relief| &relief.shape),
+                visible: &visible,
+                darkening_per_mm,
+            };
+            shading::shade(self, &lit, rest, part)
         };
-        effects.timed(Effect::Shading, || shading::shade(self, &lit, rest, region))
+        LazyLight::Pending(region, Box::new(light))
     }
 
     /// What casts shadows, if anything does. A near LED is taken to shine on all of the press from the direction in which it

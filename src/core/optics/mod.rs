@@ -1,6 +1,6 @@
 //! From surface to light: what brightness each pixel sends to the camera.
 
-use crate::core::base::light::Light;
+use crate::core::base::light::{LazyLight, Light};
 use serde::{Deserialize, Serialize};
 
 use crate::core::base::grid::{Grid, Rect};
@@ -171,11 +171,16 @@ impl Shader {
     }
 
     /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
-    pub fn shade(&self, contact: &Contact, rest: &BackgroundImage, effects: &mut EffectLog) -> Light {
+    pub fn shade<'a>(
+        &'a self,
+        contact: &'a Contact,
+        rest: &'a BackgroundImage,
+        effects: &mut EffectLog,
+    ) -> LazyLight<'a> {
         match self {
             Self::Leds(leds) => leds.shade(contact, rest, effects),
-            Self::Calibrated(calibrated) => calibrated.shade(contact, rest, effects),
-            Self::Lamps(lamps) => lamps.shade(contact, rest, effects),
+            Self::Calibrated(calibrated) => calibrated.shade(contact, rest, effects).into(),
+            Self::Lamps(lamps) => lamps.shade(contact, rest, effects).into(),
         }
     }
 }

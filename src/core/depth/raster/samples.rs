@@ -22,10 +22,13 @@ pub(super) struct Tiles {
 
 impl Tiles {
     /// Those of a canvas that hold one of these pixels.
-    fn around(pixels: &[[usize; 2]], width: usize, height: usize) -> Self {
+    fn around(pixels: &[[u32; 2]], width: usize, height: usize) -> Self {
         let across = width.div_ceil(TILE);
         let mut wanted = vec![false; across * height.div_ceil(TILE)];
-        pixels.iter().for_each(|[x, y]| wanted[y / TILE * across + x / TILE] = true);
+        for pixel in pixels {
+            let [x, y] = pixel.map(|at| at as usize / TILE);
+            wanted[y * across + x] = true;
+        }
         Self { across, wanted }
     }
 
@@ -82,10 +85,10 @@ impl Sampled {
     const NONE: u32 = u32::MAX;
 
     /// These pixels of a canvas, numbered in their order, at `offsets` from their centres, px.
-    pub fn new(pixels: &[[usize; 2]], [width, height]: [usize; 2], offsets: &[[f64; 2]; SAMPLES]) -> Self {
+    pub fn new(pixels: &[[u32; 2]], [width, height]: [usize; 2], offsets: &[[f64; 2]; SAMPLES]) -> Self {
         let mut numbers = Grid { width, height, data: vec![Self::NONE; width * height] };
         for (number, [x, y]) in pixels.iter().enumerate() {
-            numbers.row_mut(*y)[*x] = number as u32;
+            numbers.row_mut(*y as usize)[*x as usize] = number as u32;
         }
         let [across, down] = [0, 1].map(|k| offsets.map(|offset| offset[k] as f32));
         let reach = across.iter().chain(&down).fold(0.0_f32, |reach, offset| reach.max(offset.abs()));
@@ -94,8 +97,8 @@ impl Sampled {
     }
 
     /// The number of a pixel that is sampled.
-    pub fn number(&self, x: usize, y: usize) -> usize {
-        self.numbers.at(x, y) as usize
+    pub fn number(&self, x: usize, y: usize) -> u32 {
+        self.numbers.at(x, y)
     }
 }
 

@@ -10,8 +10,8 @@ use std::sync::{Arc, OnceLock};
 use super::convolve::Lengths;
 use super::kernel::kernel;
 use super::layer::ElasticLayer;
-use super::response::Response;
-use super::{BULGE, Elastic, Pad, WORKSPACE, Workspace};
+use super::response::{Memory, Response};
+use super::{BULGE, Elastic, Pad};
 use crate::core::base::grid::{Grid, Rect, Resolution};
 use crate::core::base::simd::simd_dispatch;
 use crate::core::depth::beyond::{Area, Cells, Surroundings};
@@ -85,10 +85,6 @@ fn shared<T>(cell: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
 impl Pad {
     /// What presses beyond the window of a view, on the grid of which the displacement is given.
     pub fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
-        WORKSPACE.with_borrow_mut(|workspace| self.beyond_in(workspace, around))
-    }
-
-    fn beyond_in(&self, workspace: &mut Workspace, around: &Surroundings<'_>) -> Beyond {
         let window = Area::around(around.view(), self.margin_px);
         let (mut force, mut area_mm2, mut solved) = (0.0, 0.0, true);
         // Of the pad, and of an object that gives way.
@@ -104,12 +100,11 @@ impl Pad {
             let deepest = overlap.largest(|g| g);
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
             let both = self.object().map(|object| pad.softened(object, [MOST; 2]));
-            let solution = both.as_ref().unwrap_or(&pad).solve(workspace, &overlap, &mut [], Rect::default(), None);
+            let solution = both.as_ref().unwrap_or(&pad).solve(&overlap, &mut [], Rect::default(), None);
             solved &= solution.converged;
             let whole = Rect::whole(overlap.width, overlap.height);
             let mut pressure = Grid::new(overlap.width, overlap.height);
             pressure.paste(&solution.pressure, solution.contact_box, whole);
-            workspace.displacement = solution.displacement;
             let area = cells.pitch_mm * cells.pitch_mm;
             for y in 0..pressure.height {
                 for (x, p) in pressure.row_mut(y).iter_mut().enumerate() {
@@ -123,10 +118,10 @@ impl Pad {
                     }
                 }
             }
-            field = Some(pad.displaced(&pad.response, workspace, (cells, &pressure), *inner).over(field));
+            field = Some(pad.displaced(&pad.response, (cells, &pressure), *inner).over(field));
             if let Some(object) = self.object() {
                 let alone = pad.response.object_alone(object, [MOST; 2]);
-                gives = Some(pad.displaced(&alone, workspace, (cells, &pressure), *inner).over(gives));
+                gives = Some(pad.displaced(&alone, (cells, &pressure), *inner).over(gives));
             }
         }
         let count = around.view().resolution_px.map(|px| px + 2 * self.margin_px);
@@ -186,13 +181,7 @@ impl Pad {
     }
 
     /// The displacement under a pressure on `cells`, in cells over an area.
-    fn displaced(
-        &self,
-        response: &Response,
-        workspace: &mut Workspace,
-        (cells, pressure): (&Cells, &Grid<f32>),
-        over: Area,
-    ) -> Field {
+    fn displaced(&self, response: &Response, (cells, pressure): (&Cells, &Grid<f32>), over: Area) -> Field {
         let pitch = cells.pitch_mm;
         // Columns (or rows) of these cells that the target begins and ends with.
         let reach = |k: usize| {
@@ -205,9 +194,9 @@ impl Pad {
         let [x0, y0] = reaches.map(|(low, _)| -low as usize);
         let source = Rect { x0, y0, x1: x0 + cells.count[0], y1: y0 + cells.count[1] };
         let operator = response.operator(source, Rect::whole(count[0], count[1]));
-        operator.prepare(&mut workspace.operator);
-        let mut values = Grid::default();
-        operator.displace(pressure, &mut workspace.operator, &mut values);
+        let (mut memory, mut values) = (Memory::default(), Grid::default());
+        operator.prepare(&mut memory);
+        operator.displace(pressure, &mut memory, &mut values);
         let corner_mm = std::array::from_fn(|k| cells.corner_mm[k] + reaches[k].0 as f64 * pitch);
         Field { cells: Cells { corner_mm, pitch_mm: pitch, count }, values }
     }

@@ -14,7 +14,7 @@ use super::lattice::Lattice;
 use super::model_error::{ContactEdge, force_over_linear};
 use super::shear::Friction;
 use super::walls::Thinned;
-use super::{Given, Pad, Solution, WORKSPACE, Workspace};
+use super::{Given, Pad, Solution};
 use crate::core::base::cubic::catmull_rom;
 use crate::core::base::grid::{Grid, Rect, bounding_box};
 use crate::core::base::simd::simd_dispatch;
@@ -123,10 +123,7 @@ impl Pad {
         if friction == (Friction::Coulomb { coefficient: 0.0 }) {
             return None;
         }
-        let drag = WORKSPACE.with_borrow_mut(|workspace| {
-            let workspace = workspace.rubbed.get_or_insert_default();
-            self.rubbed(depth.touching).turns(workspace, depth, beyond, friction)
-        })?;
+        let drag = self.rubbed(depth.touching).turns(depth, beyond, friction)?;
         (drag.largest_mm() >= self.unseen_mm()).then_some(drag)
     }
 
@@ -147,19 +144,11 @@ impl Pad {
     }
 
     /// Solves for pressure and tractions in turn; `None` without contact.
-    fn turns(
-        &self,
-        workspace: &mut Workspace,
-        depth: &Depth,
-        beyond: Option<&Grid<f32>>,
-        friction: Friction,
-    ) -> Option<Drag> {
+    fn turns(&self, depth: &Depth, beyond: Option<&Grid<f32>>, friction: Friction) -> Option<Drag> {
         let lattice = self.lattice(depth);
         let placed = self.placed(depth, lattice);
         let tolerance_mm = self.unseen_mm() as f32;
-        let mut thinned = Thinned::default();
-        self.thin_out(depth, lattice, &mut thinned);
-        let Thinned { overlap: mut undisplaced, mut cut } = thinned;
+        let Thinned { overlap: mut undisplaced, mut cut } = self.thinned(depth, lattice);
         if lattice.factor == 1 {
             undisplaced.clone_from(&depth.overlap);
         }
@@ -169,7 +158,7 @@ impl Pad {
         let mut held: Option<Held> = None;
         let mut solution: Option<Solution> = None;
         for turn in 0..MOST_TURNS {
-            let next = self.solve(workspace, &overlap, &mut cut, Rect::default(), solution.as_ref());
+            let next = self.solve(&overlap, &mut cut, Rect::default(), solution.as_ref());
             let part = bounding_box(&next.pressure, |p| p > 0.0);
             if part.is_empty() {
                 return None;

@@ -7,7 +7,6 @@
 //! pressures are proportional to it.
 
 use std::borrow::Cow;
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -50,7 +49,7 @@ use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
 use resample::Shape;
-use response::Response;
+use response::{Memory, Response};
 use shear::Friction;
 pub use solution::Given;
 use solution::Solution;
@@ -126,23 +125,6 @@ pub struct Pad {
     grids: Arc<Grids>,
     /// See [`Self::object`].
     object: Option<f64>,
-}
-
-/// Memory that one thread needs, kept from sample to sample.
-#[derive(Default)]
-struct Workspace {
-    operator: response::Memory,
-    scratch: Scratch,
-    coarse: Thinned,
-    displacement: Grid<f32>,
-    /// Of the coarser grid.
-    nested: Option<Box<Workspace>>,
-    /// Of the grid on which tractions are solved for.
-    rubbed: Option<Box<Workspace>>,
-}
-
-thread_local! {
-    static WORKSPACE: RefCell<Workspace> = RefCell::default();
 }
 
 impl Pad {
@@ -238,15 +220,13 @@ impl Pad {
         if depth.touching.is_empty() && given.beyond.is_none() {
             return contact;
         }
-        WORKSPACE.with_borrow_mut(|workspace| self.press_in(workspace, depth, given, &mut contact));
+        self.press_in(depth, given, &mut contact);
         contact
     }
 
-    fn press_in(&self, workspace: &mut Workspace, depth: &Depth, given: Given<'_>, contact: &mut Contact) {
+    fn press_in(&self, depth: &Depth, given: Given<'_>, contact: &mut Contact) {
         let lattice = self.lattice(depth);
-        let mut thinned = std::mem::take(&mut workspace.coarse);
-        self.thin_out(depth, lattice, &mut thinned);
-        let Thinned { overlap, cut } = &mut thinned;
+        let Thinned { overlap, cut } = &mut self.thinned(depth, lattice);
         let object = if lattice.factor == 1 { &depth.overlap } else { &*overlap };
         // The pressure has to do what is not done yet.
         let mut left = Cow::Borrowed(object);
@@ -256,7 +236,7 @@ impl Pad {
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(workspace, &left, cut, lattice.box_around(seen), None);
+        let mut solution = self.solve(&left, cut, lattice.box_around(seen), None);
         solution.settle(&left, cut);
         let Rect { x0, y0, .. } = solution.seen;
         given.add_to(&mut solution.displacement, self.placed(depth, lattice), lattice, [x0, y0], 1.0);
@@ -279,13 +259,11 @@ impl Pad {
             model_error_um: Some(1e3 * error_mm),
         };
         contact.load = self.load(&mut solution, depth, lattice);
-        workspace.coarse = thinned;
-        workspace.displacement = solution.displacement;
     }
 
     /// The object on the solver's grid.
-    fn thin_out(&self, depth: &Depth, lattice: Lattice, thinned: &mut Thinned) {
-        thinned.take(lattice, depth, self.mm_per_px, self.response.kernel().at(0, 0));
+    fn thinned(&self, depth: &Depth, lattice: Lattice) -> Thinned {
+        Thinned::new(lattice, depth, self.mm_per_px, self.response.kernel().at(0, 0))
     }
 
     /// The points on which the solver works.
@@ -312,14 +290,7 @@ impl Pad {
 
     /// Solves for the contact within `overlap`, some of whose pixels are cut by walls, and for the displacement in
     /// `seen` at least, beginning with the pressure of `like`, if there is one.
-    fn solve(
-        &self,
-        workspace: &mut Workspace,
-        overlap: &Grid<f32>,
-        cut: &mut [CutPixel],
-        seen: Rect,
-        like: Option<&Solution>,
-    ) -> Solution {
+    fn solve(&self, overlap: &Grid<f32>, cut: &mut [CutPixel], seen: Rect, like: Option<&Solution>) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(overlap.width, overlap.height);
         let mut touching = bounding_box(overlap, |g| g > 0.0);
@@ -327,7 +298,7 @@ impl Pad {
             contact_box: Rect::default(),
             pressure: Grid::default(),
             seen,
-            displacement: std::mem::take(&mut workspace.displacement),
+            displacement: Grid::default(),
             converged: true,
             iterations: 0,
             residual_mm: 0.0,
@@ -348,13 +319,13 @@ impl Pad {
         let cutoff = std::f64::consts::PI / libm::sqrt(area);
         // Pile-up may meet the object where it does not reach below the untouched pad: the box grows to hold it.
         const MOST_BOXES: u32 = 12;
+        let (mut memory, mut scratch) = (Memory::default(), Scratch::default());
         for round in 0..MOST_BOXES {
             let room = 4 + touching.width().min(touching.height()) / 32;
             let contact_box = touching.grown(room, whole.x1, whole.y1);
             let operator = self.response.operator(contact_box, contact_box);
-            let Workspace { operator: memory, scratch, nested, .. } = workspace;
-            operator.prepare(memory);
-            operator.prepare_undo(cutoff, memory);
+            operator.prepare(&mut memory);
+            operator.prepare_undo(cutoff, &mut memory);
             let mut problem = ContactProblem {
                 operator: &operator,
                 softest: self.response.softest() as f32,
@@ -373,7 +344,7 @@ impl Pad {
             } else if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
-                pressure = coarser.guess(nested.get_or_insert_default(), overlap, contact_box);
+                pressure = coarser.guess(overlap, contact_box);
                 problem.refine(&mut pressure);
             } else if round == 0 {
                 problem.guess(&mut pressure);
@@ -381,7 +352,7 @@ impl Pad {
                 pressure.reset(contact_box.width(), contact_box.height());
                 pressure.paste(&solution.pressure, solution.contact_box, contact_box);
             }
-            let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, scratch, memory);
+            let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, &mut scratch, &mut memory);
             problem.note_stopped(cut, contact_box);
             solution.iterations += iterations;
             solution.contact_box = contact_box;
@@ -394,8 +365,8 @@ impl Pad {
                 problem.take_back(&solution.pressure, &mut solution.displacement);
             } else {
                 let operator = self.response.operator(contact_box, all);
-                operator.prepare(memory);
-                operator.displace(&solution.pressure, memory, &mut solution.displacement);
+                operator.prepare(&mut memory);
+                operator.displace(&solution.pressure, &mut memory, &mut solution.displacement);
             }
             let missed = solution.check(overlap, cut, 2.0 * tolerance);
             // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
@@ -410,11 +381,11 @@ impl Pad {
     }
 
     /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
-    fn guess(&self, workspace: &mut Workspace, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
+    fn guess(&self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
-        let mut thinned = std::mem::take(&mut workspace.coarse);
-        lattice.thin_out(fine, self.mm_per_px, &mut thinned.overlap);
-        let solution = self.solve(workspace, &thinned.overlap, &mut [], Rect::default(), None);
+        let mut overlap = Grid::default();
+        lattice.thin_out(fine, self.mm_per_px, &mut overlap);
+        let solution = self.solve(&overlap, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape, out| lattice.enlarge(values, solution.contact_box, part, shape, out);
@@ -429,8 +400,6 @@ impl Pad {
                 }
             }
         }
-        workspace.coarse = thinned;
-        workspace.displacement = solution.displacement;
         pressure
     }
 

@@ -8,10 +8,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::resample::Shape;
-use super::response::Response;
+use super::response::{Memory, Response};
 use super::shear::Friction;
 use super::walls::Thinned;
-use super::{Elastic, Given, Pad, WORKSPACE, Workspace};
+use super::{Elastic, Given, Pad};
 use crate::core::base::grid::{Grid, Rect};
 use crate::core::depth::{Depth, Window};
 use crate::core::gelpad::whole::Beyond;
@@ -65,40 +65,30 @@ impl Pad {
         if let Some(gives) = beyond.and_then(|beyond| beyond.object_gives.as_ref()) {
             lower(&mut depth, gives, window);
         }
-        let solved =
-            WORKSPACE.with_borrow_mut(|workspace| self.shape(workspace, &mut depth, half_space, beyond, window));
+        let solved = self.shape(&mut depth, half_space, beyond, window);
         depth.measure();
         Some(Yielded { depth, solved })
     }
 
-    fn shape(
-        &self,
-        workspace: &mut Workspace,
-        depth: &mut Depth,
-        half_space: f64,
-        beyond: Option<&Beyond>,
-        window: Window,
-    ) -> bool {
+    fn shape(&self, depth: &mut Depth, half_space: f64, beyond: Option<&Beyond>, window: Window) -> bool {
         let lattice = self.lattice(depth);
         let [width, height] = lattice.size();
         // A coarser grid may have a pixel more.
         let both = self.softened(half_space, [width + 2, height + 2]);
-        let mut thinned = Thinned::default();
-        both.thin_out(depth, lattice, &mut thinned);
-        let Thinned { mut overlap, mut cut } = thinned;
+        let Thinned { mut overlap, mut cut } = both.thinned(depth, lattice);
         if lattice.factor == 1 {
             overlap.clone_from(&depth.overlap);
         }
         let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
         Given { beyond, drag: None }.add_to(&mut overlap, self.placed(depth, lattice), lattice, [0; 2], -1.0);
-        let solution = both.solve(workspace, &overlap, &mut cut, Rect::default(), None);
+        let solution = both.solve(&overlap, &mut cut, Rect::default(), None);
         if !solution.contact_box.is_empty() {
             let alone = self.response.object_alone(half_space, [width, height]);
             let whole = Rect::whole(width, height);
             let operator = alone.operator(solution.contact_box, whole);
-            operator.prepare(&mut workspace.operator);
-            let mut gives = Grid::default();
-            operator.displace(&solution.pressure, &mut workspace.operator, &mut gives);
+            let (mut memory, mut gives) = (Memory::default(), Grid::default());
+            operator.prepare(&mut memory);
+            operator.displace(&solution.pressure, &mut memory, &mut gives);
             if lattice.factor > 1 {
                 let fine = Rect::whole(depth.overlap.width, depth.overlap.height);
                 let coarse = std::mem::take(&mut gives);
@@ -106,7 +96,6 @@ impl Pad {
             }
             lower(depth, &gives, window);
         }
-        workspace.displacement = solution.displacement;
         solution.converged
     }
 

@@ -50,9 +50,8 @@ pub struct Scratch {
     /// Preconditioned residual, and the one before.
     step: Grid<f32>,
     last_step: Grid<f32>,
-    /// Search direction and its displacement.
+    /// Search direction. What it displaces takes the place of the step before the last.
     direction: Grid<f32>,
-    response: Grid<f32>,
 }
 
 impl ContactProblem<'_> {
@@ -154,8 +153,8 @@ impl ContactProblem<'_> {
 
     /// Improves `pressure` until the conditions hold.
     pub fn solve(&mut self, pressure: &mut Grid<f32>, scratch: &mut Scratch, memory: &mut Memory) -> Outcome {
-        let Scratch { displacement, residual, step, last_step, direction, response } = scratch;
-        for grid in [&mut *residual, step, last_step, direction, response] {
+        let Scratch { displacement, residual, step, last_step, direction } = scratch;
+        for grid in [&mut *residual, step, last_step, direction] {
             grid.reset(pressure.width, pressure.height);
         }
         self.displace(pressure, memory, displacement);
@@ -181,6 +180,7 @@ impl ContactProblem<'_> {
             let share = if share.is_finite() { share } else { 0.0 };
             turn(direction, step, pressure, if keeps_direction { share as f32 } else { 0.0 });
             last_product = product;
+            let response = &mut *last_step;
             self.displace(direction, memory, response);
             let curvature = dot(direction, response);
             // No pixel may touch yet, as after a guess that missed all of them.

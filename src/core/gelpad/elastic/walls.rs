@@ -94,7 +94,6 @@ impl CutPixel {
 }
 
 /// The object on the solver's grid.
-#[derive(Clone, Debug, Default)]
 pub struct Thinned {
     /// The overlap, mm; where a wall leaves a part of a pixel but not its centre, that part's. Empty on the camera's own grid.
     pub overlap: Grid<f32>,
@@ -105,15 +104,14 @@ pub struct Thinned {
 impl Thinned {
     /// Takes the depth map of a camera with pixels of this size to the grid `lattice`. `own` is the displacement of one of its
     /// pixels under pressure 1 on itself, mm.
-    pub fn take(&mut self, lattice: Lattice, depth: &Depth, mm_per_px: [f64; 2], own: f32) {
-        self.cut.clear();
+    pub fn new(lattice: Lattice, depth: &Depth, mm_per_px: [f64; 2], own: f32) -> Self {
+        let mut thinned = Self { overlap: Grid::default(), cut: Vec::new() };
         if lattice.factor == 1 {
-            self.overlap.reset(0, 0);
-            return;
+            return thinned;
         }
-        lattice.thin_out(&depth.overlap, mm_per_px, &mut self.overlap);
+        lattice.thin_out(&depth.overlap, mm_per_px, &mut thinned.overlap);
         if depth.touching.is_empty() {
-            return;
+            return thinned;
         }
         let cells = Cells { lattice, fine: &depth.overlap, step_mm: mm_per_px.map(|mm| WALL * mm as f32) };
         let around = lattice.box_around(depth.touching);
@@ -125,11 +123,12 @@ impl Thinned {
                     continue;
                 }
                 if let Some((pixel, overlap)) = cells.cut([x, y], own / SQUARE) {
-                    self.cut.push(pixel);
-                    self.overlap.row_mut(y)[x] = overlap;
+                    thinned.cut.push(pixel);
+                    thinned.overlap.row_mut(y)[x] = overlap;
                 }
             }
         }
+        thinned
     }
 }
 

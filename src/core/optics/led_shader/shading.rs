@@ -27,6 +27,8 @@ pub(super) struct Lit<'a> {
     pub residual_at_rest: Option<&'a Planes>,
     /// Its shape between pixel centres, where light is averaged: all of it within the part that is shaded.
     pub subpixel: Option<&'a Subpixel>,
+    /// What the pad's relief adds to that.
+    pub relief: Option<&'a Grid<f32>>,
     /// The share of each LED that is seen; empty for all of it.
     pub visible: &'a [Option<Values>],
     /// Share of the light lost per mm of displacement.
@@ -161,21 +163,39 @@ fn centres(shape: &Grid<f32>, part: Rect, row: usize) -> &[f32] {
 }
 
 impl Between {
-    /// Goes to the samples of these pixels, of a part of the view whose displacements along the row are `heights_mm`.
+    /// Goes to the samples of these pixels in row `y` of the view, of a part of it whose displacements along the row are
+    /// `heights_mm`.
     #[inline(always)]
-    fn go(&mut self, shader: &Shader, pixels: &[SampledPixel], part: Rect, heights_mm: &[f32]) {
+    fn go(
+        &mut self,
+        shader: &Shader,
+        lit: &Lit<'_>,
+        pixels: &[SampledPixel],
+        part: Rect,
+        y: usize,
+        heights_mm: &[f32],
+    ) {
         let Self { normals: Normals { x: nx, y: ny, z: nz }, x_mm, heights_mm: between_mm, displaced_mm, .. } = self;
         let mut planes = [nx, ny, nz, x_mm, between_mm, displaced_mm].map(|plane| {
             plane.resize(pixels.len() * SAMPLES, 0.0);
             plane.as_chunks_mut::<SAMPLES>().0
         });
         let [nx, ny, nz, x_mm, between_mm, displaced_mm] = &mut planes;
-        for (at, pixel) in pixels.iter().enumerate() {
-            [nx[at], ny[at]] = pixel.falls;
-            x_mm[at] = [shader.columns_mm[pixel.x]; SAMPLES];
-            between_mm[at] = pixel.heights_mm;
-            // It changes little within the pixel beside its slope.
-            displaced_mm[at] = [heights_mm[pixel.x - part.x0]; SAMPLES];
+        if let Some(subpixel) = lit.subpixel {
+            for (at, pixel) in pixels.iter().enumerate() {
+                let x = pixel.x as usize;
+                [nx[at], ny[at]] = subpixel.falls(pixel);
+                x_mm[at] = [shader.columns_mm[x]; SAMPLES];
+                between_mm[at] = subpixel.heights_mm(pixel);
+                // It changes little within the pixel beside its slope.
+                displaced_mm[at] = [heights_mm[x - part.x0]; SAMPLES];
+                if let Some(relief) = lit.relief {
+                    let ([along, down], mm) = subpixel.of_relief(pixel, y, relief);
+                    nx[at].iter_mut().for_each(|fall| *fall += along);
+                    ny[at].iter_mut().for_each(|fall| *fall += down);
+                    between_mm[at].iter_mut().for_each(|height| *height += mm);
+                }
+            }
         }
         // In one long loop, of which the compiler makes vectors.
         let [nx, ny, nz] = [nx, ny, nz].map(|plane| plane.as_flattened_mut());
@@ -192,7 +212,7 @@ fn average(values: &mut [f32], samples: &[f32], pixels: &[SampledPixel], x0: usi
     for (pixel, samples) in pixels.iter().zip(samples.as_chunks::<SAMPLES>().0) {
         let [a, b, c, d, e, f, g, h] = samples;
         let mean = (((a + b) + (c + d)) + ((e + f) + (g + h))) * (1.0 / SAMPLES as f32);
-        let value = &mut values[pixel.x - x0];
+        let value = &mut values[pixel.x as usize - x0];
         *value += pixel.weight * (mean - *value);
     }
 }
@@ -214,7 +234,7 @@ fn shade_row(
     let heights_mm = centres(lit.displacement, region, row);
     let Rows { added, normals, gain, residual, between, share, line } = rows;
     let pixels = lit.subpixel.map_or(&[][..], |subpixel| subpixel.row(y));
-    between.go(shader, pixels, region, heights_mm);
+    between.go(shader, lit, pixels, region, y, heights_mm);
     set_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;

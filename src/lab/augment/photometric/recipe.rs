@@ -124,7 +124,7 @@ impl PhotometricRecipe {
 
         let body = Camera::new(&self.view, light, false, CameraParams::default(), None);
         let image = body.expose(
-            Light::default(),
+            Light::default().into(),
             None,
             positions.as_ref(),
             &shot,
