@@ -119,17 +119,13 @@ impl Camera {
         };
         let width = self.view.resolution_px[0];
         if let Some((speckle, touched)) = speckle.zip(touched) {
-            let mut bright = shaded(light, effects);
-            effects.timed(Effect::Speckle, || match camera.lens(&self.view) {
-                Some(lens) => speckle.add(width, &mut bright.planes, Some(&lens.warp_mask(touched).data)),
-                None => speckle.add(width, &mut bright.planes, Some(&touched.data)),
+            light = changed(light, Effect::Speckle, effects, |planes| match camera.lens(&self.view) {
+                Some(lens) => speckle.add(width, planes, Some(&lens.warp_mask(touched).data)),
+                None => speckle.add(width, planes, Some(&touched.data)),
             });
-            light = bright.into();
         }
         if effects.enable(Effect::Exposure, need) {
-            let mut bright = shaded(light, effects);
-            effects.timed(Effect::Exposure, || scale(camera.gains, &mut bright.planes));
-            light = bright.into();
+            light = changed(light, Effect::Exposure, effects, |planes| scale(camera.gains, planes));
         }
         let need = match noise {
             Some(_) => Requirement::Needed("every pixel is noisy"),
@@ -138,9 +134,7 @@ impl Camera {
         if effects.enable(Effect::Noise, need)
             && let Some(noise) = noise
         {
-            let mut bright = shaded(light, effects);
-            effects.timed(Effect::Noise, || noise.add(width, &mut bright.planes, None));
-            light = bright.into();
+            light = changed(light, Effect::Noise, effects, |planes| noise.add(width, planes, None));
         }
 
         let mut image = self.untouched.clone();
@@ -317,6 +311,18 @@ fn shaded(light: LazyLight<'_>, effects: &mut EffectLog) -> Light {
         LazyLight::Known(light) => light,
         pending => effects.timed(Effect::Shading, || pending.whole()),
     }
+}
+
+/// The light after work on all of it that counts as `effect`'s.
+fn changed<'a>(
+    light: LazyLight<'a>,
+    effect: Effect,
+    effects: &mut EffectLog,
+    work: impl FnOnce(&mut Planes),
+) -> LazyLight<'a> {
+    let mut light = shaded(light, effects);
+    effects.timed(effect, || work(&mut light.planes));
+    light.into()
 }
 
 /// Multiplies each channel by its gain.

@@ -264,7 +264,7 @@ impl Weights {
     }
 
     /// The surface's heights at these places.
-    fn sampled(&self, sampled: &Sampled, heights_mm: Vec<[f32; SAMPLES]>, view: &View) -> Subpixel {
+    fn sampled(self, sampled: &Sampled, heights_mm: Vec<[f32; SAMPLES]>, view: &View) -> Subpixel {
         let mut pixels = Vec::with_capacity(self.pixels.len());
         for y in 0..self.region.height() {
             let numbers = |x: u32| [0, 1, 2].map(|dy| sampled.number(x as usize + 1, y + dy));
@@ -276,7 +276,7 @@ impl Weights {
             pixels.extend(self.row(y).iter().map(in_view));
         }
         let per_fall = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
-        Subpixel { region: self.region, pixels, rows: self.rows.clone(), heights_mm, per_fall }
+        Subpixel { region: self.region, pixels, rows: self.rows, heights_mm, per_fall }
     }
 }
 

@@ -383,8 +383,7 @@ impl Pad {
     /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
     fn guess(&self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
-        let mut overlap = Grid::default();
-        lattice.thin_out(fine, self.mm_per_px, &mut overlap);
+        let overlap = lattice.thin_out(fine, self.mm_per_px);
         let solution = self.solve(&overlap, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {

@@ -13,13 +13,13 @@ impl Lattice {
     /// The overlap at the coarse pixels' centres: a fine pixel's, or what is between those around, of which only what is below
     /// the pad's plane counts; where all are above it, the lowest. How high the object was captured does not matter.
     /// `mm_per_px` is the size of a fine pixel.
-    pub fn thin_out(self, fine: &Grid<f32>, mm_per_px: [f64; 2], coarse: &mut Grid<f32>) {
+    pub fn thin_out(self, fine: &Grid<f32>, mm_per_px: [f64; 2]) -> Grid<f32> {
         let [width, height] = self.size();
         let between = self.at_centre(0, 0).len() == 2 && self.at_centre(0, 1).len() == 2;
         let step_mm = mm_per_px[0].min(mm_per_px[1]) as f32;
         // At a fine pixel's own place nothing is added.
         let per_step = if between { 1.0 / (ROUND * step_mm) } else { f32::INFINITY };
-        self.centres(fine, Rect::whole(width, height), coarse, |inner, outer| {
+        self.centres(fine, Rect::whole(width, height), |inner, outer| {
             let [a, b, c, d] = inner.map(|g| if g > 0.0 { g } else { 0.0 });
             let mean = 0.25 * ((a + b) + (c + d));
             // A mean of four is below a round object's top. Those around them tell by how much, unless the object ends there.
@@ -31,20 +31,20 @@ impl Lattice {
             let (most, other) = (if a > b { a } else { b }, if c > d { c } else { d });
             let most = if most > other { most } else { other };
             if most > 0.0 { mean + higher } else { most }
-        });
+        })
     }
 
     /// What is at the centres of the coarse pixels `part`.
-    pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>) {
-        self.centres(fine, part, coarse, |[a, b, c, d], _| 0.25 * ((a + b) + (c + d)));
+    pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
+        self.centres(fine, part, |[a, b, c, d], _| 0.25 * ((a + b) + (c + d)))
     }
 
     /// A function of the four fine pixels around the centre of each coarse pixel of `part`, the same ones more than once if there
     /// are fewer, and of the four beyond them along the diagonals: of the nearest ones again at the image's border.
-    fn centres(self, fine: &Grid<f32>, part: Rect, coarse: &mut Grid<f32>, of: impl Fn([f32; 4], [f32; 4]) -> f32) {
-        coarse.reshape(part.width(), part.height());
+    fn centres(self, fine: &Grid<f32>, part: Rect, of: impl Fn([f32; 4], [f32; 4]) -> f32) -> Grid<f32> {
+        let mut coarse = Grid::new(part.width(), part.height());
         if coarse.data.is_empty() {
-            return;
+            return coarse;
         }
         for y in 0..part.height() {
             let rows = self.at_centre(part.y0 + y, 1);
@@ -74,6 +74,7 @@ impl Lattice {
                 },
             );
         }
+        coarse
     }
 
     /// Interpolates at the fine pixels `rect`, into `out`. `values` are the coarse pixels `part`; beyond

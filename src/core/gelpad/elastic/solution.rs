@@ -45,9 +45,8 @@ impl Given<'_> {
     ) {
         if let Some(beyond) = self.beyond {
             let [x0, y0] = corner;
-            let mut there = Grid::default();
             let part = Rect { x0, y0, x1: x0 + target.width, y1: y0 + target.height };
-            lattice.thin_out_part(beyond, part, &mut there);
+            let there = lattice.thin_out_part(beyond, part);
             target.data.iter_mut().zip(&there.data).for_each(|(w, given)| *w += factor * given);
         }
         if let Some(drag) = self.drag {

@@ -105,11 +105,10 @@ impl Thinned {
     /// Takes the depth map of a camera with pixels of this size to the grid `lattice`. `own` is the displacement of one of its
     /// pixels under pressure 1 on itself, mm.
     pub fn new(lattice: Lattice, depth: &Depth, mm_per_px: [f64; 2], own: f32) -> Self {
-        let mut thinned = Self { overlap: Grid::default(), cut: Vec::new() };
         if lattice.factor == 1 {
-            return thinned;
+            return Self { overlap: Grid::default(), cut: Vec::new() };
         }
-        lattice.thin_out(&depth.overlap, mm_per_px, &mut thinned.overlap);
+        let mut thinned = Self { overlap: lattice.thin_out(&depth.overlap, mm_per_px), cut: Vec::new() };
         if depth.touching.is_empty() {
             return thinned;
         }
