@@ -4,8 +4,7 @@ use std::ops::Range;
 
 use gelsim::core::base::grid::Grid;
 use gelsim::core::base::view::MOST_PX;
-use gelsim::files::diagnostic::Report;
-use gelsim::files::diagnostic::user_error;
+use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use numpy::ndarray::{ArrayView2, ArrayViewD, Axis, Ix2};
 use numpy::{PyArrayDescrMethods, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::PyTypeError;
@@ -56,11 +55,16 @@ impl<'a> Depth<'a> {
         };
         let shape = array.shape();
         let help = "one depth map has the axes (rows, columns), a batch (maps, rows, columns)";
-        if !matches!(shape, [_, _] | [_, _, _]) {
-            return Err(mistake(format!("depth_mm has {} axes", shape.len()), help));
-        }
         if shape.contains(&0) {
             return Err(mistake(format!("depth_mm is empty: its shape is {shape:?}"), help));
+        }
+        // A depth camera's picture with an axis for its one channel; nobody has maps that are one pixel wide.
+        let shape = match shape {
+            [rest @ .., 1] if matches!(rest, [_, _] | [_, _, _]) && rest[rest.len() - 1] > 1 => rest,
+            shape => shape,
+        };
+        if !matches!(shape, [_, _] | [_, _, _]) {
+            return Err(mistake(format!("depth_mm has {} axes", shape.len()), help));
         }
         let [rows, columns] = [shape[shape.len() - 2], shape[shape.len() - 1]];
         if rows.max(columns) > MOST_PX {
@@ -101,8 +105,8 @@ impl<'a> Depth<'a> {
     /// What is in an array.
     pub fn new(input: &'a Input<'_>) -> Self {
         match input {
-            Input::Single(array) => Self::Single(array.as_array()),
-            Input::Double(array) => Self::Double(array.as_array()),
+            Input::Single(array) => Self::Single(without_channel(array.as_array())),
+            Input::Double(array) => Self::Double(without_channel(array.as_array())),
         }
     }
 
@@ -170,7 +174,7 @@ impl<'a> Depth<'a> {
     }
 
     /// What is odd about what was seen of all maps, though it may be. On failure, all kinds of what cannot be right.
-    pub fn judge(&self, wrong: &Seen, thickness_mm: f64) -> Result<Vec<String>, Report> {
+    pub fn judge(&self, wrong: &Seen, thickness_mm: f64) -> Result<Report, Report> {
         let mut report: Option<Report> = None;
         let mut add = |message: String, help: &str| {
             let found = user_error(message, help);
@@ -198,13 +202,29 @@ impl<'a> Depth<'a> {
         }
         // Words without the depth itself: whoever renders frame after frame is warned once.
         let shallow = wrong.deepest_mm > 0.0 && wrong.deepest_mm < thickness_mm * 1e-3;
-        let note = || {
-            format!(
-                "depth_mm is nowhere a thousandth of the pad's {thickness_mm} mm, which no camera shows: if it is in \
-                 metres, give depth_mm * 1000"
-            )
-        };
-        report.map_or_else(|| Ok(shallow.then(note).into_iter().collect()), Err)
+        let deep = wrong.deepest_mm > thickness_mm * 50.0;
+        let mut notes = Diagnostics::default();
+        if shallow {
+            let message =
+                format!("depth_mm is nowhere a thousandth of the pad's {thickness_mm} mm, which no camera shows");
+            notes.push(Diagnostic::warning(message).help("if it is in metres, give depth_mm * 1000"));
+        }
+        if deep {
+            let message = format!("depth_mm goes fifty times as deep as the pad is thick, {thickness_mm} mm");
+            notes.push(Diagnostic::warning(message).help("if it is in micrometres, give depth_mm / 1000"));
+        }
+        report.map_or_else(|| Ok(Report::new(&notes, &[])), Err)
+    }
+}
+
+/// The same without an axis for one channel, see [`Depth::array`].
+fn without_channel<T>(view: ArrayViewD<'_, T>) -> ArrayViewD<'_, T> {
+    match *view.shape() {
+        [.., columns, 1] if view.ndim() > 2 && columns > 1 => {
+            let last = Axis(view.ndim() - 1);
+            view.index_axis_move(last, 0)
+        }
+        _ => view,
     }
 }
 

@@ -4,8 +4,8 @@ use std::any::Any;
 
 use gelsim::core::fidelity::Fidelity;
 use gelsim::dataset::generate;
-use gelsim::files::diagnostic::Report;
 use gelsim::files::diagnostic::user_error;
+use gelsim::files::diagnostic::{Display, Report};
 use gelsim::files::spelling::nearest;
 use gelsim::files::spelling::one_of;
 use pyo3::create_exception;
@@ -32,7 +32,7 @@ create_exception!(
 
 /// What the command would print of mistakes.
 pub fn usage(report: &Report) -> PyErr {
-    UsageError::new_err(report.render(false))
+    UsageError::new_err(report.render(Display::PLAIN))
 }
 
 /// One mistake in what a function was given, and the way out.
@@ -68,10 +68,13 @@ pub fn running(message: impl Into<String>) -> PyErr {
     RunError::new_err(message.into())
 }
 
-/// What is no mistake, but should be known.
-pub fn warn(py: Python<'_>, notes: &[String]) -> PyResult<()> {
+/// What is no mistake, but should be known, as Python's warnings.
+pub fn warn(py: Python<'_>, notes: &Report) -> PyResult<()> {
+    if notes.is_empty() {
+        return Ok(());
+    }
     let warn = py.import("warnings")?.getattr("warn")?;
-    notes.iter().try_for_each(|note| warn.call1((note,)).map(drop))
+    notes.texts().into_iter().try_for_each(|note| warn.call1((note,)).map(drop))
 }
 
 /// A panic while something was rendered: a bug, but no reason to end Python.

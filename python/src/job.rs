@@ -5,14 +5,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use gelsim::dataset::encode::json;
-use gelsim::files::diagnostic::Report;
+use gelsim::files::diagnostic::{Diagnostic, Report};
 use gelsim::job::config::Overrides;
 use gelsim::job::gripper::{self, FINGERS};
 use gelsim::job::label::key;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
+use gelsim::job::probe::foresee;
 use gelsim::job::sample::{Accepted, Sample, Unfit, accept};
-use gelsim::job::scene::crowded;
 use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
 use pyo3::exceptions::PyIndexError;
@@ -176,7 +176,7 @@ impl Job {
 fn settled(mut plan: Plan) -> Result<Plan, Report> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     let chosen = choose(&plan, bound)?;
-    plan.notes.push(chosen.to_string());
+    plan.notes = plan.notes.and(Diagnostic::note(chosen.to_string()).into());
     Ok(plan.with_fidelity(chosen.level))
 }
 
@@ -207,8 +207,8 @@ impl Job {
             &texts("set", set)?,
         );
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
-        let notes: Vec<String> = job.plan.notes.iter().cloned().chain(crowded(&job.plan)).collect();
-        warn(py, &notes)?;
+        let foreseen = py.detach(|| foresee(&job.plan));
+        warn(py, &foreseen.notes)?;
         Ok(job)
     }
 

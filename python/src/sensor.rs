@@ -94,7 +94,7 @@ impl Sensor {
         let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?.sensor;
         let sensor = Self { source, set, threads, itself, simulators: Mutex::default() };
         let resolution_px = sensor.itself.resolution_px;
-        let ready = sensor.ready(py, Choice { resolution_px, fidelity: None, frames: None })?;
+        let (ready, _) = sensor.ready(py, Choice { resolution_px, fidelity: None, frames: None })?;
         Ok((sensor, ready.plan))
     }
 
@@ -104,8 +104,9 @@ impl Sensor {
         Ok(sensor)
     }
 
-    /// A plan over the simulator of a choice, which is made where it is not one of those that were used last.
-    fn ready(&self, py: Python<'_>, choice: Choice) -> PyResult<Ready> {
+    /// A plan over the simulator of a choice, which is made where it is not one of those that were used last; true with it if it
+    /// was made.
+    fn ready(&self, py: Python<'_>, choice: Choice) -> PyResult<(Ready, bool)> {
         let simulators = || self.simulators.lock().unwrap_or_else(PoisonError::into_inner);
         {
             let mut simulators = simulators();
@@ -113,7 +114,7 @@ impl Sensor {
                 let used = simulators.remove(place);
                 let ready = used.1.clone();
                 simulators.push(used);
-                return Ok(ready);
+                return Ok((ready, false));
             }
         }
         let overrides = Overrides::of_flags(None, None, choice.fidelity, false, &self.set);
@@ -161,7 +162,7 @@ impl Sensor {
             simulators.remove(0);
         }
         simulators.push((choice, ready.clone()));
-        Ok(ready)
+        Ok((ready, true))
     }
 
     /// What took the frames of a sensor whose gel has a shape; none if it is flat.
@@ -301,7 +302,10 @@ impl Sensor {
             _ => size_px,
         };
         let choice = Choice { resolution_px, fidelity, frames: rays.map(|rays| (size_px, rays)) };
-        let mut ready = self.ready(py, choice)?;
+        let (mut ready, is_new) = self.ready(py, choice)?;
+        if is_new {
+            warn(py, &ready.plan.notes)?;
+        }
         ready.plan = ready.plan.with_samples(seed, &layers).map_err(|report| usage(&report))?;
         let (plan, inside) = (&ready.plan, ready.reader.as_deref());
         let one = |number: usize| {

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 
-use super::log::{Log, say};
+use super::guesses::whole;
+use super::log::Log;
 use super::long_run::long_run;
 use super::store::folder_only;
+use super::terminal::say;
 use super::{Failure, checked_threads};
 use crate::lab::augment::trace::Source;
 use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report};
@@ -18,31 +20,32 @@ use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report
 #[command(after_help = "\
 Example:
   gelsim augment configs/augment.toml
-  gelsim augment augment.toml --out larger --seed 8 --set mixing.synthetic_per_real=2.0
+  gelsim augment augment.toml --out larger --seed 8
+  gelsim augment augment.toml --set mixing.synthetic_per_real=2.0
 
-The input is a folder of images with a CSV or JSON Lines table, WebDataset tars, or a Hugging Face imagefolder. It is not
+The input is a folder of images with a CSV or JSON Lines table, WebDataset tars, or a Hugging Face imagefolder. It is not \
 changed. The output appears under its name when it is whole; nothing is left of a run that is stopped.")]
 pub struct Augment {
     /// What to do
     #[arg(value_name = "AUGMENT.toml")]
     file: PathBuf,
     /// Folder of the output [default: the file's output.path, else out/NAME after the file]
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Seed of all randomness
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = whole::<u64>)]
     seed: Option<u64>,
     /// Any key of the file: dotted.path=TOML-VALUE; paths in it are relative to the current folder
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "T")]
+    #[arg(short = 'j', long, value_name = "T", value_parser = whole::<usize>)]
     threads: Option<usize>,
     /// Replace an output that is in the folder
     #[arg(long)]
     overwrite: bool,
     /// Print nothing but errors
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -75,7 +78,7 @@ impl Augment {
                 let left = format!("the new output is in {}; the next run removes the old one", root.display());
                 Err(Failure::denied(&format!("the old output stays in {}: {error}", path.display()), &error, &left))
             }
-            Err(AugmentError::Sample(message)) => Err(Failure::running(format!("{message}\n  nothing was written"))),
+            Err(AugmentError::Sample(message)) => Err(Failure::running_with(message, "nothing was written")),
             Err(AugmentError::Interrupted) => Err(Failure::stopped("stopped; nothing was written", signal)),
         }
     }

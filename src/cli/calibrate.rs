@@ -9,6 +9,7 @@ use clap::Args;
 use image::RgbImage;
 
 use self::summary::{HEAD, camera_summary, leds_summary, lines, row, summary};
+use super::guesses::whole;
 use super::{Failure, checked_threads, no_threads, print, say};
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::calibrated::{Colors, Table};
@@ -34,15 +35,15 @@ use crate::lab::compare::score::Score;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  gelsim calibrate presses.csv --background untouched.png --out my-sensor.toml
-  gelsim calibrate --leds three.csv --background untouched.png --out my-sensor.toml
-  gelsim calibrate --evaluate others.csv --sensor my-sensor.toml --out simulated
-  gelsim calibrate --taxim taxim/calib/gelsight --out my-sensor.toml
-  gelsim calibrate --gelsight gssim/devices/series2_2EF6_4JNW.yaml --out my-sensor.toml
+  gelsim calibrate presses.csv --background untouched.png --out mine.toml
+  gelsim calibrate --leds three.csv --background untouched.png --out mine.toml
+  gelsim calibrate --evaluate others.csv --sensor mine.toml --out simulated
+  gelsim calibrate --taxim taxim/calib/gelsight --out mine.toml
+  gelsim calibrate --gelsight devices/series2_2EF6_4JNW.yaml --out mine.toml
 
-PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible
-disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside my-sensor.toml come my-sensor.calibration.json,
-my-sensor.background.png and my-sensor.html, a page of plots and pictures. In a job: [sensor] file = \"my-sensor.toml\".")]
+PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible \
+disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside mine.toml come mine.calibration.json, \
+mine.background.png and mine.html, a page of plots and pictures. In a job: [sensor] file = \"mine.toml\".")]
 pub struct Calibrate {
     /// The table of presses to learn from
     #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim", "gelsight"])]
@@ -64,7 +65,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "PRESET|SENSOR.toml")]
     sensor: Option<String>,
     /// The sensor file to write; with --evaluate the folder for the pictures
-    #[arg(long, value_name = "SENSOR.toml|DIR")]
+    #[arg(short, long, value_name = "SENSOR.toml|DIR")]
     out: PathBuf,
     /// Fit the LEDs alone, for the optics models phong and led: three presses are enough
     #[arg(long, conflicts_with_all = ["evaluate", "taxim", "gelsight", "drop_bad", "steps"])]
@@ -86,11 +87,11 @@ pub struct Calibrate {
     #[arg(long, value_name = "FRACTION", value_parser = fraction)]
     contact_over_disc: Option<f64>,
     /// Steps of training; fewer are quicker and less exact [default: 1500]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", value_parser = steps)]
     #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     steps: Option<u32>,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "T")]
+    #[arg(short = 'j', long, value_name = "T", value_parser = whole::<usize>)]
     threads: Option<usize>,
     /// Fidelity level for --evaluate
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level(), default_value = "standard", requires = "evaluate")]
@@ -110,6 +111,13 @@ fn above_zero(text: &str) -> Result<f64, String> {
         Ok(value) if (1e-2..=1e3).contains(&value) => Ok(value),
         _ => Err(String::from("write a number from 0.01 to 1000")),
     }
+}
+
+fn steps(text: &str) -> Result<u32, String> {
+    whole(text).and_then(|steps| match (1..=1_000_000).contains(&steps) {
+        true => Ok(steps),
+        false => Err(String::from("write a whole number from 1 to 1000000")),
+    })
 }
 
 /// What a table of measured light may hold.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::terminal::columns;
 use super::{Failure, print, say};
 use crate::files::diagnostic::user_error;
 use crate::files::png;
@@ -20,11 +21,11 @@ Example:
   gelsim compare real/gelsight_taxim simulated/gelsight_taxim --out comparison
   gelsim compare real out/quickstart
 
-REAL and SIM are folders of a sensor, with annotations.csv (columns file, centre_x_px, centre_y_px, radius_px) or with
+REAL and SIM are folders of a sensor, with annotations.csv (columns file, centre_x_px, centre_y_px, radius_px) or with \
 8-bit PNG files in it or in images/; folders of such folders, one per sensor; or datasets.
 
-Sensors are told by their folders' names, unless there is one on each side. Within a sensor, images pair by their paths
-relative to its folder, then by their names without folders. Images of datasets never pair: where no image does, only
+Sensors are told by their folders' names, unless there is one on each side. Within a sensor, images pair by their paths \
+relative to its folder, then by their names without folders. Images of datasets never pair: where no image does, only \
 the sets are compared.")]
 pub struct Compare {
     /// Real images
@@ -34,7 +35,7 @@ pub struct Compare {
     #[arg(value_name = "SIM")]
     sim: PathBuf,
     /// Folder for compare.csv, compare.json and compare.png
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// What counts as the contact: the annotated circle with its radius times this
     #[arg(long, value_name = "FACTOR", default_value_t = 1.3, value_parser = factor)]
@@ -86,7 +87,7 @@ impl Compare {
                 },
             }
         }
-        print(&report::table(&comparison, self.per_image))?;
+        print(&report::table(&comparison, self.per_image, columns()))?;
         if let Some(folder) = &self.out {
             say(&format!("-> {}", folder.display()));
         }

@@ -3,8 +3,9 @@
 use std::io;
 use std::path::Path;
 
+use super::terminal::fold;
 use crate::dataset::refused::Refused;
-use crate::files::diagnostic::Report;
+use crate::files::diagnostic::{Diagnostic, Display, Report};
 use crate::files::spelling::visible;
 use crate::files::store::{self, StoreError};
 
@@ -27,7 +28,12 @@ enum Message {
 impl Failure {
     /// Something failed while running.
     pub(super) fn running(message: impl Into<String>) -> Self {
-        Self { message: Message::Text(format!("error: {}", message.into())), status: 1 }
+        Self { message: Message::Report(Report::message(message)), status: 1 }
+    }
+
+    /// The same, and what to do about it or what is left.
+    pub(super) fn running_with(message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self { message: Message::Report(Diagnostic::new(message).help(help).into()), status: 1 }
     }
 
     /// A file could not be read or written.
@@ -37,7 +43,7 @@ impl Failure {
 
     /// The system denied something: what, what to do about it where the error tells, and what is left.
     pub(super) fn denied(what: &str, error: &io::Error, left: &str) -> Self {
-        Self::running(format!("{what}\n  {}{left}", way_out(error)))
+        Self::running_with(what, format!("{}{left}", way_out(error)))
     }
 
     /// A signal stopped the work.
@@ -50,12 +56,12 @@ impl Failure {
         Self { message: Message::Reported, status }
     }
 
-    /// What is to be said, with colours if `styled`; none if all has been said.
-    pub fn text(&self, styled: bool) -> Option<String> {
+    /// What is to be said; none if all has been said.
+    pub fn text(&self, display: Display) -> Option<String> {
         match &self.message {
             Message::Reported => None,
-            Message::Text(text) => Some(visible(text).into_owned()),
-            Message::Report(report) => Some(report.render(styled)),
+            Message::Text(text) => Some(fold(&visible(text), display.columns).into_owned()),
+            Message::Report(report) => Some(report.render(display)),
         }
     }
 }
@@ -67,7 +73,7 @@ impl From<Refused> for Failure {
             Refused::Io(path, error) => {
                 match store::said(&error).map_or("", StoreError::way_out).trim_end_matches("; ") {
                     "" => Self::from_path(&path, &error),
-                    way_out => Self::running(format!("{}: {error}\n  {way_out}", path.display())),
+                    way_out => Self::running_with(format!("{}: {error}", path.display()), way_out),
                 }
             }
         }

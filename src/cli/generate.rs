@@ -6,17 +6,19 @@ use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::log::{Format, Log, say};
+use super::log::{Format, Log};
 use super::long_run::long_run;
 use super::store::{address, staging};
-use super::{Extent, Failure, JobOverrides, noted, settled};
+use super::terminal::say;
+use super::{Extent, Failure, JobOverrides, settled};
 use crate::dataset::folder::recorded_rung;
 use crate::dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
 use crate::dataset::verify::{Cure, Finding};
-use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Diagnostic, user_error};
 use crate::files::store::{Address, open};
 use crate::job::label::key;
 use crate::job::plan::Plan;
+use crate::job::probe::foresee;
 
 /// Generate the dataset that a job describes. The same command goes on where a stopped run left off.
 #[derive(Debug, Args)]
@@ -25,7 +27,8 @@ Example:
   gelsim generate configs/quickstart.toml --samples 50 --out /tmp/quick
   gelsim generate job.toml --partition 0/8 --threads 4 --log-format json
   gelsim generate job.toml --out s3://bucket/presses
-  gelsim generate job.toml --set 'indentation.depth_mm=[0.3, 0.9]' --set 'sensor.preset=\"digit\"'")]
+  gelsim generate job.toml --set 'indentation.depth_mm=[0.3, 0.9]'
+  gelsim generate job.toml --set 'sensor.preset=\"digit\"'")]
 pub struct Generate {
     /// The job
     #[arg(value_name = "JOB.toml")]
@@ -41,7 +44,7 @@ pub struct Generate {
     #[arg(long, value_name = "DIR")]
     staging: Option<PathBuf>,
     /// Print nothing but errors
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
     /// Form of the messages on standard error; json: one object a line
     #[arg(long, value_name = "FORMAT", value_enum, default_value_t)]
@@ -57,7 +60,8 @@ impl Generate {
     fn generate(self, log: Log) -> Result<(), Failure> {
         let threads = self.extent.threads()?;
         let plan = Plan::load(&self.job, &self.overrides.overrides())?;
-        self.overrides.note(&noted(&plan), log)?;
+        let foreseen = foresee(&plan);
+        self.overrides.note(&foreseen.notes, log)?;
         let shards = self.extent.shards(plan.layout.shard_count())?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
@@ -94,7 +98,13 @@ impl Generate {
                 let root = root.display().to_string();
                 match log.format {
                     Format::Json => log.event("done", figures(&done, &root)),
-                    Format::Text if !self.quiet => say(&summary(&done, plan.job().indentation.no_contact, &root)),
+                    Format::Text if !self.quiet => {
+                        // What was said before the run is not said again.
+                        let misses =
+                            if foreseen.misses { None } else { misses(&done, plan.job().indentation.no_contact) };
+                        say(&summary(&done, &root));
+                        misses.into_iter().chain(light(&done)).for_each(|note| log.notes(&note.into()));
+                    }
                     Format::Text => {}
                 }
                 Ok(())
@@ -104,7 +114,7 @@ impl Generate {
     }
 }
 
-fn summary(done: &Done, no_contact: f64, root: &str) -> String {
+fn summary(done: &Done, root: &str) -> String {
     let mut text = format!(
         "{} samples in {} shard{}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
         HumanCount(done.samples),
@@ -139,29 +149,31 @@ fn summary(done: &Done, no_contact: f64, root: &str) -> String {
     for (count, what, of) in counts.iter().filter(|(count, ..)| *count > 0) {
         text += &format!("\n{what}: {} {of}", HumanCount(*count));
     }
-    if let Some(note) = misses(done, no_contact) {
-        text += &format!("\n{note}");
-    }
-    if let Some(note) = done.light.note() {
-        text += &format!("\n{note}; see numerics.light_outside_range in the labels");
-    }
     text
 }
 
 /// What to say where more than a fifth of the samples touch nothing beyond the share of those that are meant to, and
 /// beyond twice the spread of their number.
-fn misses(done: &Done, no_contact: f64) -> Option<String> {
+fn misses(done: &Done, no_contact: f64) -> Option<Diagnostic> {
     let samples = done.samples as f64;
     let (meant, spread) = (no_contact * samples, (no_contact * (1.0 - no_contact) * samples).sqrt());
     let missed = done.samples - done.in_contact;
     (missed as f64 > meant + 0.2 * samples + 2.0 * spread).then(|| {
-        format!(
-            "note: {} of {} samples touch nothing, where indentation.no_contact = {no_contact} means {}: look at the places \
-             in [pose] and the unit of the meshes (gelsim inspect)",
+        let message = format!(
+            "{} of {} samples touch nothing, where indentation.no_contact = {no_contact} means {}",
             HumanCount(missed),
             HumanCount(done.samples),
             HumanCount(meant.round() as u64),
-        )
+        );
+        Diagnostic::warning(message).help("gelsim plan says what brings them into contact, if anything does")
+    })
+}
+
+/// What to say where light was asked for that nobody measured.
+fn light(done: &Done) -> Option<Diagnostic> {
+    done.light.note().map(|note| {
+        Diagnostic::note(note)
+            .help("leave such samples out by numerics.light_outside_range in their labels, or press less deep")
     })
 }
 
@@ -198,28 +210,23 @@ fn failure(stopped: GenerateError, seed: u64, signal: usize) -> Failure {
             let left = "what is finished stays; the same command goes on from there";
             Failure::denied(&format!("{}: {error}", path.display()), &error, left)
         }
-        GenerateError::Held(holders) => Failure::running(format!(
-            "{}\n  all other shards are done; the same command checks again",
-            holders.join("\n  ")
-        )),
+        GenerateError::Held(holders) => {
+            Failure::running_with(holders.join("\n"), "all other shards are done; the same command checks again")
+        }
         GenerateError::Wanting(findings) => {
             let strays = findings.iter().filter(|finding| matches!(finding.cure, Cure::Remove(_)));
             let named: Vec<String> = strays.map(Finding::to_string).collect();
-            Failure::running(format!(
-                "{}\n  all shards are done, but readers would take this for data; remove it, the same command then ends \
-                 the dataset",
-                named.join("\n  ")
-            ))
+            let help = "all shards are done, but readers would take this for data; remove it, the same command then ends the dataset";
+            Failure::running_with(named.join("\n"), help)
         }
-        GenerateError::Unhealthy(unfit) => Failure::running(format!(
-            "{unfit}\n  finished shards stay; output.on_unhealthy = \"keep\" takes such samples into the dataset, \
-             \"reject\" draws them again"
-        )),
-        GenerateError::Panicked(index, message) => Failure::running(format!(
-            "sample {} (seed {seed}) brought gelsim down, which is a bug: {message}\n  finished shards stay; please \
-             report it with the job",
-            key(index),
-        )),
+        GenerateError::Unhealthy(unfit) => Failure::running_with(
+            unfit.to_string(),
+            "finished shards stay; output.on_unhealthy = \"keep\" takes such samples into the dataset, \"reject\" draws them again",
+        ),
+        GenerateError::Panicked(index, message) => Failure::running_with(
+            format!("sample {} (seed {seed}) brought gelsim down, which is a bug: {message}", key(index)),
+            "finished shards stay; please report it with the job",
+        ),
         GenerateError::Interrupted => {
             Failure::stopped("stopped; finished shards stay, the same command goes on from there", signal)
         }

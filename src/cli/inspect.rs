@@ -5,15 +5,18 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
-use super::{Failure, print};
+use super::progress::bar::Bar;
+use super::terminal::columns;
+use super::{Failure, print, terminal};
 use crate::dataset::encode::json;
+use crate::files::diagnostic::Severity;
 use crate::files::diagnostic::user_error;
 use crate::files::figures::counted;
 use crate::files::mesh::ENDINGS;
 use crate::files::sensor::PRESETS;
 use crate::job::config::object::Unit;
-use crate::lab::inspect::findings::Severity;
-use crate::lab::inspect::{InspectReport, Inspection, Look, SensorPad, inspect, inspect_set, set, text};
+use crate::job::inspection::SensorPad;
+use crate::lab::inspect::{InspectReport, Inspection, inspect, inspect_set, set, text};
 
 /// Say what meshes are like and what a sensor would see of them: size and likely unit, holes and other flaws, each of
 /// the six sides against view and pad. Ends with status 1 if a mesh has an error.
@@ -65,27 +68,39 @@ impl Inspect {
         if !self.json {
             print(&text::heading(&pad))?;
         }
-        let meshes = if is_set { inspect_set(&paths, self.unit, &pad) } else { self.one_by_one(&paths, &pad)? };
+        let meshes = if is_set { self.together(&paths, &pad) } else { self.one_by_one(&paths, &pad)? };
         let verdict = self.verdict(&meshes);
         if self.json {
             let text = json(&InspectReport { pad, meshes });
             print(&(String::from_utf8_lossy(&text) + "\n"))?;
         } else if is_set {
-            let view = pad.field_of_view_mm;
-            print(&(set::table(&meshes, view) + "\n" + &text::summary(&meshes) + &set::totals(&meshes, view)))?;
+            print(&(set::table(&meshes, &pad) + "\n" + &text::summary(&meshes) + &set::totals(&meshes, &pad)))?;
+            let found = set::findings(&meshes);
+            if !found.is_empty() {
+                print(&format!("\n{}\n", found.render(terminal::output())))?;
+            }
         } else if meshes.len() > 1 {
             print(&text::summary(&meshes))?;
         }
         verdict
     }
 
+    /// Looks at all of them while a bar shows how far it is.
+    fn together(&self, paths: &[PathBuf], pad: &SensorPad) -> Vec<Inspection> {
+        let bar = Bar::new(true, "meshes");
+        bar.start(paths.len() as u64);
+        let found = inspect_set(paths, self.unit, pad, || bar.advance());
+        bar.end();
+        found
+    }
+
     /// Prints what there is to say of each before the next is looked at.
     fn one_by_one(&self, paths: &[PathBuf], pad: &SensorPad) -> Result<Vec<Inspection>, Failure> {
         let mut meshes = Vec::with_capacity(paths.len());
         for path in paths {
-            let inspection = inspect(path, self.unit, pad, Look::Close);
+            let inspection = inspect(path, self.unit, pad);
             if !self.json {
-                print(&text::block(&inspection, pad))?;
+                print(&text::block(&inspection, pad, columns()))?;
             }
             meshes.push(inspection);
         }
@@ -94,8 +109,8 @@ impl Inspect {
 
     fn verdict(&self, meshes: &[Inspection]) -> Result<(), Failure> {
         let (bearable, what) = match self.strict {
-            true => (Severity::Note, "errors or warnings"),
-            false => (Severity::Warning, "errors"),
+            true => (Some(Severity::Note), "errors or warnings"),
+            false => (Some(Severity::Warning), "errors"),
         };
         let bad = meshes.iter().filter(|mesh| mesh.severity > bearable).count();
         match bad {

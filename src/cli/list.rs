@@ -1,6 +1,7 @@
 //! `gelsim list`
 
 use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
 
 use super::{Failure, print};
 use crate::core::base::gel::{GelCapsule, GelDome};
@@ -9,6 +10,7 @@ use crate::core::fidelity::Fidelity;
 use crate::core::optics::LightSource;
 use crate::files::sensor::shape::SensorShape;
 use crate::files::sensor::{PRESETS, Sensor};
+use crate::job::layers::OutputLayer;
 
 /// The meshes in the project's `objects` folder.
 pub const OBJECTS: [&str; 29] = [
@@ -45,10 +47,16 @@ pub const OBJECTS: [&str; 29] = [
 
 /// List what can be chosen.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  gelsim list sensors")]
+#[command(after_help = "\
+Example:
+  gelsim list sensors
+  gelsim list levels --json")]
 pub struct List {
     /// What to list
     what: What,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -56,61 +64,120 @@ enum What {
     /// Sensor presets with their main values
     Sensors,
     /// Fidelity levels and what they choose
-    #[value(name = "rungs")]
+    #[value(alias = "rungs")]
     Levels,
-    /// Effects and what calls for them
+    /// Effects and what enables them
     Effects,
+    /// Layers that a sample may have beside its tactile image
+    Layers,
     /// Meshes in the project's `objects` folder
     Objects,
 }
 
+/// What is listed: a line of text, and the same for programs.
+type Row = (String, Value);
+
 impl List {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let lines: Vec<String> = match self.what {
-            What::Sensors => {
-                let line = |(name, text)| {
-                    let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
-                    let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
-                    let size = match &sensor.shape {
-                        None => format!("{x} x {y} mm"),
-                        Some(SensorShape::Dome(GelDome { radius_mm })) => format!("dome of radius {radius_mm} mm"),
-                        Some(SensorShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
-                            format!("finger of radius {radius_mm} mm, {length_mm} mm long")
-                        }
-                        Some(SensorShape::Mesh(mesh)) => format!("shaped as {}", mesh.path),
-                    };
-                    let lights = match (&sensor.pins, sensor.lamp.len()) {
-                        (Some(pins), _) => format!("{} pins", pins.pins().at_mm.len()),
-                        (None, 0) => format!("{} LEDs", sensor.led.len()),
-                        (None, lamps) => format!("{lamps} lamps"),
-                    };
-                    Ok(format!(
-                        "{name:<16} {w}x{h} px, {size}, gelpad {} mm {} kPa nu {}, {lights}",
-                        sensor.gelpad_thickness_mm, sensor.gelpad_youngs_modulus_kpa, sensor.gelpad_poisson_ratio,
-                    ))
-                };
-                PRESETS.into_iter().map(line).collect::<Result<_, Failure>>()?
-            }
-            What::Levels => {
-                let line = |level: Fidelity| {
-                    let (choices, measured) = (level.models(LightSource::Leds), level.models(LightSource::Calibration));
-                    let failed = |error: serde_json::Error| Failure::running(error.to_string());
-                    let gelpad = serde_json::to_string(&choices.gelpad).map_err(failed)?;
-                    let optics = serde_json::to_string(&choices.optics).map_err(failed)?;
-                    let measured = serde_json::to_string(&measured.optics).map_err(failed)?;
-                    Ok(format!(
-                        "{:<10} gelpad {gelpad}\n{:<10} optics {optics}, {measured} where measured",
-                        level.name(),
-                        ""
-                    ))
-                };
-                Fidelity::ALL.into_iter().map(line).collect::<Result<_, Failure>>()?
-            }
-            What::Effects => {
-                Effect::ALL.into_iter().map(|effect| format!("{:<13} {}", effect.name(), effect.summary())).collect()
-            }
-            What::Objects => OBJECTS.iter().map(|name| format!("objects/{name}.obj")).collect(),
+        let rows = match self.what {
+            What::Sensors => PRESETS.into_iter().map(sensor).collect::<Result<Vec<Row>, Failure>>()?,
+            What::Levels => Fidelity::ALL.into_iter().map(level).collect::<Result<Vec<Row>, Failure>>()?,
+            What::Effects => Effect::ALL.into_iter().map(|effect| row(13, effect.name(), effect.summary())).collect(),
+            What::Layers => OutputLayer::ALL.into_iter().map(layer).collect(),
+            What::Objects => OBJECTS
+                .iter()
+                .map(|name| format!("objects/{name}.obj"))
+                .map(|path| (path.clone(), json!({ "path": path })))
+                .collect(),
         };
-        print(&(lines.join("\n") + "\n"))
+        let (lines, values): (Vec<String>, Vec<Value>) = rows.into_iter().unzip();
+        match self.json {
+            true => print(&format!("{:#}\n", Value::Array(values))),
+            false => print(&(lines.join("\n") + "\n")),
+        }
     }
+}
+
+fn row(width: usize, name: &str, summary: &str) -> Row {
+    (format!("{name:<width$}  {summary}"), json!({ "name": name, "summary": summary }))
+}
+
+fn sensor((name, text): (&str, &str)) -> Result<Row, Failure> {
+    let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
+    let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
+    let size = match &sensor.shape {
+        None => format!("{x} x {y} mm"),
+        Some(SensorShape::Dome(GelDome { radius_mm })) => format!("dome of radius {radius_mm} mm"),
+        Some(SensorShape::Capsule(GelCapsule { radius_mm, length_mm })) => {
+            format!("finger of radius {radius_mm} mm, {length_mm} mm long")
+        }
+        Some(SensorShape::Mesh(mesh)) => format!("shaped as {}", mesh.path),
+    };
+    let lights = match (&sensor.pins, sensor.lamp.len()) {
+        (Some(pins), _) => format!("{} pins", pins.pins().at_mm.len()),
+        (None, 0) => format!("{} LEDs", sensor.led.len()),
+        (None, lamps) => format!("{lamps} lamps"),
+    };
+    let line = format!(
+        "{name:<16}  {w}x{h} px, {size}, gelpad {} mm {} kPa nu {}, {lights}",
+        sensor.gelpad_thickness_mm, sensor.gelpad_youngs_modulus_kpa, sensor.gelpad_poisson_ratio,
+    );
+    let value = json!({
+        "name": name,
+        "resolution_px": [w, h],
+        "field_of_view_mm": sensor.shape.is_none().then_some([x, y]),
+        "shape": sensor.shape.is_some().then_some(&size),
+        "gelpad_thickness_mm": sensor.gelpad_thickness_mm,
+        "gelpad_youngs_modulus_kpa": sensor.gelpad_youngs_modulus_kpa,
+        "gelpad_poisson_ratio": sensor.gelpad_poisson_ratio,
+        "lights": lights,
+    });
+    Ok((line, value))
+}
+
+fn level(level: Fidelity) -> Result<Row, Failure> {
+    let failed = |error: serde_json::Error| Failure::running(error.to_string());
+    let (led, calibrated) = (level.models(LightSource::Leds), level.models(LightSource::Calibration));
+    let gelpad = serde_json::to_value(&led.gelpad).map_err(failed)?;
+    let optics = serde_json::to_value(&led.optics).map_err(failed)?;
+    let measured = serde_json::to_value(&calibrated.optics).map_err(failed)?;
+    let name = level.name();
+    let line = format!(
+        "{name:<9}  {}\n{:<9}  gelpad: {}\n{:<9}  optics: {}; where light was measured, {}",
+        level.summary(),
+        "",
+        spoken(&gelpad),
+        "",
+        spoken(&optics),
+        spoken(&measured),
+    );
+    let value = json!({ "name": name, "summary": level.summary(), "gelpad": gelpad, "optics": optics, "optics_where_measured": measured });
+    Ok((line, value))
+}
+
+/// A model and its parameters in words: `elastic, resolution half, tolerance_um 1`.
+fn spoken(value: &Value) -> String {
+    match value {
+        Value::Object(fields) => {
+            let fields = fields.iter().filter(|(_, value)| !value.is_null());
+            let words = fields.map(|(name, value)| match value {
+                Value::Object(inner) if inner.is_empty() => name.clone(),
+                Value::Object(inner) if inner.len() > 1 => format!("{name} ({})", spoken(value)),
+                value => format!("{name} {}", spoken(value)),
+            });
+            words.collect::<Vec<_>>().join(", ")
+        }
+        Value::Array(items) => items.iter().map(spoken).collect::<Vec<_>>().join(" "),
+        Value::String(text) => text.clone(),
+        value => value.to_string(),
+    }
+}
+
+fn layer(layer: OutputLayer) -> Row {
+    let (unit, meaning) = (layer.spec().unit, layer.spec().meaning);
+    let line = match unit {
+        Some(unit) => format!("{:<10}  {meaning}, {unit}", layer.name()),
+        None => format!("{:<10}  {meaning}", layer.name()),
+    };
+    (line, json!({ "name": layer.name(), "unit": unit, "meaning": meaning }))
 }

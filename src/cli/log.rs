@@ -1,13 +1,12 @@
 //! How a command says on standard error what it does: in words for people, as one JSON object a line for pipelines, or
 //! not at all. Errors are always said.
 
-use std::io::Write;
-
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::Failure;
-use crate::files::spelling::visible;
+use super::terminal::{self, say, say_shown};
+use crate::files::diagnostic::{Diagnostic, Display, Report};
 
 /// Form of the messages on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -15,7 +14,7 @@ pub(super) enum Format {
     /// Words, and a progress bar on a terminal.
     #[default]
     Text,
-    /// One JSON object a line: note, start, progress, done, error.
+    /// One JSON object a line: note, warning, start, progress, done, error.
     Json,
 }
 
@@ -36,16 +35,23 @@ impl Log {
 
     /// Something the user should know that is no mistake.
     pub fn note(self, message: &str) {
-        match self.format {
-            _ if self.quiet => {}
-            Format::Text => say(&format!("note: {message}")),
-            Format::Json => self.event("note", json!({ "message": message })),
-        }
+        self.notes(&Diagnostic::note(message).into());
     }
 
-    /// The same of several.
-    pub fn notes(self, messages: &[String]) {
-        messages.iter().for_each(|message| self.note(message));
+    /// What the user should know that is no mistake.
+    pub fn notes(self, notes: &Report) {
+        if self.quiet {
+            return;
+        }
+        match self.format {
+            Format::Text => notes.paragraphs(terminal::errors()).for_each(|paragraph| say_shown(&paragraph)),
+            Format::Json => {
+                for note in notes.problems() {
+                    let fields = json!({ "message": note.text(), "help": note.help, "place": notes.place(note) });
+                    self.event(note.severity.name(), fields);
+                }
+            }
+        }
     }
 
     /// Something that happened, for pipelines: `fields` are an object.
@@ -57,7 +63,7 @@ impl Log {
 
     /// Says why the command failed, where the form is not the one in which the program itself says it.
     pub fn failed(self, failure: Failure) -> Failure {
-        match (self.format, failure.text(false)) {
+        match (self.format, failure.text(Display::PLAIN)) {
             (Format::Json, Some(message)) => {
                 say(&line("error", json!({ "status": failure.status, "message": message })));
                 Failure::reported(failure.status)
@@ -73,9 +79,4 @@ fn line(name: &str, fields: Value) -> String {
         event.extend(fields);
     }
     event.to_string()
-}
-
-/// Says something on standard error. If nobody can hear it, that is no failure of the work.
-pub fn say(text: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{}", visible(text));
 }

@@ -2,27 +2,28 @@
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::ffi::OsString;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
 use crate::core::fidelity::Fidelity;
-use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Report, Severity, user_error};
 use crate::files::spelling::visible;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
-use crate::job::scene::crowded;
 use crate::lab::tradeoff::choose::choose;
 
 mod augment;
 mod calibrate;
 mod compare;
 mod completions;
+mod export;
 mod failure;
 mod finalize;
 mod generate;
+mod guesses;
 mod init;
 mod inspect;
 pub mod list;
@@ -36,17 +37,28 @@ mod report;
 mod reproduce;
 mod schema;
 mod store;
+mod terminal;
 mod tradeoff;
 mod verify;
 
 pub use failure::Failure;
 use log::Log;
-pub use log::say;
+pub use terminal::say;
 
 /// Synthetic datasets for optical tactile sensors.
 #[derive(Debug, Parser)]
-#[command(name = "gelsim", version, about, max_term_width = 100, arg_required_else_help = true)]
+#[command(
+    name = "gelsim",
+    version,
+    about,
+    max_term_width = 100,
+    arg_required_else_help = true,
+    disable_version_flag = true
+)]
 pub struct Arguments {
+    /// Print version
+    #[arg(short = 'V', short_alias = 'v', long, action = clap::ArgAction::Version)]
+    version: Option<bool>,
     #[command(subcommand)]
     command: Command,
 }
@@ -55,7 +67,7 @@ pub struct Arguments {
 enum Command {
     /// Generate the dataset that a job describes.
     Generate(generate::Generate),
-    /// Say what a job would do: effects and why, time, bytes; write nothing.
+    /// Say what a job would do: effects and why, time, bytes.
     Plan(plan::Plan),
     /// Compare all fidelity levels on a job's samples: error and time.
     Tradeoff(tradeoff::Tradeoff),
@@ -63,7 +75,7 @@ enum Command {
     Compare(compare::Compare),
     /// Check that a dataset is valid and complete, and name what is not.
     Verify(verify::Verify),
-    /// Describe a dataset of which all shards are there.
+    /// Write the index and card of a finished dataset.
     Finalize(finalize::Finalize),
     /// Render a sample of a dataset again and compare the bytes.
     Reproduce(reproduce::Reproduce),
@@ -87,6 +99,8 @@ enum Command {
     Schema(schema::Schema),
     /// Print a completion script for a shell.
     Completions(completions::Completions),
+    /// Copy a dataset to LeRobot, Zarr or HDF5 (with the Python module).
+    Export(export::Export),
 }
 
 /// Exit status of a program that panicked, which is a bug.
@@ -94,17 +108,19 @@ pub const PANICKED: u8 = 101;
 
 /// Runs a command line, the program's name first, and prints what went wrong. The exit status.
 pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
-    let arguments = match Arguments::try_parse_from(line) {
+    let line: Vec<OsString> = line.into_iter().collect();
+    let arguments = match Arguments::try_parse_from(&line) {
         Ok(arguments) => arguments,
         Err(error) => {
             // Help, or what is wrong with the line. Help that nobody can hear is no success.
-            let printed = error.print().and_then(|()| std::io::stdout().flush());
+            let error = guesses::advised(error, &line);
+            let printed = terminal::show(&error.render(), error.use_stderr());
             return if printed.is_ok() { error.exit_code() as u8 } else { (error.exit_code() as u8).max(1) };
         }
     };
     let Err(failure) = run(arguments) else { return 0 };
-    if let Some(message) = failure.text(std::io::stderr().is_terminal()) {
-        say(&message);
+    if let Some(message) = failure.text(terminal::errors()) {
+        terminal::say_shown(&message);
     }
     failure.status
 }
@@ -129,12 +145,16 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         Command::List(command) => command.run(),
         Command::Schema(command) => command.run(),
         Command::Completions(command) => command.run(),
+        Command::Export(command) => command.run(),
     }
 }
 
 /// Starts the threads that read meshes and render, so that a system that has none to give is told in words.
 fn start_threads(command: &Command) -> Result<(), Failure> {
-    if matches!(command, Command::Init(_) | Command::List(_) | Command::Schema(_) | Command::Completions(_)) {
+    if matches!(
+        command,
+        Command::Init(_) | Command::List(_) | Command::Schema(_) | Command::Completions(_) | Command::Export(_)
+    ) {
         return Ok(());
     }
     rayon::ThreadPoolBuilder::new().build_global().map_err(|error| no_threads(&error))
@@ -142,9 +162,10 @@ fn start_threads(command: &Command) -> Result<(), Failure> {
 
 /// The system gives no more threads.
 fn no_threads(error: &dyn std::fmt::Display) -> Failure {
-    Failure::running(format!(
-        "cannot start threads: {error}; raise the limit of processes or of memory (ulimit -u, -v)"
-    ))
+    Failure::running_with(
+        format!("cannot start threads: {error}"),
+        "raise the limit of processes or of memory (ulimit -u, -v), or use fewer --threads",
+    )
 }
 
 /// A plan whose fidelity level is known: one that the job leaves to be chosen is the recorded one, or is found by
@@ -160,19 +181,14 @@ fn settled(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Fai
     Ok(plan.with_fidelity(chosen.level))
 }
 
-/// What is to be said of a job that is no mistake, found by drawing some of its samples, too.
-fn noted(plan: &Plan) -> Vec<String> {
-    plan.notes.iter().cloned().chain(crowded(plan)).collect()
-}
-
 /// What changes a job from the command line.
 #[derive(Clone, Debug, Args)]
 struct JobOverrides {
     /// Number of samples
-    #[arg(long, value_name = "N")]
+    #[arg(short = 'n', long, value_name = "N", value_parser = guesses::whole::<u64>)]
     samples: Option<u64>,
     /// Seed of all randomness
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = guesses::whole::<u64>)]
     seed: Option<u64>,
     /// Fidelity level; replaces the job's gelpad and optics
     #[arg(long, value_name = "LEVEL", value_parser = fidelity_level())]
@@ -183,9 +199,12 @@ struct JobOverrides {
     /// Any key of the job: dotted.path=TOML-VALUE; paths in it are relative to the current folder
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Take notes on the job for errors: nothing is written
+    /// Treat notes and warnings as errors: nothing is written
     #[arg(long)]
     strict: bool,
+    /// Say also what needs nothing done, such as triangles that were left out
+    #[arg(short, long)]
+    verbose: bool,
 }
 
 impl JobOverrides {
@@ -195,11 +214,12 @@ impl JobOverrides {
     }
 
     /// Says the notes on a job, or refuses it for them.
-    fn note(&self, notes: &[String], log: Log) -> Result<(), Failure> {
-        if self.strict && !notes.is_empty() {
-            return Err(user_error(notes.join("\n"), "change the job, or leave --strict out").into());
+    fn note(&self, notes: &Report, log: Log) -> Result<(), Failure> {
+        if self.strict && !notes.at_least(Severity::Note).is_empty() {
+            let why = "--strict treats notes and warnings as errors: change the job, or leave --strict out";
+            return Err(notes.at_least(Severity::Note).as_errors(why).into());
         }
-        log.notes(notes);
+        log.notes(&notes.at_least(if self.verbose { Severity::Info } else { Severity::Note }));
         Ok(())
     }
 
@@ -212,10 +232,10 @@ impl JobOverrides {
 #[derive(Clone, Debug, Args)]
 struct Extent {
     /// Folder of the dataset, or its address in a store (s3://, gs://, az://, file://) [default: out/NAME]
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "T")]
+    #[arg(short = 'j', long, value_name = "T", value_parser = guesses::whole::<usize>)]
     threads: Option<usize>,
     /// Only the shards A to B - 1, counted over train, then val, then test
     #[arg(long, value_name = "A..B", value_parser = parse_range, conflicts_with = "partition")]
@@ -284,7 +304,8 @@ fn parse_partition(text: &str) -> Result<(u64, u64), String> {
 /// Prints a result on standard output. Who reads it may have had enough, as `head` has: that is no failure.
 fn print(text: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    match out.write_all(visible(text).as_bytes()).and_then(|()| out.flush()) {
+    let text = terminal::fold(&visible(text), terminal::output().columns).into_owned();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure::running(format!("standard output: {error}")))
         }

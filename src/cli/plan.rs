@@ -4,15 +4,17 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
+use crate::lab::numbers::{HumanBytes, HumanCount, HumanDuration};
 use clap::Args;
 
 use super::store::address;
-use super::{Extent, Failure, JobOverrides, Log, noted, print, settled};
+use super::{Extent, Failure, JobOverrides, Log, print, settled};
 use crate::core::effects::Effect;
 use crate::dataset::folder::recorded_rung;
-use crate::dataset::forecast::{Forecast, forecast};
+use crate::dataset::forecast::{Forecast, first_draw, forecast};
+use crate::files::diagnostic::Report;
 use crate::job::plan;
+use crate::job::probe::foresee;
 
 /// Say what `generate` would do: which effects the samples call for and why, what they take, how long the run lasts and
 /// how large it gets. Renders some samples to find out, and writes nothing.
@@ -30,7 +32,7 @@ pub struct Plan {
     #[command(flatten)]
     extent: Extent,
     /// Print nothing but the forecast and errors
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -40,7 +42,8 @@ impl Plan {
         let start = Instant::now();
         let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
         let load_s = start.elapsed().as_secs_f64();
-        self.overrides.note(&noted(&plan), Log::text(self.quiet))?;
+        let foreseen = foresee(&plan);
+        self.overrides.note(&foreseen.notes, Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
         let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
@@ -50,6 +53,11 @@ impl Plan {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let forecast = forecast(&plan, samples, shards.end - shards.start, threads.unwrap_or(cores));
         let forecast = forecast.map_err(|error| Failure::running(error.to_string()))?;
+        if !foreseen.misses {
+            let missed = forecast.contacts.missed(&plan, |plan, index| first_draw(plan, index).in_contact);
+            let missed = missed.map_or_else(Report::default, Report::from);
+            self.overrides.note(&missed, Log::text(self.quiet))?;
+        }
         let mut text = heading(&plan, &forecast);
         text += &plan.pressed_sides().map_or_else(String::new, |sides| format!("{sides}\n\n"));
         text += &effects(&forecast);
@@ -120,10 +128,10 @@ fn totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64>) -> S
     let bytes = forecast.bytes as u64;
     let mut text = format!(
         "\ntime   {} on {} thread{}{}: {:.1} samples/s\nsize   {} in {} shard{}",
-        duration(load_s + forecast.wall_s),
+        HumanDuration(load_s + forecast.wall_s),
         forecast.threads,
         if forecast.threads == 1 { "" } else { "s" },
-        if load_s < SOON_S { String::new() } else { format!(", {} of it to load the job", duration(load_s)) },
+        if load_s < SOON_S { String::new() } else { format!(", {} of it to load the job", HumanDuration(load_s)) },
         forecast.samples as f64 / forecast.wall_s.max(1e-9),
         HumanBytes(bytes),
         HumanCount(forecast.shards),
@@ -150,15 +158,6 @@ fn total_s(forecast: &Forecast) -> f64 {
 
 fn percent(fraction: f64) -> String {
     format!("{:.1} %", 100.0 * fraction)
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 120.0 => format!("{s:.1} s"),
-        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
-        s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
-        s => format!("{:.1} days", s / 86_400.0),
-    }
 }
 
 /// Bytes that are free where `root` is or would be made, if the system says so.

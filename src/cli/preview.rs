@@ -6,13 +6,15 @@ use clap::Args;
 use image::RgbImage;
 use rayon::prelude::*;
 
+use super::guesses::whole;
 use super::store::folder_only;
-use super::{Failure, JobOverrides, Log, noted, say, settled};
+use super::{Failure, JobOverrides, Log, settled};
 use crate::core::effects::Effect;
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::user_error;
 use crate::files::write::write_output;
 use crate::job::plan::Plan;
+use crate::job::probe::foresee;
 use crate::lab::preview::effects::{self, EffectComparison, compare};
 use crate::lab::preview::{Tile, animation, sample_files, sheet};
 
@@ -30,10 +32,10 @@ pub struct Preview {
     #[arg(value_name = "DIR|JOB.toml")]
     source: PathBuf,
     /// The picture to write
-    #[arg(long, value_name = "FILE.png")]
+    #[arg(short, long, value_name = "FILE.png")]
     out: PathBuf,
     /// Only this sample, at full size unless --panel says otherwise
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", value_parser = whole::<u64>)]
     key: Option<u64>,
     /// For each effect that a job's samples call for, one of them with the effect, without it, and the difference
     #[arg(long, conflicts_with_all = ["count", "columns"])]
@@ -42,13 +44,13 @@ pub struct Preview {
     #[arg(long, requires = "key", conflicts_with_all = ["effects", "count", "columns", "panel"])]
     apng: bool,
     /// How many samples the sheet shows
-    #[arg(long, value_name = "N", default_value_t = 12)]
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = whole::<u64>)]
     count: u64,
     /// Width of one panel of the sheet, px [default: 240; of effects 658; with --key full size]
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", value_parser = whole::<u32>)]
     panel: Option<u32>,
     /// Columns of the sheet
-    #[arg(long, value_name = "N", default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = whole::<usize>)]
     columns: usize,
     #[command(flatten)]
     overrides: JobOverrides,
@@ -96,7 +98,7 @@ impl Preview {
 
     fn plan(&self) -> Result<Plan, Failure> {
         let plan = settled(Plan::load(&self.source, &self.overrides.overrides())?, None, Log::text(false))?;
-        self.overrides.note(&noted(&plan), Log::text(false))?;
+        self.overrides.note(&foresee(&plan).notes, Log::text(false))?;
         Ok(plan)
     }
 
@@ -129,7 +131,7 @@ impl Preview {
             );
         }
         if !names.is_empty() {
-            say(&format!("note: {of}: not called for are {}", names.join(", ")));
+            Log::text(false).note(&format!("{of}: not called for are {}", names.join(", ")));
         }
         Ok(found)
     }

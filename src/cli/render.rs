@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
+use super::guesses::{number, whole};
 use super::store::folder_only;
 use super::{Failure, Log, MOST_THREADS, no_threads, say};
 use crate::core::camera::projection::LensModel;
@@ -32,11 +33,13 @@ use crate::job::plan::{Plan, standalone};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  gelsim render --depth frames --depth-unit m --plane-mm 10 --sensor gelsight-mini --out tactile
-  gelsim render --depth 'run/*.npy' --depth-unit m --plane-mm 10 --sensor digit --poses poses.csv --out tactile
-  gelsim render --stream --depth-unit m --plane-mm 10 --sensor digit <frames.npy >images.npy
+  gelsim render --depth run --depth-unit m --plane-mm 10 --sensor digit -o out
+  gelsim render --depth 'run/*.npy' --poses poses.csv --depth-unit m \\
+      --plane-mm 10 --sensor gelsight-mini --out tactile
+  gelsim render --stream --depth-unit m --plane-mm 10 --sensor digit \\
+      <frames.npy >images.npy
 
-A frame is an npy array of rows and columns, an EXR picture or a grey 16-bit PNG. Its resolution is the image's, and shows
+A frame is an npy array of rows and columns, an EXR picture or a grey 16-bit PNG. Its resolution is the image's, and shows \
 the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/simulators.md.")]
 pub struct Render {
     /// Frames: files, folders or patterns of names
@@ -46,19 +49,19 @@ pub struct Render {
     #[arg(long, value_name = "UNIT", value_enum)]
     depth_unit: UnitName,
     /// Distance of the undeformed pad's surface from the camera, mm; of a sensor whose gel has a shape the lens says it
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = number)]
     plane_mm: Option<f64>,
     /// Preset or sensor file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     sensor: String,
     /// Folder for NAME.tactile.png, NAME.LAYER.* and NAME.json of each frame
-    #[arg(long, value_name = "DIR", required_unless_present = "stream")]
+    #[arg(short, long, value_name = "DIR", required_unless_present = "stream")]
     out: Option<PathBuf>,
     /// What is farther from the camera than this is nothing, mm
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = number)]
     max_depth_mm: Option<f64>,
     /// The value that stands for nothing, in the frame's own unit; nan and inf are values, too
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = number)]
     background_value: Option<f64>,
     /// The frame's columns go from right to left
     #[arg(long)]
@@ -67,14 +70,14 @@ pub struct Render {
     #[arg(long)]
     flip_y: bool,
     /// What belongs to a pixel is found so far to the right and down of it in the frame (after flips), px
-    #[arg(long, value_name = "DX,DY", value_delimiter = ',', allow_hyphen_values = true)]
+    #[arg(long, value_name = "DX,DY", value_delimiter = ',', allow_hyphen_values = true, value_parser = number)]
     pixel_offset: Vec<f64>,
     /// How the camera's rays go [default: orthographic; inside a gel that has a shape as the sensor's own lens has them]; of
     /// perspective frames the image has the sensor's own resolution
     #[arg(long, value_name = "KIND", value_enum)]
     projection: Option<ProjectionName>,
     /// Angle between the upper and the lower edge of a perspective frame, degrees
-    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = number)]
     fov_y_deg: Option<f64>,
     /// Along what values are distances
     #[arg(long, value_name = "LINE", value_enum, default_value_t)]
@@ -94,7 +97,7 @@ pub struct Render {
     #[arg(long, value_name = "MU|stick", value_parser = friction)]
     sequence: Option<Friction>,
     /// Frames a second of a sequence, for times in labels
-    #[arg(long, value_name = "F", default_value = "25", requires = "sequence")]
+    #[arg(long, value_name = "F", default_value = "25", requires = "sequence", value_parser = number)]
     frame_rate_hz: f64,
     /// Fidelity level
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level())]
@@ -103,14 +106,14 @@ pub struct Render {
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "T", conflicts_with = "stream")]
+    #[arg(short = 'j', long, value_name = "T", value_parser = whole::<usize>, conflicts_with = "stream")]
     threads: Option<usize>,
     /// Read npy frames one after another from standard input and write the tactile image of each to standard output, as
     /// an npy array of shape (H, W, 3), before the next is read
     #[arg(long, conflicts_with_all = ["depth", "out"])]
     stream: bool,
     /// Print nothing but errors
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -433,14 +436,25 @@ fn frames(count: usize) -> String {
 }
 
 /// What the user should know of frames that are no mistakes.
-fn notes(reaches: &[Reach], sources: &[Source], thickness_mm: f64) -> Vec<String> {
-    let worst = |count: fn(&Reach) -> u64, what: String| {
+fn notes(reaches: &[Reach], sources: &[Source], thickness_mm: f64) -> Report {
+    let worst = |count: fn(&Reach) -> u64, what: &str, help: String| {
         let with = reaches.iter().filter(|reach| count(reach) > 0).count();
         let (most, source) = reaches.iter().map(count).zip(sources).max_by_key(|(most, _)| *most)?;
         let source = source.path.display();
-        (with > 0).then(|| format!("{} of {}: {what}, most in {source} ({most} px)", with, frames(reaches.len())))
+        let message = format!("{with} of {}: {what}, most in {source} ({most} px)", frames(reaches.len()));
+        (with > 0).then(|| Diagnostic::note(message).help(help))
     };
-    let through = format!("something goes through the pad and is cut off at its {thickness_mm} mm");
-    let unseen = String::from("parts of the view were hidden from the camera and are taken to be empty");
-    [worst(|reach| reach.through_px, through), worst(|reach| reach.unseen_px, unseen)].into_iter().flatten().collect()
+    let through = worst(
+        |reach| reach.through_px,
+        "something goes through the pad and is cut off at its thickness",
+        format!("press less deep: the pad is {thickness_mm} mm thick (--set sensor.gelpad_thickness_mm=..)"),
+    );
+    let unseen = worst(
+        |reach| reach.unseen_px,
+        "parts of the view were hidden from the camera and are taken to be empty",
+        String::from("render with parallel rays, or from where all of the view is seen"),
+    );
+    let mut found = Diagnostics::default();
+    found.extend([through, unseen].into_iter().flatten());
+    Report::new(&found, &[])
 }

@@ -19,14 +19,14 @@ Example:
   gelsim report out/quickstart
   gelsim report out/quickstart --out quickstart.html
 
-Only labels are read, and images of at most 1000 samples. What is missing or damaged is named at the top, and the page is
+Only labels are read, and images of at most 1000 samples. What is missing or damaged is named at the top, and the page is \
 made from what is there; gelsim verify looks at every byte.")]
 pub struct Report {
     /// The dataset's folder
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// The page to write [default: DIR/report.html]
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(short, long, value_name = "FILE.html")]
     out: Option<PathBuf>,
 }
 

@@ -24,7 +24,7 @@ pub struct Reproduce {
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// The sample: its key, with or without leading zeros
-    #[arg(value_name = "KEY")]
+    #[arg(value_name = "KEY", value_parser = super::guesses::whole::<u64>)]
     key: u64,
 }
 

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::guesses::whole;
 use super::progress::bar::Bar;
+use super::terminal::columns;
 use super::{Failure, Log, print, say};
 use crate::files::diagnostic::user_error;
 use crate::files::write::write_output;
@@ -34,7 +36,7 @@ pub struct Tradeoff {
     job: PathBuf,
     /// How many of the job's samples are rendered: shallow and deep ones of each object while N allows, and the deepest
     /// of all [default: 32, or one of each object if that is more; of a job of sequences 6]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(short = 'n', long, value_name = "N", value_parser = samples)]
     samples: Option<u64>,
     /// Instead of the levels: the error of the linear elastic layer itself, against finite elements of rubber at large strains, for
     /// the deepest press of each round object. Writes finite.csv and finite.json, if --out is given. Seconds to a minute an object
@@ -50,16 +52,16 @@ pub struct Tradeoff {
     #[arg(long, value_name = "N", default_value = "1", value_parser = refine, requires = "finite_elements")]
     refine: f64,
     /// Folder for the results [default: out/NAME-tradeoff]
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Seed of all randomness
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = whole::<u64>)]
     seed: Option<u64>,
     /// Any key of the job: dotted.path=TOML-VALUE; paths in it are relative to the current folder
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Print nothing but the table and errors
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 
@@ -100,7 +102,7 @@ impl Tradeoff {
                 let path = folder.join(name);
                 write_output(&path, text.as_bytes()).map_err(|error| failed(&path, &error))?;
             }
-            print(&result.table())?;
+            print(&result.table(columns()))?;
             if !self.quiet {
                 say(&format!("-> {}", folder.display()));
             }
@@ -120,7 +122,7 @@ impl Tradeoff {
             let path = folder.join(name);
             write_output(&path, &bytes).map_err(|error| failed(&path, &error))?;
         }
-        print(&report::table(&result))?;
+        print(&report::table(&result, columns()))?;
         if !self.quiet {
             say(&format!("-> {}", folder.display()));
         }
@@ -135,9 +137,9 @@ impl Tradeoff {
             std::fs::create_dir_all(folder).map_err(|error| Failure::from_path(folder, &error))?;
         }
         let bar = Bar::thousandths(!self.quiet);
-        let result = finite(plan, options, |object, share| bar.show((1000.0 * share) as u64, object.to_owned()));
+        let result = finite(plan, options, |object, share| bar.show((1000.0 * share) as u64, object));
         bar.end();
-        print(&finite::report::table(&result))?;
+        print(&finite::report::table(&result, columns()))?;
         if let Some(folder) = &self.out {
             let json =
                 serde_json::to_string_pretty(&result).map_err(|error| Failure::from_path(folder, &error))? + "\n";
@@ -157,6 +159,10 @@ impl Tradeoff {
         }
         Ok(())
     }
+}
+
+fn samples(text: &str) -> Result<u64, String> {
+    whole(text).and_then(|samples| if samples > 0 { Ok(samples) } else { Err(String::from("write 1 or more")) })
 }
 
 fn edge(text: &str) -> Result<f64, String> {

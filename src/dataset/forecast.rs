@@ -16,7 +16,9 @@ use crate::core::base::clock::Seconds;
 use crate::core::effects::{Effect, PerEffect};
 use crate::dataset::encode::{Made, make_shown};
 use crate::dataset::stats::LightRange;
+use crate::job::config::output::OnUnhealthy;
 use crate::job::plan::Plan;
+use crate::job::probe::{Contacts, spread};
 
 /// Samples that are probed at least, if the job has them and time allows.
 const FEWEST: u64 = 32;
@@ -28,7 +30,6 @@ const ACCURACY: f64 = 0.04;
 const LONGEST_S: f64 = 1.0;
 
 /// What was found, and what it means for the run.
-#[derive(Clone, Debug)]
 pub struct Forecast {
     /// Samples that were rendered.
     pub probed: u64,
@@ -36,6 +37,8 @@ pub struct Forecast {
     pub unhealthy: u64,
     /// Those that show contact.
     pub in_contact: u64,
+    /// The same of those that are to.
+    pub contacts: Contacts,
     /// How much of their contacts the optics were not calibrated on.
     pub light: LightRange,
     /// Of each effect, in those samples.
@@ -67,10 +70,13 @@ pub struct Probed {
     pub seconds: f64,
 }
 
-/// One sample of the probe.
-struct Probe {
-    healthy: bool,
-    in_contact: bool,
+/// One sample of the probe: its first draw.
+pub struct Probe {
+    index: u64,
+    /// It may go into a dataset.
+    pub healthy: bool,
+    /// It shows contact.
+    pub in_contact: bool,
     light: LightRange,
     notes: PerEffect<crate::core::effects::Note>,
     effects: PerEffect<f64>,
@@ -93,6 +99,7 @@ impl Probe {
         }
         std::hint::black_box(hash.finalize());
         Self {
+            index,
             healthy: known.health.healthy,
             in_contact: known.contact.in_contact,
             light: LightRange::from_label(&known),
@@ -104,9 +111,15 @@ impl Probe {
         }
     }
 
+    /// CPU seconds of it all.
     fn total_s(&self) -> f64 {
         self.seconds.simulation() + self.seconds.encode + self.write_s
     }
+}
+
+/// Renders a sample as it is drawn first, whether or not that may go into a dataset.
+pub fn first_draw(plan: &Plan, index: u64) -> Probe {
+    Probe::new(&plan.keeping_unhealthy(), index)
 }
 
 /// Foresees a run over `samples` samples in `shards` shards on `threads` threads.
@@ -117,17 +130,24 @@ pub fn forecast(
     threads: usize,
 ) -> Result<Forecast, rayon::ThreadPoolBuildError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    // What is rejected is not drawn again: that would take as long as it takes.
+    let (rejects, kept) = (plan.output().on_unhealthy == OnUnhealthy::Reject, plan.keeping_unhealthy());
     let all = plan.layout.samples();
-    let order = |k: u64| (u128::from(k) * u128::from(step(all)) % u128::from(all)) as u64;
+    let order = |k: u64| spread(k, all);
     let start = Instant::now();
     let mut probes: Vec<Probe> = Vec::new();
     pool.install(|| {
         // Caches and memory are cold at first.
-        (0..threads as u64).into_par_iter().for_each(|k| drop(Probe::new(plan, order(k))));
+        let cold: Vec<Probe> =
+            (0..threads.min(all as usize) as u64).into_par_iter().map(|k| Probe::new(&kept, order(k))).collect();
+        if start.elapsed().as_secs_f64() > LONGEST_S {
+            probes = cold;
+            return;
+        }
         loop {
             let from = probes.len() as u64;
             let until = (from + threads as u64).min(all);
-            let block: Vec<Probe> = (from..until).into_par_iter().map(|k| Probe::new(plan, order(k))).collect();
+            let block: Vec<Probe> = (from..until).into_par_iter().map(|k| Probe::new(&kept, order(k))).collect();
             probes.extend(block);
             let seconds: Vec<f64> = probes.iter().map(Probe::total_s).collect();
             let known = until >= FEWEST && relative_error(&seconds) < ACCURACY;
@@ -155,12 +175,16 @@ pub fn forecast(
     let (write_s, bytes) = (mean(&|probe| probe.write_s), mean(&|probe| probe.bytes as f64));
     // A shard's samples are rendered by all threads, but written by one, which renders while it waits.
     let busy = |count: u64| threads.min(count.max(1) as usize) as f64;
-    let render_s = (seconds.simulation() + seconds.encode) / count;
+    let healthy = probes.iter().filter(|probe| probe.healthy).count();
+    // Draws for a sample that may stay: of those that were tried, none may have been.
+    let draws = if rejects { count / healthy.max(1) as f64 } else { 1.0 };
+    let render_s = draws * (seconds.simulation() + seconds.encode) / count;
     let wall_s = samples as f64 * ((render_s + write_s) / busy(samples)).max(write_s / busy(shards));
     Ok(Forecast {
         probed: probes.len() as u64,
-        unhealthy: probes.iter().filter(|probe| !probe.healthy).count() as u64,
+        unhealthy: (probes.len() - healthy) as u64,
         in_contact: probes.iter().filter(|probe| probe.in_contact).count() as u64,
+        contacts: Contacts::of(plan, probes.iter().map(|probe| (probe.index, probe.in_contact))),
         light,
         effects,
         seconds: seconds.scaled(1.0 / count),
@@ -171,19 +195,6 @@ pub fn forecast(
         shards,
         threads,
     })
-}
-
-/// A step that visits all numbers below `count` before the first comes again, far apart from one to the next: the
-/// largest one below the golden section of `count` that has no common divisor with it.
-fn step(count: u64) -> u64 {
-    let golden = (count as f64 * 0.618_033_988_749_894_9) as u64;
-    let divisor = |mut a: u64, mut b: u64| {
-        while b > 0 {
-            (a, b) = (b, a % b);
-        }
-        a
-    };
-    (1..=golden).rev().find(|step| divisor(*step, count) == 1).unwrap_or(1)
 }
 
 /// Standard error of the mean over the mean.
@@ -197,22 +208,6 @@ fn relative_error(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn probing_goes_all_over_the_job_and_meets_no_sample_twice() {
-        for count in [1_u64, 2, 3, 10, 64, 97, 200] {
-            let step = step(count);
-            let mut seen: Vec<u64> = (0..count).map(|k| k * step % count).collect();
-            if count >= 64 {
-                let mut first: Vec<u64> = seen[..8].to_vec();
-                first.sort_unstable();
-                let gaps = first.windows(2).map(|pair| pair[1] - pair[0]);
-                assert!(gaps.max().unwrap_or(0) <= count / 3, "{count}: {first:?}");
-            }
-            seen.sort_unstable();
-            assert!(seen.into_iter().eq(0..count), "{count}");
-        }
-    }
 
     #[test]
     fn the_error_of_a_mean_falls_with_the_root_of_the_count() {

@@ -19,6 +19,7 @@ use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::{PadPlane, Pose, Side};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::{Press, Simulator};
+use crate::files::diagnostic::Diagnostic;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::object::POISSON_RATIO;
 use crate::job::config::scene::At;
@@ -376,7 +377,7 @@ impl Scene {
 }
 
 /// What to say where more than a tenth of a job's objects find no place among the others of their press: seen on its first samples.
-pub fn crowded(plan: &Plan) -> Option<String> {
+pub fn crowded(plan: &Plan) -> Option<Diagnostic> {
     if plan.job().objects_per_sample().most < 2 {
         return None;
     }
@@ -388,10 +389,11 @@ pub fn crowded(plan: &Plan) -> Option<String> {
         unplaced += u64::from(scene.unplaced);
     }
     (10 * unplaced > placed + unplaced).then(|| {
-        format!(
-            "of the {} objects of the first {samples} samples {unplaced} find no place among the others: spread x_mm and y_mm in \
-             [pose], take smaller objects, or lower scene.objects_per_sample",
+        let message = format!(
+            "of the {} objects of the first {samples} samples {unplaced} find no place among the others",
             placed + unplaced
-        )
+        );
+        let help = "spread x_mm and y_mm in [pose], take smaller objects, or lower scene.objects_per_sample";
+        Diagnostic::warning(message).help(help)
     })
 }

@@ -11,4 +11,5 @@ pub mod page;
 pub mod presses;
 pub mod preview;
 pub mod report;
+pub mod text_table;
 pub mod tradeoff;

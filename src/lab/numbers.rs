@@ -39,6 +39,21 @@ impl fmt::Display for HumanBytes {
     }
 }
 
+/// A time: `12.3 s`, `45 min`, `3.1 h`, `2.5 days`.
+#[derive(Clone, Copy, Debug)]
+pub struct HumanDuration(pub f64);
+
+impl fmt::Display for HumanDuration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            s if s < 120.0 => write!(f, "{s:.1} s"),
+            s if s < 7200.0 => write!(f, "{:.0} min", s / 60.0),
+            s if s < 172_800.0 => write!(f, "{:.1} h", s / 3600.0),
+            s => write!(f, "{:.1} days", s / 86_400.0),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

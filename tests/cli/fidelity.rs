@@ -403,14 +403,22 @@ fn nothing_of_a_sample_is_left_in_the_next_one() {
 
 #[test]
 fn the_list_of_levels_tells_what_each_chooses_from_cheap_to_exact() {
-    let assert = Folder::new().gelsim("list rungs").assert().success().stderr("");
-    let listed = String::from_utf8(assert.get_output().stdout.clone()).expect("UTF-8");
-    let lines: Vec<&str> = listed.lines().filter(|line| !line.starts_with(' ')).collect();
-    assert_eq!(lines.len(), Fidelity::ALL.len(), "{listed}");
-    for (line, level) in lines.iter().zip(Fidelity::ALL) {
-        let (name, gelpad) = line.split_once(" gelpad ").expect("a model");
-        assert_eq!(name.trim_end(), level.name());
-        let model: Model = serde_json::from_str(gelpad).expect("the model as a job has it");
+    let folder = Folder::new();
+    let listed = |arguments: &str| {
+        let assert = folder.gelsim(arguments).assert().success().stderr("");
+        String::from_utf8(assert.get_output().stdout.clone()).expect("UTF-8")
+    };
+    let text = listed("list levels");
+    assert_eq!(text, listed("list rungs"), "their name in older scripts");
+    assert!(!text.contains(['{', '"']), "{text}");
+    let names: Vec<&str> =
+        text.lines().filter(|line| !line.starts_with(' ')).filter_map(|line| line.split(' ').next()).collect();
+    assert_eq!(names, Fidelity::ALL.map(Fidelity::name));
+    let levels: Vec<serde_json::Value> = serde_json::from_str(&listed("list levels --json")).expect("JSON");
+    assert_eq!(levels.len(), Fidelity::ALL.len());
+    for (listed, level) in levels.iter().zip(Fidelity::ALL) {
+        assert_eq!(listed["name"], level.name());
+        let model: Model = serde_json::from_value(listed["gelpad"].clone()).expect("the model as a job has it");
         assert_eq!(model, level.models(LightSource::Leds).gelpad);
     }
 }

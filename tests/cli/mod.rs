@@ -35,5 +35,6 @@ mod resume;
 mod schema;
 mod sequences;
 mod several;
+mod terminal;
 mod tradeoff;
 mod verify;

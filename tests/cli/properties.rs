@@ -1,7 +1,7 @@
 //! Jobs nobody thought of: random valid ones render, random values are accepted or refused, random text is read or
 //! refused, and nothing panics. In the process itself, so that a panic shows where it comes from.
 
-use gelsim::files::diagnostic::{Diagnostics, Report};
+use gelsim::files::diagnostic::{Diagnostics, Display, Report};
 use gelsim::job::config::{self, Overrides};
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::render;
@@ -367,8 +367,8 @@ fn apply(text: &str, edit: &Edit) -> String {
 
 /// A report, plain and with colours, that says something about each problem.
 fn assert_sound(report: &Report) {
-    assert!(report.render(false).starts_with("error: "));
-    assert!(report.render(true).contains("error"));
+    assert!(report.to_string().starts_with("error: "));
+    assert!(report.render(Display { is_styled: true, columns: Some(40) }).contains("error"));
 }
 
 proptest! {
@@ -443,6 +443,6 @@ fn the_plain_job_of_these_tests_is_valid() {
     for key in NUMBERS.iter().chain(SIZES) {
         let known = |path: &str| resolve(PLAIN, vec![(String::from("--set"), format!("{path} = \"x\""))]);
         let Err(report) = known(key) else { panic!("{key} takes a text") };
-        assert!(!report.render(false).contains("unknown"), "{key} is no key: {report}");
+        assert!(!report.to_string().contains("unknown"), "{key} is no key: {report}");
     }
 }

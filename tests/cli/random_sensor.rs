@@ -48,7 +48,7 @@ azimuth_deg = 90.0"#;
 }
 
 fn plan(folder: &Folder, name: &str) -> Plan {
-    Plan::load(&folder.path(name), &Overrides::default()).unwrap_or_else(|report| panic!("{}", report.render(false)))
+    Plan::load(&folder.path(name), &Overrides::default()).unwrap_or_else(|report| panic!("{}", report.to_string()))
 }
 
 fn labels(folder: &Folder, name: &str) -> Vec<Value> {
@@ -227,7 +227,7 @@ fn one_sensor_is_one_sensor_where_there_is_no_job() {
     let folder = Folder::with_job(JOB);
     fs::write(folder.path("random.toml"), "darkening = [0.0, 0.2]\nunit.variation = 0.5\n").expect("written");
     let error = gelsim::Sensor::load(folder.path("random.toml")).expect_err("it is not one sensor");
-    let said = error.render(false);
+    let said = error.to_string();
     assert!(said.contains("darkening is drawn at random") && said.contains("variation is drawn"), "{said}");
 }
 
@@ -278,7 +278,7 @@ fn each_sample_draws_one_of_several_presets() {
 #[test]
 fn a_split_of_a_handful_of_samples_has_every_class() {
     let quickstart = Plan::load(&crate::support::repository().join("configs/quickstart.toml"), &Overrides::default());
-    let plan = quickstart.unwrap_or_else(|report| panic!("{}", report.render(false)));
+    let plan = quickstart.unwrap_or_else(|report| panic!("{}", report.to_string()));
     for split in [Split::Val, Split::Test] {
         let of_split = |first: u64| -> BTreeSet<String> {
             let indices = (first..first + 8).map(|position| plan.layout.index_of(split, position));

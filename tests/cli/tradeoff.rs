@@ -280,7 +280,7 @@ fn one_sample_is_enough_and_more_than_there_are_is_all_of_them() {
         assert_eq!(json(&folder, "out/tradeoff.json")["samples"], serde_json::json!(expected));
     }
     let text = folder.fail("tradeoff job.toml --samples 0 --out none", 2);
-    assert!(text.contains("0 is not in 1.."), "{text}");
+    assert!(text.contains("write 1 or more"), "{text}");
     assert!(!folder.path("none").exists());
 }
 

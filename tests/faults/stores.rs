@@ -163,7 +163,7 @@ fn on_disk(folder: &Folder, plan: &Plan) -> Objects {
 
 fn in_words(error: GenerateError) -> String {
     match error {
-        GenerateError::Usage(report) => report.render(false),
+        GenerateError::Usage(report) => report.to_string(),
         GenerateError::Io(path, error) => format!("{}: {error}", path.display()),
         other => format!("{other:?}"),
     }

@@ -58,7 +58,7 @@ pub fn job(bytes: &[u8]) {
     written.job.paths_mut().for_each(|path| *path = String::from("none.obj"));
     problems.push(Diagnostic::new("a plan is not wanted"));
     let report = Plan::resolve(written, problems).err().expect("one problem at least");
-    assert!(report.render(false).contains("error: "));
+    assert!(report.to_string().contains("error: "));
 }
 
 fn read_job(text: &str, problems: &mut Diagnostics) -> Written {
@@ -386,7 +386,7 @@ pub fn presses(bytes: &[u8]) {
     let path = Path::new("presses.csv");
     let table = match press_file::parse(path, bytes) {
         Ok(table) => table,
-        Err(report) => return assert!(report.render(false).contains("error: ")),
+        Err(report) => return assert!(report.to_string().contains("error: ")),
     };
     assert!(!table.presses.is_empty());
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -460,7 +460,7 @@ pub fn frame(bytes: &[u8]) {
 pub fn poses(bytes: &[u8]) {
     let sources = ["a", "b"].map(|stem| Source { path: PathBuf::from(stem), stem: stem.to_owned() });
     match poses_file::parse(Path::new("poses.csv"), bytes, &sources) {
-        Err(report) => assert!(report.render(false).contains("error: ")),
+        Err(report) => assert!(report.to_string().contains("error: ")),
         Ok(known) => {
             assert_eq!(known.len(), 2);
             for known in known {

@@ -11,5 +11,7 @@ mod command;
 mod faults;
 #[path = "../fuzz/mod.rs"]
 mod fuzz;
+#[path = "../cli/pty.rs"]
+mod pty;
 #[path = "../cli/support.rs"]
 mod support;

@@ -26,7 +26,7 @@ pub(super) struct Progress {
 impl Progress {
     /// Of a run that begins now.
     pub fn new(log: Log) -> Self {
-        let bar = Bar::new(!log.quiet && log.format == Format::Text);
+        let bar = Bar::new(!log.quiet && log.format == Format::Text, "samples");
         Self { log, bar, started: None }
     }
 
@@ -67,7 +67,7 @@ impl Progress {
             }
             Some(_) => {}
         }
-        self.bar.show(rendered, format!("{written}/{} shards", expected.shards));
+        self.bar.show(rendered, &format!("{written}/{} shards", expected.shards));
     }
 
     /// Clears the bar.

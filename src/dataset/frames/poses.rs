@@ -320,7 +320,7 @@ mod tests {
     }
 
     fn refused(text: &str) -> String {
-        parse(Path::new("poses.csv"), text.as_bytes(), &sources(&["a", "b"])).expect_err("refused").render(false)
+        parse(Path::new("poses.csv"), text.as_bytes(), &sources(&["a", "b"])).expect_err("refused").to_string()
     }
 
     #[test]

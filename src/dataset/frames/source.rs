@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(stems(&find(&[at("c.png"), at("?.npy")], &mut problems)), ["c", "b"]);
         assert!(problems.is_empty());
         find(&[at("b.npy"), at("more"), at("none"), at("*.tif")], &mut problems);
-        let said = Report::new(&problems, &[]).render(false);
+        let said = Report::new(&problems, &[]).to_string();
         for part in ["would both be b.tactile.png", "none does not exist", "no file matches"] {
             assert!(said.contains(part), "{part}: {said}");
         }

@@ -72,6 +72,20 @@ impl MeshFileError {
         }
     }
 
+    /// What is true of several files with such a problem, behind their number.
+    pub fn cause(&self) -> &'static str {
+        match &self.problem {
+            MeshFileProblem::Unreadable(_) => "meshes cannot be read",
+            MeshFileProblem::UnknownExtension => "files are not named like meshes",
+            MeshFileProblem::Mesh(_) => "meshes hold nothing that can be pressed",
+            MeshFileProblem::Unsupported(_) => "meshes use what is not read",
+            MeshFileProblem::NoHeightMap(_) => "files are no height maps",
+            MeshFileProblem::Malformed(_) | MeshFileProblem::Room { .. } | MeshFileProblem::EndsEarly(_) => {
+                "meshes are damaged"
+            }
+        }
+    }
+
     /// The same in this file, unless it is known to be in another one.
     pub(super) fn in_file(self, path: &Path) -> Self {
         Self { path: self.path.or_else(|| Some(path.to_owned())), ..self }

@@ -66,6 +66,8 @@ pub struct Loaded {
     pub given: Given,
     /// Millimetres that a coordinate of 1 was taken for.
     pub mm_per_unit: f64,
+    /// That is what the format or the file says.
+    pub states_its_unit: bool,
 }
 
 /// What a file holds, before anything is cleaned.
@@ -124,15 +126,16 @@ struct FileRead<'a> {
     bytes: usize,
     sha256: String,
     mm_per_unit: f64,
+    states_its_unit: bool,
 }
 
 impl FileRead<'_> {
     fn loaded(&self, raw: Raw) -> Result<Loaded, MeshFileError> {
         let (vertices, triangles) = (raw.vertices.len(), raw.triangles.len());
         let given = Given { format: self.format, bytes: self.bytes, vertices, triangles };
-        let mm_per_unit = self.mm_per_unit;
+        let Self { mm_per_unit, states_its_unit, .. } = *self;
         let (mesh, cleaned) = raw.mesh(mm_per_unit).map_err(|error| error.in_file(self.path))?;
-        Ok(Loaded { mesh, cleaned, sha256: self.sha256.clone(), given, mm_per_unit })
+        Ok(Loaded { mesh, cleaned, sha256: self.sha256.clone(), given, mm_per_unit, states_its_unit })
     }
 }
 
@@ -150,7 +153,8 @@ fn read_file(path: &Path, reading: Reading) -> Result<(FileRead<'_>, Raw), MeshF
     let raw = raw.map_err(in_file)?;
     let sha256 = others.sha256(own);
     let mm_per_unit = reading.mm_per_unit.or(raw.mm_per_unit).unwrap_or(1.0);
-    Ok((FileRead { path, format, bytes: bytes.len(), sha256, mm_per_unit }, raw))
+    let states_its_unit = reading.mm_per_unit.is_none() && raw.mm_per_unit.is_some();
+    Ok((FileRead { path, format, bytes: bytes.len(), sha256, mm_per_unit, states_its_unit }, raw))
 }
 
 fn read(bytes: &[u8], format: Format, urdf: UrdfShapes, others: &mut Others) -> Result<Raw, MeshFileError> {

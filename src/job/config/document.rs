@@ -119,6 +119,13 @@ impl Document {
         }
         let (table, errors) = DeTable::parse_recoverable(&text);
         let whole = Place { source, start: 0, end: text.len() };
+        if let (Some(error), Some((format, help))) = (errors.first(), slips::other_format(&text)) {
+            let start = error.span().map_or(0, |span| span.start);
+            let problem = Diagnostic::new(format!("not valid TOML: it looks like {format}"));
+            problems.push(problem.at(Place { source, start, end: start }).help(help));
+            self.sources.push(Source { name: name.to_owned(), text, folder: folder.to_owned() });
+            return Self::empty().root;
+        }
         // After a slip in a table's header its keys count to the table before: not the user's doubles.
         let doubles = errors.iter().all(is_duplicate);
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
@@ -128,13 +135,15 @@ impl Document {
             let span = error.span().unwrap_or(0..text.len());
             let place = Place { source, start: span.start, end: span.end };
             let problem = Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place);
-            problems.push(match slips::help(&text, span.start) {
+            let first = slips::first_of_double(&text, span.start).filter(|_| is_duplicate(&error));
+            let help = match first {
+                Some(line) => Some(format!("it stands in line {line} already: keep one")),
+                None => slips::help(&text, span.start),
+            };
+            problems.push(match help {
                 Some(help) => problem.help(help),
                 None => problem,
             });
-            if slips::is_json(&text) {
-                break;
-            }
         }
         let root = Node { place: whole, value: table_value(table.get_ref(), source) };
         self.sources.push(Source { name: name.to_owned(), text, folder: folder.to_owned() });

@@ -9,10 +9,9 @@ use crate::files::diagnostic::{Diagnostic, Diagnostics};
 use crate::files::input;
 use crate::files::sensor;
 use crate::files::source::Place;
-use crate::files::spelling::nearest;
 
 use super::document::{self, Document, Node, Value};
-use super::{random, reader};
+use super::{guesses, random, reader};
 
 /// A file with a `[sensor]` table, read, and where its keys stand.
 pub struct Laid<T> {
@@ -215,8 +214,7 @@ fn lay_under_sensor(document: &mut Document, problems: &mut Diagnostics) -> bool
             known
         }
         None => {
-            let near = nearest(name, names).map_or(String::new(), |near| format!("did you mean `{near}`? "));
-            let help = format!("{near}one of {}", crate::files::spelling::one_of(&names));
+            let help = guesses::of_choice(name, &names);
             problems.push(Diagnostic::new(format!("no sensor preset is called `{name}`")).at(preset.place).help(help));
             false
         }

@@ -12,6 +12,8 @@ pub mod dataset;
 pub mod document;
 pub mod fidelity;
 pub mod gripper;
+mod guesses;
+pub use guesses::whole;
 mod lay;
 pub mod object;
 pub mod output;

@@ -11,9 +11,9 @@ use std::fmt;
 use serde::de::{self, DeserializeOwned, IntoDeserializer, Unexpected, Visitor};
 
 use super::document::{Entry, Node, Value};
+use super::guesses::{self, Wanted};
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
 use crate::files::source::Place;
-use crate::files::spelling::nearest;
 use crate::files::spelling::one_of;
 
 /// Reads `node` as a `T` whose fields all have defaults; what is wrong goes to `problems` and counts as not written.
@@ -79,13 +79,23 @@ struct Mistake {
     field: Option<Place>,
     /// A key that is not there, rather than a value that is wrong.
     missing: bool,
+    /// What the value should be instead.
+    wanted: Option<Wanted>,
     /// Not a mistake of its own, only what is left of a list after those that were found in it.
     echo: bool,
 }
 
 impl Mistake {
     fn new(message: impl Into<String>) -> Self {
-        Self { message: message.into(), help: None, place: None, field: None, missing: false, echo: false }
+        Self {
+            message: message.into(),
+            help: None,
+            place: None,
+            field: None,
+            missing: false,
+            wanted: None,
+            echo: false,
+        }
     }
 
     fn located(mut self, place: Place) -> Self {
@@ -109,7 +119,9 @@ impl de::Error for Mistake {
 
     fn invalid_type(unexpected: Unexpected<'_>, expected: &dyn de::Expected) -> Self {
         let expected = expected.to_string().replace("a sequence", "a list");
-        Self::new(format!("expected {expected}, found {}", spoken(unexpected)))
+        // The one kind of value that says itself what it may be.
+        let wanted = expected.starts_with("a number, [min, max]").then_some(Wanted::Quantity);
+        Self { wanted, ..Self::new(format!("expected {expected}, found {}", spoken(unexpected))) }
     }
 
     fn invalid_length(length: usize, expected: &dyn de::Expected) -> Self {
@@ -155,8 +167,9 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn wrong_type(&self, expected: &str) -> Mistake {
-        Mistake::new(format!("expected {expected}, found {}", spoken(self.node.value.unexpected())))
+    fn wrong_type(&self, expected: &str, wanted: Option<Wanted>) -> Mistake {
+        let message = format!("expected {expected}, found {}", spoken(self.node.value.unexpected()));
+        Mistake { wanted, ..Mistake::new(message) }
     }
 
     fn visit<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
@@ -165,7 +178,7 @@ impl<'a> Reader<'a> {
             Value::Integer(number) => visitor.visit_i64(*number),
             Value::Float(number) => visitor.visit_f64(*number),
             Value::String(text) => visitor.visit_str(text),
-            Value::Datetime => Err(self.wrong_type("a value that is not a date")),
+            Value::Datetime => Err(self.wrong_type("a value that is not a date", None)),
             Value::Array(items) => {
                 let lost = {
                     let skipped = self.context.skipped.borrow();
@@ -194,8 +207,8 @@ impl<'a> Reader<'a> {
     fn integer<'de, V: Visitor<'de>>(self, min: i64, visitor: V) -> Result<V::Value, Mistake> {
         match &self.node.value {
             Value::Integer(number) if *number >= min => visitor.visit_i64(*number),
-            _ if min == 0 => Err(self.wrong_type("a whole number from 0 up")),
-            _ => Err(self.wrong_type("a whole number")),
+            _ if min == 0 => Err(self.wrong_type("a whole number from 0 up", Some(Wanted::Whole))),
+            _ => Err(self.wrong_type("a whole number", Some(Wanted::Whole))),
         }
         .map_err(|mistake| mistake.located(self.node.place))
     }
@@ -224,7 +237,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         match &self.node.value {
             Value::Bool(_) => self.visit(visitor),
-            _ => Err(self.wrong_type("true or false").located(self.node.place)),
+            _ => Err(self.wrong_type("true or false", Some(Wanted::Truth)).located(self.node.place)),
         }
     }
 
@@ -232,7 +245,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         match &self.node.value {
             Value::Integer(number) => visitor.visit_f64(*number as f64),
             Value::Float(number) => visitor.visit_f64(*number),
-            _ => Err(self.wrong_type("a number")),
+            _ => Err(self.wrong_type("a number", Some(Wanted::Number))),
         }
         .map_err(|mistake| mistake.located(self.node.place))
     }
@@ -240,7 +253,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
     fn deserialize_str<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         match &self.node.value {
             Value::String(_) => self.visit(visitor),
-            _ => Err(self.wrong_type("text in quotes").located(self.node.place)),
+            _ => Err(self.wrong_type("text in quotes", Some(Wanted::Text)).located(self.node.place)),
         }
     }
 
@@ -259,11 +272,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         match &self.node.value {
             Value::Array(_) => self.visit(visitor),
-            Value::Table(_) => {
-                let help = Some(String::from("a list of tables has double brackets, such as [[object]]"));
-                Err(Mistake { help, ..self.wrong_type("a list") }.located(self.node.place))
-            }
-            _ => Err(self.wrong_type("a list").located(self.node.place)),
+            _ => Err(self.wrong_type("a list", Some(Wanted::List)).located(self.node.place)),
         }
     }
 
@@ -291,7 +300,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         let Value::Table(entries) = &self.node.value else {
-            return Err(self.wrong_type("a table").located(self.node.place));
+            return Err(self.wrong_type("a table", Some(Wanted::Table)).located(self.node.place));
         };
         for entry in entries {
             if self.context.problems.borrow().is_full() {
@@ -299,10 +308,7 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
             }
             let unknown = !fields.contains(&entry.key.as_str());
             if unknown && self.context.skipped.borrow_mut().insert(entry.node.place) {
-                let help = match nearest(&entry.key, fields.iter().copied()) {
-                    Some(name) => format!("did you mean `{name}`?"),
-                    None => format!("known here: {}", one_of(fields)),
-                };
+                let help = guesses::of_key(&entry.key, fields);
                 let problem = Diagnostic::new(format!("unknown key `{}`", entry.key)).at(entry.key_place).help(help);
                 self.context.problems.borrow_mut().push(problem);
             }
@@ -329,13 +335,13 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
                     return Err(Mistake::new(message).located(self.node.place));
                 }
             },
-            _ => return Err(self.wrong_type(&one_of(variants)).located(self.node.place)),
+            _ => {
+                let wanted = Wanted::of_choice(variants);
+                return Err(self.wrong_type(&one_of(variants), wanted).located(self.node.place));
+            }
         };
         if !variants.contains(&name.as_str()) {
-            let help = match nearest(name, variants.iter().copied()) {
-                Some(near) => format!("did you mean `{near}`? One of {}", one_of(variants)),
-                None => format!("one of {}", one_of(variants)),
-            };
+            let help = guesses::of_choice(name, variants);
             let mistake = Mistake::new(format!("unknown choice `{name}`"));
             return Err(Mistake { help: Some(help), ..mistake }.located(place));
         }
@@ -392,6 +398,10 @@ impl<'de> de::MapAccess<'de> for Entries<'_> {
         let entry = self.value.take().ok_or_else(|| Mistake::new("a value was read before its key"))?;
         seed.deserialize(Reader { node: &entry.node, context: self.context }).map_err(|mut mistake| {
             mistake.place.get_or_insert(entry.node.place);
+            // A value that is wrong as a whole.
+            if let Some(wanted) = mistake.wanted.take().filter(|_| mistake.place == Some(entry.node.place)) {
+                mistake.help = mistake.help.or_else(|| guesses::line(&entry.key, &entry.node.value, wanted));
+            }
             if self.fields {
                 mistake.field.get_or_insert(entry.node.place);
             }

@@ -1,39 +1,89 @@
 //! Slips of syntax that many people make, and the way out of each.
 
-/// The way out of the slip of syntax that was found at byte `at`, if it is one of those.
-pub fn help(text: &str, at: usize) -> Option<&'static str> {
+/// What a text is that is no TOML at all: JSON, YAML, or something that a reader never sees.
+pub fn other_format(text: &str) -> Option<(&'static str, &'static str)> {
     if is_json(text) {
-        return Some("this looks like JSON; a job is TOML: gelsim init writes one to start from");
+        return Some((
+            "JSON",
+            "TOML belongs here: `{\"dataset\": {\"samples\": 10}}` reads [dataset] and samples = 10; gelsim init writes a job to start from",
+        ));
     }
-    let at = (0..=at.min(text.len())).rev().find(|at| text.is_char_boundary(*at)).unwrap_or(0);
-    let start = text[..at].rfind('\n').map_or(0, |end| end + 1);
-    let line = text[start..].lines().next().unwrap_or_default();
-    let value = line.split_once('=').map_or(line, |(_, value)| value);
-    if has_decimal_comma(value) {
-        return Some("numbers have a decimal point: 0.5");
-    }
-    if value.contains('\\') && value.contains('"') {
-        return Some(
-            "in \"..\" a backslash begins an escape: write / between folders, or put the path in single quotes",
-        );
+    if is_yaml(text) {
+        return Some((
+            "YAML",
+            "TOML belongs here: `dataset:` reads [dataset], `samples: 10` reads samples = 10; gelsim init writes a job to start from",
+        ));
     }
     None
 }
 
+/// The way out of the slip of syntax that was found at byte `at`, if it is one of those.
+pub fn help(text: &str, at: usize) -> Option<String> {
+    let at = (0..=at.min(text.len())).rev().find(|at| text.is_char_boundary(*at)).unwrap_or(0);
+    let start = text[..at].rfind('\n').map_or(0, |end| end + 1);
+    let line = text[start..].lines().next().unwrap_or_default();
+    let value = line.split_once('=').map_or(line, |(_, value)| value);
+    if let Some(help) = comma(value) {
+        return Some(help);
+    }
+    if value.contains('\\') && value.contains('"') {
+        return Some(format!(
+            "in \"..\" a backslash begins an escape: write / between folders, {}",
+            value.trim().replace('\\', "/")
+        ));
+    }
+    None
+}
+
+/// The line, counted from 1, in which the key or table stands that a later one doubles.
+pub fn first_of_double(text: &str, at: usize) -> Option<usize> {
+    let key = |line: &str| {
+        let line = line.trim_start();
+        match line.starts_with('[') {
+            true => line.trim_end().to_owned(),
+            false => line.split('=').next().unwrap_or_default().trim().to_owned(),
+        }
+    };
+    let at = (0..=at.min(text.len())).rev().find(|at| text.is_char_boundary(*at))?;
+    let start = text[..at].rfind('\n').map_or(0, |end| end + 1);
+    let doubled = key(text[start..].lines().next()?);
+    let before: Vec<&str> = text[..start].lines().collect();
+    before.iter().rposition(|line| key(line) == doubled).map(|line| line + 1)
+}
+
 /// True of a text that begins as JSON does and TOML does not.
-pub fn is_json(text: &str) -> bool {
+fn is_json(text: &str) -> bool {
     text.trim_start_matches('\u{feff}').trim_start().starts_with('{')
 }
 
-/// `0,5`, and no list.
-fn has_decimal_comma(value: &str) -> bool {
+/// True of a text whose first line has a key as YAML writes it.
+fn is_yaml(text: &str) -> bool {
+    let is_said = |line: &&str| !line.is_empty() && !line.starts_with('#') && *line != "---";
+    let first = text.trim_start_matches('\u{feff}').lines().map(str::trim_end).find(is_said).unwrap_or_default();
+    let (key, rest) = first.split_once(':').unwrap_or_default();
+    let is_key = !key.is_empty() && key.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '-'));
+    is_key && (rest.is_empty() || rest.starts_with(' ')) && !first.contains('=')
+}
+
+/// What `0,5`, `3,000` or `0.2, 1.0` should be, which are no lists.
+fn comma(value: &str) -> Option<String> {
     let value = value.split('#').next().unwrap_or_default().trim();
-    let is_number = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_ascii_digit());
-    value
-        .strip_prefix(['-', '+'])
-        .unwrap_or(value)
-        .split_once(',')
-        .is_some_and(|(whole, rest)| is_number(whole) && is_number(rest))
+    if value.starts_with(['[', '{', '"', '\'']) {
+        return None;
+    }
+    let parts: Vec<&str> = value.split(',').map(str::trim).collect();
+    let is_number = |part: &&str| part.parse::<f64>().is_ok_and(f64::is_finite);
+    if parts.len() < 2 || !parts.iter().all(is_number) {
+        return None;
+    }
+    let digits = |part: &str| part.trim_start_matches(['-', '+']).chars().all(|c| c.is_ascii_digit());
+    let (list, joined) = (parts.join(", "), parts.concat());
+    let tight = !value.contains(' ') && parts.iter().all(|part| digits(part));
+    Some(match parts[1..].iter().all(|part| part.len() == 3) {
+        true if tight => format!("write {joined}, or {} with a decimal point", parts.join(".")),
+        _ if tight && parts.len() == 2 => format!("numbers have a decimal point: {}", parts.join(".")),
+        _ => format!("a range or list stands in brackets: [{list}]"),
+    })
 }
 
 #[cfg(test)]
@@ -43,11 +93,33 @@ mod tests {
     #[test]
     fn slips_are_known_by_their_line() {
         let of = |text: &str| help(text, text.find('=').map_or(0, |at| at + 2)).unwrap_or_default();
-        assert!(of("a = 0,5").contains("decimal point") && of("a = -1,25 # mm").contains("decimal point"));
-        assert!(of("{\n\"a\": 1}").contains("JSON"));
-        assert!(of("a = \"C:\\m\\c.stl\"").contains("backslash"));
-        for other in ["a = [0,5]", "a = 1,", "a = x", "", "a = 1.0,2.0"] {
+        assert_eq!(of("a = 0,5"), "numbers have a decimal point: 0.5");
+        assert_eq!(of("a = -1,25 # mm"), "numbers have a decimal point: -1.25");
+        assert_eq!(of("samples = 3,000"), "write 3000, or 3.000 with a decimal point");
+        assert_eq!(of("a = 0.2, 1.5"), "a range or list stands in brackets: [0.2, 1.5]");
+        assert_eq!(of("a = 1.0,2.0"), "a range or list stands in brackets: [1.0, 2.0]");
+        assert!(of("a = \"C:\\m\\c.stl\"").ends_with("write / between folders, \"C:/m/c.stl\""));
+        for other in ["a = [0,5]", "a = 1,", "a = x", ""] {
             assert_eq!(of(other), "", "{other}");
         }
+    }
+
+    #[test]
+    fn other_formats_are_known_by_their_first_line() {
+        let of = |text: &str| other_format(text).map_or("", |(name, _)| name);
+        assert_eq!(of("{\n\"a\": 1}"), "JSON");
+        for yaml in ["dataset:\n  name: x\n", "# a job\n---\nfidelity: high\n", "- a: 1\n"] {
+            assert_eq!(of(yaml), if yaml.starts_with('-') { "" } else { "YAML" }, "{yaml}");
+        }
+        for toml in ["a = 1\n", "[dataset]\nname = \"a: b\"\n", "# only: a comment\n", ""] {
+            assert_eq!(of(toml), "", "{toml}");
+        }
+    }
+
+    #[test]
+    fn a_double_is_told_where_the_first_stands() {
+        let text = "[a]\nx = 1\ny = 2\nx = 3\n[a]\n";
+        assert_eq!(first_of_double(text, text.find("x = 3").expect("it is there")), Some(2));
+        assert_eq!(first_of_double(text, text.rfind("[a]").expect("it is there")), Some(1));
     }
 }

@@ -10,6 +10,7 @@ use crate::core::depth::relief::Relief;
 use crate::core::depth::rest::RestSurface;
 use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::calibrated::Table;
+use crate::files::diagnostic::Diagnostic;
 use crate::files::sensor::RestShape;
 use crate::files::{hash, heights, input, png};
 use crate::job::config::Job;
@@ -72,7 +73,7 @@ pub struct Photograph {
 }
 
 /// The photographs of the untouched pad, if the job names any, and a note where one was resampled. `None` after a mistake.
-pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photograph>, Option<String>)> {
+pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photograph>, Option<Diagnostic>)> {
     let size = view(job).resolution_px;
     let size = size.iter().all(|size| (1..=MOST_PX).contains(size)).then_some(size);
     if !job.random.backgrounds.is_empty() {
@@ -89,13 +90,10 @@ pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photogra
     let image = read(check, "sensor.background", "background", path, sha256, png::decode_background)?;
     let [width, height] = size?;
     let expected = (width as u32, height as u32);
-    let note = (image.dimensions() != expected).then(|| {
-        let (w, h) = image.dimensions();
-        format!("{path}: {w}x{h} px, resampled to the sensor's {width}x{height} px")
-    });
-    let image = match note {
-        Some(_) => image::imageops::resize(&image, expected.0, expected.1, image::imageops::FilterType::Triangle),
-        None => image,
+    let note = resampled(check, path, image.dimensions(), [width, height], job.sensor.field_of_view_mm);
+    let image = match image.dimensions() != expected {
+        true => image::imageops::resize(&image, expected.0, expected.1, image::imageops::FilterType::Triangle),
+        false => image,
     };
     let photograph = Photograph {
         file: file_name(path),
@@ -103,6 +101,28 @@ pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photogra
         image: Arc::new(BackgroundImage::new(width, height, image.into_raw())),
     };
     Some((vec![photograph], note))
+}
+
+/// What to know of a background of another size than the sensor's: nothing where it only has more or fewer pixels.
+fn resampled(
+    check: &Check<'_>,
+    path: &str,
+    (w, h): (u32, u32),
+    [width, height]: [usize; 2],
+    view_mm: [f64; 2],
+) -> Option<Diagnostic> {
+    /// Sides whose proportions differ by more are those of another picture.
+    const ALIKE: f64 = 0.02;
+    let stretched = f64::from(w) * height as f64 / (f64::from(h) * width as f64);
+    ((stretched - 1.0).abs() > ALIKE).then(|| {
+        let message = format!("{path} has {w}x{h} px, which are stretched to the sensor's {width}x{height} px");
+        let help = format!(
+            "give the sensor the photograph's size, `resolution_px = [{w}, {h}]`, and a `field_of_view_mm` of its proportions \
+             (now {} x {} mm)",
+            view_mm[0], view_mm[1]
+        );
+        Diagnostic::warning(message).help(help).at(check.document.place("sensor.background"))
+    })
 }
 
 /// Background images that a job may name: each takes 2 MB of memory at 640 x 480.

@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::check::Check;
 use super::files;
 use crate::core::base::surface::{Surface, SurfaceError};
+use crate::files::diagnostic::Diagnostic;
 use crate::files::mesh;
 use crate::files::sensor::Sensor;
 use crate::files::sensor::pins::{PinLayout, places};
@@ -128,7 +129,7 @@ fn way_out(error: &SurfaceError, offset_mm: [f64; 3]) -> String {
 }
 
 /// What is allowed and yet to be known of a gel's mesh.
-pub fn notes(sensor: &Sensor) -> Vec<String> {
+pub fn notes(sensor: &Sensor) -> Vec<Diagnostic> {
     /// Edges over which the normal turns more are seen, degrees.
     const COARSE_DEG: f64 = 20.0;
     let Some(SensorShape::Mesh(GelMesh { path, surface: Some(surface), .. })) = &sensor.shape else {
@@ -137,15 +138,12 @@ pub fn notes(sensor: &Sensor) -> Vec<String> {
     let mut notes = Vec::new();
     let coarsest = surface.coarsest_deg();
     if coarsest > COARSE_DEG {
-        notes.push(format!(
-            "{path}: the gel's surface turns by {coarsest:.0} degrees over one edge; a finer mesh is truer to the shape"
-        ));
+        let message = format!("{path}: the gel's surface turns by {coarsest:.0} degrees over one edge");
+        notes.push(Diagnostic::note(message).help("a finer mesh is truer to the shape"));
     }
     if surface.sharp_edges() > 0 {
-        notes.push(format!(
-            "{path}: {} edges are sharper than 40 degrees and stay so; contacts over them are not simulated well",
-            surface.sharp_edges()
-        ));
+        let message = format!("{path}: {} edges are sharper than 40 degrees and stay so", surface.sharp_edges());
+        notes.push(Diagnostic::warning(message).help("press beside them: contacts over them are not simulated well"));
     }
     notes
 }

@@ -11,6 +11,7 @@ use crate::core::mesh::clusters::Clusters;
 use crate::core::mesh::{Cleaned, Mesh};
 use crate::files::mesh::{self, Loaded, MeshFileError};
 use crate::job::config::object::{Object, Parts};
+use crate::job::inspection::{MeshSize, SensorPad, sides};
 
 /// A file that an `[[object]]` names.
 pub struct File {
@@ -46,35 +47,33 @@ pub struct Part {
     pub facets: Facets,
     /// What cleaning removed.
     pub cleaned: Cleaned,
-    /// Its longest extent, mm.
-    pub largest_mm: f64,
-    /// Millimetres that a coordinate of 1 was taken for.
-    pub mm_per_unit: f64,
-    /// The format or the file says what a coordinate of 1 is.
+    /// How large it is, and where.
+    pub size: MeshSize,
+    /// Rows of the sensor's pixels that its triangles fill in a capture.
+    pub rows_per_capture: f64,
+    /// The format says what a coordinate of 1 is.
     pub knows_its_unit: bool,
     /// SHA-256 of the file, lower-case hex.
     pub sha256: String,
 }
 
 impl Part {
-    fn new(name: Option<String>, loaded: Loaded) -> Self {
-        let Loaded { mesh, cleaned, sha256, given, mm_per_unit } = loaded;
-        let knows_its_unit = given.format.knows_its_unit();
-        Self { name, mm_per_unit, knows_its_unit, ..Self::of(&mesh, cleaned, sha256) }
+    fn new(name: Option<String>, loaded: Loaded, pad: &SensorPad) -> Self {
+        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit } = loaded;
+        let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
+        Self { name, knows_its_unit: given.format.knows_its_unit(), ..Self::of(&mesh, cleaned, sha256, size, pad) }
     }
 
     /// A mesh in millimetres that is all of its file.
-    fn of(mesh: &Mesh, cleaned: Cleaned, sha256: String) -> Self {
-        // The bounding box is centred on zero.
-        let half = mesh.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
+    fn of(mesh: &Mesh, cleaned: Cleaned, sha256: String, size: MeshSize, pad: &SensorPad) -> Self {
         let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::of(mesh));
         Self {
             name: None,
             clusters: Arc::new(clusters),
             facets,
             cleaned,
-            largest_mm: 2.0 * f64::from(half),
-            mm_per_unit: 1.0,
+            size,
+            rows_per_capture: sides::rows(mesh, pad),
             knows_its_unit: true,
             sha256,
         }
@@ -85,7 +84,7 @@ impl Part {
 pub type Read = Arc<Result<Vec<Part>, MeshFileError>>;
 
 /// Reads the files, on all threads and each once, however many tables take a part of it.
-pub fn read(objects: &[Object], files: &[File]) -> Vec<Read> {
+pub fn read(objects: &[Object], files: &[File], pad: &SensorPad) -> Vec<Read> {
     let key = |file: &File| {
         let object = &objects[file.entry];
         let apart = object.part.is_some() || object.parts == Parts::Separate;
@@ -110,14 +109,18 @@ pub fn read(objects: &[Object], files: &[File]) -> Vec<Read> {
             let object = &objects[file.entry];
             if let Some(size) = object.plate_size().filter(|_| mesh::is_height_map(&file.path)) {
                 let plate = mesh::load_plate(&file.path, size);
-                return Arc::new(plate.map(|(mesh, cleaned, sha256)| vec![Part::of(&mesh, cleaned, sha256)]));
+                return Arc::new(plate.map(|(mesh, cleaned, sha256)| {
+                    let size = MeshSize::new(&mesh, 1.0, true);
+                    vec![Part::of(&mesh, cleaned, sha256, size, pad)]
+                }));
             }
             let reading = object.reading();
             let parts = match apart {
                 true => mesh::load_parts(&file.path, reading),
                 false => mesh::load(&file.path, reading).map(|loaded| vec![(String::new(), loaded)]),
             };
-            let part = |(name, loaded): (String, Loaded)| Part::new(Some(name).filter(|name| !name.is_empty()), loaded);
+            let part =
+                |(name, loaded): (String, Loaded)| Part::new(Some(name).filter(|name| !name.is_empty()), loaded, pad);
             Arc::new(parts.map(|parts| parts.into_iter().map(part).collect()))
         })
         .collect();

@@ -15,7 +15,7 @@ use crate::core::effects::EffectPolicy;
 use crate::core::fidelity::{Fidelity, Models};
 use crate::core::sensor::{Background, Sensor};
 use crate::core::simulator::Simulator;
-use crate::files::diagnostic::{Diagnostics, Report, user_error};
+use crate::files::diagnostic::{Consequence, Diagnostic, Diagnostics, Report, user_error};
 use crate::job::config::fidelity::FidelityChoice;
 use crate::job::config::output::Output;
 use crate::job::config::{self, Job, Overrides, Written};
@@ -71,8 +71,10 @@ pub struct Plan {
     pub layout: Layout,
     /// SHA-256 over all that decides the bytes of a sample; paths are not part of it, contents are.
     pub fingerprint: String,
-    /// Things the user should know that are no mistakes.
-    pub notes: Vec<String>,
+    /// What the user should know of the job that is no mistake.
+    pub notes: Report,
+    /// One of them says why samples may touch nothing.
+    pub explains_misses: bool,
     /// The sensor file that the job names, for messages: what is in it is in the job.
     pub sensor_file: Option<PathBuf>,
     /// The job itself names its model of the light, which then stays whatever level is tried.
@@ -176,7 +178,7 @@ impl Plan {
         }
         let mut check = Check { document: &document, problems: &mut problems };
         let textures = files::textures(&mut check, "texture", &mut job.texture);
-        let mut notes = Vec::new();
+        let mut notes = Diagnostics::default();
         let found = match scope {
             Scope::Frames => Some((Vec::new(), Draw::NOTHING)),
             Scope::Objects => {
@@ -195,15 +197,11 @@ impl Plan {
         };
         notes.extend(background_note);
         notes.extend(gel::notes(&job.sensor));
-        notes.extend(notes::of(&job));
-        notes.extend(
-            others
-                .iter()
-                .chain(&right)
-                .flat_map(|other| notes::of(&other.job))
-                .filter(|note| !notes.contains(note))
-                .collect::<Vec<_>>(),
-        );
+        notes.extend(notes::of(&job, |key| document.place(key)));
+        for other in others.iter().chain(&right) {
+            let known: Vec<String> = notes.iter().map(|note| note.message.clone()).collect();
+            notes.extend(notes::of(&other.job, |_| None).into_iter().filter(|note| !known.contains(&note.message)));
+        }
         let simulator = simulator(sensor, chosen_models(&job), job.effects, &job);
         let classes = classes(objects.iter().map(|object| object.class.as_str()));
         let sampling = Sampling { objects, classes, draw, textures, moves_objects: job.shear.any() };
@@ -213,7 +211,8 @@ impl Plan {
             sampling: Arc::new(sampling),
             layout: Layout::from_dataset(&job.dataset),
             fingerprint: fingerprint(&job),
-            notes,
+            explains_misses: explains_misses(&notes),
+            notes: Report::new(&notes, &document.sources),
             sensor_file,
             optics_named,
             others: Vec::new(),
@@ -351,6 +350,15 @@ impl Plan {
         if number == 0 { self } else { &self.others[number - 1] }
     }
 
+    /// Changes its job, also where that is written a second time for other sensors. Nothing is read or made ready again.
+    pub(in crate::job) fn change(&mut self, change: &impl Fn(&mut Job)) {
+        change(&mut self.job);
+        self.others.iter_mut().for_each(|other| other.change(change));
+        if let Some(right) = &mut self.right {
+            right.change(change);
+        }
+    }
+
     /// Number of a class among the plan's. Every object has one; a depth frame whose class nobody named has none.
     pub fn class_index(&self, class: &str) -> Option<usize> {
         self.sampling.classes.binary_search_by(|known| known.as_str().cmp(class)).ok()
@@ -364,7 +372,7 @@ impl Plan {
 
 /// The sensor of a job with what its files hold, its photographs, and a note where one was resampled. `None` after a
 /// mistake.
-fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Vec<Photograph>, Option<String>)> {
+fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Vec<Photograph>, Option<Diagnostic>)> {
     let backgrounds = files::backgrounds(check, job);
     let calibration = files::calibration(check, job);
     let rest_surface = files::rest_surface(check, job);
@@ -374,6 +382,11 @@ fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Vec<
         sensor.background = Background::Photograph(Arc::clone(&photograph.image));
     }
     Some((sensor, photographs, note))
+}
+
+/// True if one of a job's notes says why its samples may touch nothing.
+fn explains_misses(notes: &Diagnostics) -> bool {
+    notes.iter().any(|note| note.consequence == Some(Consequence::NoContact))
 }
 
 /// Writes out the defaults that depend on other keys.

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 
 use super::meshes::File;
+use crate::files::diagnostic::{Diagnostic, Diagnostics};
 use crate::job::config::object::{ClassFrom, Object};
 
 /// The class of each file, before its parts are told apart. Where files in different folders have one name, the folder by
 /// which they differ names the class, with a note; unless the job says what does.
-pub fn classes(objects: &[Object], files: &[File], notes: &mut Vec<String>) -> Vec<String> {
+pub fn classes(objects: &[Object], files: &[File], notes: &mut Diagnostics) -> Vec<String> {
     let mut classes: Vec<String> = files.iter().map(|file| named(&objects[file.entry], file)).collect();
     let mut same: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for (i, file) in files.iter().enumerate() {
@@ -21,11 +22,16 @@ pub fn classes(objects: &[Object], files: &[File], notes: &mut Vec<String>) -> V
         let paths: Vec<&Path> = files_of_stem.iter().map(|&i| files[i].path.as_path()).collect();
         let Some(folders) = differing(&paths) else { continue };
         let different = folders.iter().collect::<BTreeSet<_>>().len();
-        notes.push(format!(
+        let message = format!(
             "{different} meshes are called `{stem}`: their classes are named after the folders by which they differ, the first \
-             `{}`; class_from = \"stem\" under [[object]] makes them one class",
+             `{}`",
             folders[0]
-        ));
+        );
+        let help = "class_from = \"folder\" under [[object]] says that it is meant, class_from = \"stem\" makes them one class";
+        notes.push(Diagnostic::note(message).of(
+            format!("`{stem}`"),
+            "names stand for several meshes each, whose classes are named after the folders by which they differ",
+        ).help(help));
         for (i, folder) in files_of_stem.into_iter().zip(folders) {
             classes[i] = folder;
         }

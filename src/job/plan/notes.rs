@@ -3,6 +3,8 @@
 use super::{chosen_models, sensors};
 use crate::core::gelpad;
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
+use crate::files::diagnostic::Diagnostic;
+use crate::files::source::Place;
 use crate::job::config::Job;
 
 /// Young's moduli of gels and elastomers, kPa.
@@ -14,16 +16,22 @@ const SHALLOWEST_MM: f64 = 1e-3;
 /// Pixels longer by this factor one way than the other are seen to be.
 const STRETCHED: f64 = 1.1;
 
-/// All of them.
-pub fn of(job: &Job) -> Vec<String> {
-    [stretched(job), strain(job), squeezed(job), shallow(job), modulus(job), out_of_view(job), off_the_curve(job)]
-        .into_iter()
-        .flatten()
-        .collect()
+/// All of them; `place` knows where a key stands.
+pub fn of(job: &Job, place: impl Fn(&str) -> Option<Place>) -> Vec<Diagnostic> {
+    let found = [
+        ("sensor.resolution_px", stretched(job)),
+        (if job.sequence.is_some() { "sequence" } else { "indentation.depth_mm" }, strain(job)),
+        ("gripper.squeeze_mm", squeezed(job)),
+        ("indentation.depth_mm", shallow(job)),
+        ("sensor.gelpad_youngs_modulus_kpa", modulus(job)),
+        ("sequence", out_of_view(job)),
+        ("sequence", off_the_curve(job)),
+    ];
+    found.into_iter().filter_map(|(key, note)| Some(note?.at(place(key)))).collect()
 }
 
 /// Pixels that are longer one way than the other: mostly a resolution for a camera that is held the other way.
-fn stretched(job: &Job) -> Option<String> {
+fn stretched(job: &Job) -> Option<Diagnostic> {
     let sensor = Some(&job.sensor).filter(|sensor| sensor.shape.is_none())?;
     let (px, mm) = (sensor.resolution_px, sensor.field_of_view_mm);
     let [x, y]: [f64; 2] = std::array::from_fn(|k| mm[k] / px[k].max(1) as f64);
@@ -32,19 +40,19 @@ fn stretched(job: &Job) -> Option<String> {
         (longest * mm[k] / mm[0].max(mm[1])).round().max(1.0)
     };
     (x.max(y) > STRETCHED * x.min(y)).then(|| {
-        format!(
-            "pixels are {x:.3} x {y:.3} mm: images are out of proportion; `sensor.resolution_px = [{}, {}]` keeps that of the \
-             view, {} x {} mm",
+        let help = format!(
+            "`sensor.resolution_px = [{}, {}]` keeps the proportion of the view, {} x {} mm",
             kept(0),
             kept(1),
             mm[0],
             mm[1]
-        )
+        );
+        Diagnostic::warning(format!("pixels are {x:.3} x {y:.3} mm: images are out of proportion")).help(help)
     })
 }
 
 /// Where the object of a sequence may be moved out of the view: the first phase in which it may.
-fn out_of_view(job: &Job) -> Option<String> {
+fn out_of_view(job: &Job) -> Option<Diagnostic> {
     let sequence = job.sequence.as_ref().filter(|_| job.sensor.shape.is_none())?;
     let half_mm = job.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
     let mut reach = [&job.pose.x_mm, &job.pose.y_mm].map(|quantity| quantity.support());
@@ -59,18 +67,19 @@ fn out_of_view(job: &Job) -> Option<String> {
         }
         outside(&reach).map(|k| {
             let (name, axis, (least, most)) = (phase.name.as_deref().unwrap_or_default(), ["x", "y"][k], reach[k]);
-            format!(
+            let message = format!(
                 "in phase `{name}` the point that [pose] places may come to {axis} = {least} to {most} mm, out of the view, which \
                  ends at {} mm",
                 half_mm[k]
-            )
+            );
+            Diagnostic::warning(message).help(format!("move it less: {axis}_mm of the phases and of [pose] add up"))
         })
     })
 }
 
 /// Where the object of a sequence may be moved so far over a gel that has a shape that this falls away below it: motions are in
 /// the plane that the object is posed over.
-fn off_the_curve(job: &Job) -> Option<String> {
+fn off_the_curve(job: &Job) -> Option<Diagnostic> {
     let sequence = job.sequence.as_ref()?;
     let shape = job.sensor.gel()?;
     let radius_mm = shape.radius_mm();
@@ -108,16 +117,17 @@ fn off_the_curve(job: &Job) -> Option<String> {
             false => String::from("where there is no gel"),
         };
         (deepest_mm > 0.0 && drop_mm > deepest_mm).then(|| {
-            format!(
+            let message = format!(
                 "in phase `{}` the object may come {farthest_mm} mm from where it began, {there}: it may leave the gel",
                 phase.name.as_deref().unwrap_or_default(),
-            )
+            );
+            Diagnostic::warning(message).help("move it less: x_mm and y_mm of the phases add up")
         })
     })
 }
 
 /// Where the elastic pad is pressed beyond what its theory holds for.
-fn strain(job: &Job) -> Option<String> {
+fn strain(job: &Job) -> Option<Diagnostic> {
     let deepest = match &job.sequence {
         None => job.indentation.depth_mm.as_ref()?.support().1,
         Some(sequence) => {
@@ -128,47 +138,45 @@ fn strain(job: &Job) -> Option<String> {
     let [thickness, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
     let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
     (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
-        format!(
-            "{} may be {deepest}, over half of the pad's {thickness} mm: linear elasticity does not hold \
-             there; such samples have numerics.beyond_theory in their labels",
-            if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" }
-        )
+        let key = if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" };
+        beyond_theory(format!("{key} may be {deepest}, over half of the pad's {thickness} mm"), thickness)
     })
 }
 
 /// Where a gripper squeezes both its pads beyond that.
-fn squeezed(job: &Job) -> Option<String> {
+fn squeezed(job: &Job) -> Option<Diagnostic> {
     let gripper = job.gripper.as_ref()?;
     let most = gripper.squeeze_mm.as_ref()?.support().1;
     let [left, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
     let both = left + gripper.right.as_ref().map_or(left, |right| right.gelpad_thickness_mm);
-    (most > LARGEST_STRAIN * both).then(|| {
-        format!(
-            "gripper.squeeze_mm may be {most}, over half of both pads' {both} mm: linear elasticity does not hold there; such samples \
-             have numerics.beyond_theory in their labels"
-        )
-    })
+    (most > LARGEST_STRAIN * both)
+        .then(|| beyond_theory(format!("gripper.squeeze_mm may be {most}, over half of both pads' {both} mm"), both))
+}
+
+fn beyond_theory(deepest: String, thickness_mm: f64) -> Diagnostic {
+    Diagnostic::note(format!("{deepest}: linear elasticity does not hold there")).help(format!(
+        "stay below {} mm, or leave samples out by numerics.beyond_theory in their labels",
+        LARGEST_STRAIN * thickness_mm
+    ))
 }
 
 /// Where no press can be seen.
-fn shallow(job: &Job) -> Option<String> {
+fn shallow(job: &Job) -> Option<Diagnostic> {
     let deepest = job.indentation.depth_mm.as_ref()?.support().1;
     (deepest < SHALLOWEST_MM).then(|| {
-        format!(
-            "indentation.depth_mm is at most {deepest}, less than a micrometre, which no camera shows; its unit is mm"
-        )
+        let message =
+            format!("indentation.depth_mm is at most {deepest}, less than a micrometre, which no camera shows");
+        Diagnostic::warning(message).explains_misses().help("its unit is mm, such as depth_mm = [0.2, 1.0]")
     })
 }
 
 /// Where the gelpad is softer than a gel or harder than a rubber.
-fn modulus(job: &Job) -> Option<String> {
+fn modulus(job: &Job) -> Option<Diagnostic> {
     let [softest, hardest] = sensors::support(job, "gelpad_youngs_modulus_kpa", job.sensor.gelpad_youngs_modulus_kpa);
     let [least, most] = MODULI_KPA;
     let odd = if softest < least { Some(softest) } else { (hardest > most).then_some(hardest) };
     odd.map(|kpa| {
-        format!(
-            "sensor.gelpad_youngs_modulus_kpa may be {kpa}, where gelpads have {least} to {most}; its unit is kPa, and it \
-             scales forces and pressures only"
-        )
+        let message = format!("sensor.gelpad_youngs_modulus_kpa may be {kpa}, where gelpads have {least} to {most}");
+        Diagnostic::warning(message).help("its unit is kPa (1 MPa is 1000), and it scales forces and pressures only")
     })
 }

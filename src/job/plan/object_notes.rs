@@ -9,6 +9,7 @@ use crate::core::base::angle::sin_cos_deg;
 use crate::core::mesh::Mesh;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::Anchor;
+use crate::files::diagnostic::Diagnostic;
 use crate::files::figures::figure;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::Job;
@@ -130,8 +131,8 @@ impl Edges {
     }
 }
 
-/// All that is to be said of a mesh that messages call `shown`.
-pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &Facets) -> Vec<String> {
+/// All that is to be said of a mesh that messages call `shown`, as this job presses it.
+pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &Facets) -> Vec<Diagnostic> {
     if job.sensor.resolution_px.contains(&0) {
         return Vec::new();
     }
@@ -140,7 +141,7 @@ pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &
 }
 
 /// Where the facets of round surfaces are so large that the image shows them.
-fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<String> {
+fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<Diagnostic> {
     let sensor = &job.sensor;
     let [shorter_mm, px] = match sensor.field_of_view_mm[0] < sensor.field_of_view_mm[1] {
         true => [sensor.field_of_view_mm[0], f64::from(sensor.resolution_px[0])],
@@ -148,33 +149,37 @@ fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<
     };
     let width_mm = facets.width_mm * scale.support().0;
     (facets.share > MOSTLY && width_mm > SEEN * shorter_mm).then(|| {
-        format!(
-            "{shown}: its round surfaces are facets some {} mm ({:.0} px) wide that meet at some {:.1} degrees, which images \
-             show: export it with smaller ones",
-            figure(width_mm),
+        let width = figure(width_mm);
+        let message = format!(
+            "{shown}: its round surfaces are facets some {width} mm ({:.0} px) wide that meet at some {:.1} degrees, which images \
+             show",
             width_mm / shorter_mm * px,
             facets.angle_deg
-        )
+        );
+        Diagnostic::note(message)
+            .help("export it with smaller facets")
+            .of(format!("{shown} ({width} mm)"), "meshes have round surfaces of facets so wide that images show them")
     })
 }
 
 /// Where the side that is pressed, always level, is flat and another is not.
-fn flat(shown: &str, job: &Job, object: &Clusters) -> Option<String> {
+fn flat(shown: &str, job: &Job, object: &Clusters) -> Option<Diagnostic> {
     let pose = &job.pose;
     let level = pose.tilt_deg.support() == (0.0, 0.0) && pose.roll_deg.is_none() && pose.pitch_deg.is_none();
     let side = pose.face.side().filter(|_| level && job.sequence.is_none() && job.sensor.shape.is_none())?;
     let reach_mm = job.sensor.gelpad_thickness_mm;
-    let other = faces::relief_beside(side, object, reach_mm)?;
-    Some(format!(
-        "{shown}: its side {}, which [pose] face presses, is flat, and others are not: face = \"{}\", or face = \"auto\", which \
-         presses of each object the side with the most relief",
-        Face::of(side).name(),
-        Face::of(other).name()
-    ))
+    let other = Face::of(faces::relief_beside(side, object, reach_mm)?).name();
+    let side = Face::of(side).name();
+    let message = format!("{shown}: its side {side}, which [pose] presses, is flat, and others are not");
+    let help = format!(
+        "write face = \"auto\" under [pose], which presses of each object the side with the most relief, or face = \"{other}\""
+    );
+    let cause = format!("meshes are flat on their side {side}, which [pose] presses, and not on others");
+    Some(Diagnostic::note(message).help(help).of(shown, cause))
 }
 
 /// Where no draw of the pose brings any of the object into view.
-fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> Option<String> {
+fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> Option<Diagnostic> {
     if job.sensor.shape.is_some() || job.sequence.is_some() {
         return None;
     }
@@ -192,12 +197,17 @@ fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> O
     let beyond = |k: &usize| places[*k].0 - reach_mm > half_mm[*k] || places[*k].1 + reach_mm < -half_mm[*k];
     (0..2).find(beyond).map(|k| {
         let (axis, (least, most)) = (["x", "y"][k], places[k]);
-        format!(
-            "{shown} is never in view: [pose] places it at {axis}_mm = {least} to {most}, it reaches {} mm from there at most, and \
+        let place = if least == most { format!("{least}") } else { format!("{least} to {most}") };
+        let message = format!(
+            "{shown} is never in view: [pose] places it at {axis}_mm = {place}, it reaches {} mm from there at most, and \
              the view ends at {} mm",
             figure(reach_mm),
             half_mm[k]
-        )
+        );
+        Diagnostic::warning(message)
+            .explains_misses()
+            .help(format!("{axis}_mm counts from the middle of the view, in mm: write {axis}_mm = 0.0"))
+            .of(format!("{shown} (reaches {} mm)", figure(reach_mm)), format!("meshes are never in view: [pose] places them at {axis}_mm = {place}"))
     })
 }
 

@@ -12,16 +12,20 @@ use super::paths::find;
 use super::{faces, files, object_notes};
 use crate::core::base::rng::stream;
 use crate::core::depth::relief::Relief;
+use crate::core::mesh::Cleaned;
 use crate::core::mesh::cleaning::LARGEST_MM;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::pose::Side;
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Severity};
 use crate::files::figures::figure;
 use crate::files::mesh;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
-use crate::job::config::object::{Object as Entry, OnBad, Parts, Unit, is_plausible};
+use crate::job::config::object::{Object as Entry, OnBad, Parts, Unit};
 use crate::job::config::scene::Face;
+use crate::job::inspection::SensorPad;
+use crate::job::inspection::findings;
 
 /// An object ready to be pressed.
 #[derive(Debug)]
@@ -56,7 +60,7 @@ pub struct Found {
 
 /// Finds and reads the meshes. `job.object` becomes one entry per object, with absolute path, class, SHA-256, and the path for
 /// labels.
-pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Found {
+pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Found {
     if job.object.is_empty() && check.document.get("object").is_none() && !check.misspelt("object") {
         check.error("object", "the job has no object", "add an [[object]] table with path = \"...\"");
     } else if job.object.is_empty() && check.sound("object") {
@@ -105,7 +109,11 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
     let named = meshes.len();
     let (classes, meshes): (Vec<_>, Vec<_>) = classes.into_iter().zip(meshes).filter(|(_, file)| known(file)).unzip();
     unread += named - meshes.len();
-    let found = read(&job.object, &meshes);
+    let pad = SensorPad::new(&job.sensor);
+    // Where an object is named.
+    let places: Vec<_> = (0..job.object.len()).map(|i| check.document.place(&format!("object.{i}.path"))).collect();
+    let place = |i: usize| places[i];
+    let found = read(&job.object, &meshes, &pad);
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<Object> = Vec::new();
     let mut left_out = None;
@@ -115,7 +123,8 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
         let parts = match &*of_file {
             Ok(parts) => parts,
             Err(error) if entry.on_bad == OnBad::Skip => {
-                notes.push(format!("left out: {error}"));
+                let skipped = Diagnostic::warning(format!("left out: {error}")).help(error.help()).at(place(*i));
+                notes.push(skipped.of(error.to_string(), format!("{} and are left out", error.cause())));
                 left_out.get_or_insert((*i, error.to_string()));
                 continue;
             }
@@ -124,7 +133,8 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
                     1 => error.help().to_owned(),
                     _ => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
                 };
-                check.error(&format!("object.{i}.path"), error.to_string(), help);
+                let problem = Diagnostic::new(error.to_string()).help(help).at(place(*i));
+                check.problems.push(problem.of(error.to_string(), error.cause()));
                 unread += 1;
                 continue;
             }
@@ -145,22 +155,28 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Vec<String>) -> Fo
             let Part { name, clusters, .. } = part;
             let of_part = |text: &str| name.as_ref().map_or(text.to_owned(), |name| format!("{text}/{name}"));
             let shown = of_part(&path.to_string_lossy());
-            if let Some(warning) = part.cleaned.warning() {
-                notes.push(format!("{shown}: {warning}"));
+            if let Some(left_out) = (Cleaned { non_finite_vertices: 0, ..part.cleaned }).warning() {
+                let info = Diagnostic::info(format!("{shown}: {left_out}")).at(place(*i));
+                notes.push(info.of(format!("{shown} ({left_out})"), "meshes have triangles that were left out"));
             }
-            let measured = mesh::is_height_map(path);
-            if let Some(note) = odd_unit(&shown, part, &entry.scale, job.sensor.field_of_view_mm).filter(|_| !measured)
-            {
-                notes.push(note);
+            let mut said = findings::slow(part.rows_per_capture).into_iter().collect::<Vec<_>>();
+            said.extend(findings::of_mesh(&part.size.scaled(&entry.scale, &pad), &part.cleaned, &pad));
+            for finding in said {
+                let found = finding.diagnostic(&shown).at(place(*i));
+                match finding.severity {
+                    Severity::Error => check.problems.push(found),
+                    _ => notes.push(found),
+                }
             }
-            notes.extend(object_notes::of(&shown, job, &entry.scale, clusters, &part.facets));
+            let of_job = object_notes::of(&shown, job, &entry.scale, clusters, &part.facets);
+            notes.extend(of_job.into_iter().map(|note| note.at(place(*i))));
             if let Some(expected) = &entry.sha256
                 && *expected != part.sha256
             {
                 let message = format!("{} has changed: its SHA-256 is {}", path.display(), part.sha256);
                 check.error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
             }
-            let most = part.largest_mm * entry.scale.support().1;
+            let most = part.size.largest_mm() * entry.scale.support().1;
             if most > LARGEST_MM && entry.scale != Quantity::Constant(1.0) {
                 let message = format!("{shown} may be {} mm long under this scale", figure(most));
                 check.error(&format!("object.{i}.scale"), message, format!("allowed: up to {LARGEST_MM:.0e} mm"));
@@ -265,24 +281,6 @@ pub fn as_they_are(check: &mut Check<'_>, job: &Job) {
             check.error(&format!("object.{i}.scale"), "the objects' places are known as they are", help);
         }
     }
-}
-
-/// What to say of a mesh whose coordinates are probably in another unit than the job says.
-fn odd_unit(shown: &str, part: &Part, scale: &Quantity, field_of_view_mm: [f64; 2]) -> Option<String> {
-    let (smallest, largest) = scale.support();
-    if is_plausible(part.largest_mm * smallest, field_of_view_mm) {
-        return None;
-    }
-    let largest_mm = part.largest_mm * largest;
-    let (likely, _) = Unit::likely(part.mm_per_unit, largest_mm, field_of_view_mm)?;
-    let [width, height] = field_of_view_mm;
-    let measured = format!("{shown} is {} mm long under {}", figure(largest_mm), Unit::written(part.mm_per_unit));
-    Some(format!(
-        "{measured}, against a view of {width} x {height} mm; its values look like {}: if they are, write unit = \"{}\" \
-         under its [[object]]",
-        likely.in_words(),
-        likely.name()
-    ))
 }
 
 /// Unique names of objects from the stems of their files: with a number where several share one.

@@ -36,7 +36,7 @@ pub fn check(check: &mut Check<'_>, written: &Augment, set: Option<&Set>, backgr
 
 /// The metadata of each real sample, for its counterpart. A sample whose label names no object or no depth has none; one
 /// that names an object that is not there is a mistake.
-pub fn resolve(set: &Set, plan: &Plan, notes: &mut Vec<String>) -> (Vec<Option<PressMetadata>>, Report) {
+pub fn resolve(set: &Set, plan: &Plan, notes: &mut Diagnostics) -> (Vec<Option<PressMetadata>>, Report) {
     let mut problems = Diagnostics::default();
     let object = |name: &str| {
         let of_class = |class: &str| {
@@ -75,7 +75,9 @@ pub fn resolve(set: &Set, plan: &Plan, notes: &mut Vec<String>) -> (Vec<Option<P
     }
     let without = metadata.iter().filter(|found| found.is_none()).count();
     if without > 0 {
-        notes.push(format!("{without} of {} real samples have no twin: object or depth is not known", metadata.len()));
+        let message =
+            format!("{without} of {} real samples have no twin: object or depth is not known", metadata.len());
+        notes.push(Diagnostic::note(message).help("fill them in, or leave such rows out"));
     }
     (metadata, Report::new(&problems, &set.sources))
 }

@@ -51,7 +51,7 @@ pub struct Recipe {
     /// Columns that say where samples come from.
     pub trace: TraceColumns,
     /// Things the user should know that are no mistakes.
-    pub notes: Vec<String>,
+    pub notes: Report,
 }
 
 impl Recipe {
@@ -112,7 +112,7 @@ fn resolve(
         check_trace_columns(&mut check, set, &trace);
         divide(&mut check, &written, set)
     });
-    let mut notes = Vec::new();
+    let mut notes = Diagnostics::default();
 
     let mut job = sensor::job(&mut check, &written, size);
     let background = sensor::background(&mut check, &written, &job, size);
@@ -185,12 +185,12 @@ fn resolve(
         split_column,
         mix: None,
         trace,
-        notes,
+        notes: Report::new(&notes, &document.sources),
         division,
         set,
     };
     if let (Some(mixing), Some(plan)) = (mixing, plan) {
-        recipe.notes.extend(plan.notes.iter().cloned());
+        recipe.notes = recipe.notes.and(plan.notes.clone());
         let without_synthetic = recipe.without_synthetic();
         recipe.mix = synthetic_mix::choose(&mut check, mixing, plan, &recipe.set, &recipe.division, without_synthetic);
         if recipe.mix.is_none() {

@@ -163,7 +163,7 @@ impl Summary {
             "images": Value::Object(image_stats.collect()),
             "twins": pairs,
             "mixing": mix,
-            "notes": recipe.notes,
+            "notes": recipe.notes.texts(),
             "recipe": recipe.text,
         });
         format!("{summary:#}\n").into_bytes()
@@ -176,7 +176,7 @@ impl Summary {
         let mut body = String::from("<div class=\"cards\">\n");
         body.extend([(self.all().to_string(), "samples")].into_iter().chain(sources).map(card));
         body += "</div>\n";
-        body += &page::warnings(&recipe.notes);
+        body += &page::warnings(&recipe.notes.texts());
         body += &counts("Splits", "split", self.splits.iter().map(|(name, of)| (name.as_str(), of)));
         body += &counts("Classes", "class", self.kinds.iter().map(|(name, of)| (name.as_str(), of)));
         body += &self.images();

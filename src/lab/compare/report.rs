@@ -6,6 +6,7 @@ use super::distribution::Distances;
 use super::score::Score;
 use super::{Comparison, Means, SensorRow};
 use crate::dataset::encode::json;
+use crate::lab::text_table::TextTable;
 
 /// Columns of the CSV.
 const COLUMNS: [&str; 8] =
@@ -36,24 +37,18 @@ pub fn to_json(comparison: &Comparison) -> Vec<u8> {
 }
 
 /// Tables of distances between images, if there are pairs, and between sets; then the sentences. `per_image` adds a
-/// line for each pair.
-pub fn table(comparison: &Comparison, per_image: bool) -> String {
-    let names = comparison.sensors.iter().map(|row| row.sensor.as_str());
-    let files = comparison.images.iter().filter(|_| per_image).map(|row| row.file.as_str());
-    let width = names.chain(files).map(|name| name.chars().count()).max().unwrap_or_default().clamp(6, 40);
-    let mut text = String::new();
-    match &comparison.total {
-        Some(total) => scores(&mut text, comparison, total, per_image, width),
-        None => text += "no two images belong together: only the sets are compared\n",
-    }
-    sets(&mut text, comparison, width);
+/// line for each pair. For a terminal of so many columns.
+pub fn table(comparison: &Comparison, per_image: bool, columns: Option<usize>) -> String {
+    let mut text = match &comparison.total {
+        Some(total) => scores(comparison, total, per_image).render(columns),
+        None => String::from("no two images belong together: only the sets are compared\n"),
+    };
+    text = text + "\n" + &sets(comparison).render(columns) + "\n";
     for row in &comparison.sensors {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{}: simulated against real: {}", row.sensor, row.verdict);
     }
-    text += &unpaired(comparison);
-    // Empty cells at a line's end.
-    text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
+    text + &unpaired(comparison)
 }
 
 /// What the sentences of sets without pairs do not say, and how to have it said.
@@ -69,25 +64,26 @@ fn unpaired(comparison: &Comparison) -> String {
     let counts: Vec<String> = counts.collect();
     format!(
         "\n{}.\nWhere, how deep and how often was pressed differs, too: this is no measure of the simulator. For one, simulate \
-         the presses of REAL\n(gelsim calibrate --evaluate REAL/annotations.csv --sensor SENSOR.toml --out SIM), or name the \
-         simulated images as their\nreal counterparts.\n",
+         the presses of REAL (gelsim calibrate --evaluate PRESSES.csv --sensor SENSOR.toml --out SIM, with the circle and the ball's \
+         radius of each), or give a folder of simulated images the names of their real counterparts.\n",
         counts.join("\n")
     )
 }
 
-fn scores(text: &mut String, comparison: &Comparison, total: &Means, per_image: bool, width: usize) {
-    let contact = format!("contact, {} radii", comparison.dilate);
-    let _ = writeln!(text, "{:<width$} {:>7}  {:^24}    {:^32}", "", "", "whole image", contact);
-    let head = ["sensor", "images", "MAE", "PSNR dB", "SSIM", "images", "MAE", "PSNR dB", "SSIM"];
-    let [sensor, images, mae, psnr, ssim, contacts, contact_mae, contact_psnr, contact_ssim] = head;
-    let _ = writeln!(
-        text,
-        "{sensor:<width$} {images:>7} {mae:>8} {psnr:>8} {ssim:>7} {contacts:>10} {contact_mae:>8} {contact_psnr:>8} \
-         {contact_ssim:>7}"
-    );
+fn scores(comparison: &Comparison, total: &Means, per_image: bool) -> TextTable {
+    let contact = format!("{} radii", comparison.dilate);
+    let around = contact.as_str();
+    let mut table = TextTable::new(&[
+        ["", "", "image", "image", "image", around, around, around, around],
+        ["sensor", "images", "MAE", "PSNR dB", "SSIM", "images", "MAE", "PSNR dB", "SSIM"],
+    ]);
     let mut line = |name: &str, images: String, full_image: &Score, contacts: String, contact: Option<&Score>| {
-        let contact = contact.map_or(String::new(), |score| format!("{contacts:>10} {}", figures(score)));
-        let _ = writeln!(text, "{name:<width$} {images:>7} {} {contact}", figures(full_image));
+        let [mae, psnr, ssim] = figures(full_image);
+        let contact = contact.map_or([const { String::new() }; 4], |score| {
+            let [mae, psnr, ssim] = figures(score);
+            [contacts, mae, psnr, ssim]
+        });
+        table.row([name.to_owned(), images, mae, psnr, ssim].into_iter().chain(contact));
     };
     for sensor in &comparison.sensors {
         for row in comparison.images.iter().filter(|row| per_image && row.sensor == sensor.sensor) {
@@ -99,37 +95,28 @@ fn scores(text: &mut String, comparison: &Comparison, total: &Means, per_image: 
         }
     }
     line("total", total.images.to_string(), &total.full_image, total.contacts.to_string(), total.contact.as_ref());
-    text.push('\n');
+    table
 }
 
-fn figures(score: &Score) -> String {
+fn figures(score: &Score) -> [String; 3] {
     let psnr = score.psnr_db.map_or(String::from("inf"), |psnr| format!("{psnr:.2}"));
-    format!("{:>8.3} {psnr:>8} {:>7.4}", score.mae, score.ssim)
+    [format!("{:.3}", score.mae), psnr, format!("{:.4}", score.ssim)]
 }
 
-fn sets(text: &mut String, comparison: &Comparison, width: usize) {
-    let _ = writeln!(
-        text,
-        "{:<width$} {:>9} {:>9}   {:^23}   {:^17}   {:>8}",
-        "", "", "", "EMD (shift), levels", "slopes, levels/px", "spectrum"
-    );
-    let _ = writeln!(
-        text,
-        "{:<width$} {:>9} {:>9} {:>12} {:>12} {:>12} {:>6} {:>6} {:>6} {:>9}",
-        "sets", "real", "simulated", "red", "green", "blue", "EMD", "mean x", "edge x", "RMS log10"
-    );
+fn sets(comparison: &Comparison) -> TextTable {
+    let mut table = TextTable::new(&[
+        ["sets", "real", "simulated", "red", "green", "blue", "slopes", "mean", "edge", "spectrum"],
+        ["", "images", "images", "EMD (shift)", "EMD (shift)", "EMD (shift)", "EMD", "ratio", "ratio", "RMS log10"],
+    ]);
     for row in &comparison.sensors {
         let Distances { real_images, sim_images, channels, slopes, spectrum_rms, .. } = &row.distances;
         let [red, green, blue] = channels.map(|channel| format!("{:.1} ({:+.1})", channel.emd, channel.mean_shift));
         let [mean, edge] = [slopes.mean_ratio, slopes.edge_ratio]
             .map(|ratio| ratio.map_or(String::new(), |ratio| format!("{ratio:.2}")));
         let spectrum = spectrum_rms.map_or(String::new(), |rms| format!("{rms:.3}"));
-        let _ = writeln!(
-            text,
-            "{:<width$} {real_images:>9} {sim_images:>9} {red:>12} {green:>12} {blue:>12} {:>6.2} {mean:>6} {edge:>6} \
-             {spectrum:>9}",
-            row.sensor, slopes.emd
-        );
+        let counts = [real_images, sim_images].map(ToString::to_string);
+        let figures = [red, green, blue, format!("{:.2}", slopes.emd), mean, edge, spectrum];
+        table.row([row.sensor.clone()].into_iter().chain(counts).chain(figures));
     }
-    text.push('\n');
+    table
 }

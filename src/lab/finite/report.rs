@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::{Compared, Comparison};
+use crate::lab::text_table::TextTable;
 
 /// Columns of the CSV: name and value.
 fn columns(press: &Compared) -> Vec<(&'static str, String)> {
@@ -44,53 +45,40 @@ pub fn csv(comparison: &Comparison) -> String {
     text
 }
 
-/// The comparison for a terminal.
-pub fn table(comparison: &Comparison) -> String {
+/// The comparison for a terminal of so many columns.
+pub fn table(comparison: &Comparison, columns: Option<usize>) -> String {
     let Comparison { job, options, presses, left_out } = comparison;
     let mut text = format!(
         "{job}: the linear layer of level reference against finite elements ({}), edges rounded to {} mm, without tilt and texture\n",
         if options.sticking { "sticking" } else { "frictionless" },
         options.rounding_mm
     );
-    if !presses.is_empty() {
-        text += "\n";
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "{:<18} {:>8} {:>6} {:>9} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>6} {:>10} {:>7}",
-            "object",
-            "depth mm",
-            "strain",
-            "ring max",
-            "ring RMS",
-            "stated um",
-            "ring deg",
-            "p95",
-            "force N",
-            "linear N",
-            "ratio",
-            "reached mm",
-            "s"
-        );
-    }
+    let mut table = TextTable::new(&[
+        [
+            "object", "depth", "strain", "ring max", "ring RMS", "stated", "ring", "ring", "force", "linear", "ratio",
+            "reached", "s",
+        ],
+        ["", "mm", "", "um", "um", "um", "deg", "p95 deg", "N", "N", "", "mm", ""],
+    ]);
     for press in presses {
-        let _ = writeln!(
-            text,
-            "{:<18} {:>8.3} {:>6.3} {:>9.2} {:>9.2} {:>9.2} {:>9.3} {:>9.3} {:>8.3} {:>8.3} {:>6.3} {:>10.3} {:>7.1}",
-            press.object,
-            press.depth_mm,
-            press.strain,
-            press.ring_max_um,
-            press.ring_rms_um,
-            press.stated_um,
-            press.ring_normal_mean_deg,
-            press.ring_normal_p95_deg,
-            press.force_n,
-            press.linear_force_n,
-            press.force_ratio,
-            press.reached_mm,
-            press.seconds
-        );
+        table.row([
+            press.object.clone(),
+            format!("{:.3}", press.depth_mm),
+            format!("{:.3}", press.strain),
+            format!("{:.2}", press.ring_max_um),
+            format!("{:.2}", press.ring_rms_um),
+            format!("{:.2}", press.stated_um),
+            format!("{:.3}", press.ring_normal_mean_deg),
+            format!("{:.3}", press.ring_normal_p95_deg),
+            format!("{:.3}", press.force_n),
+            format!("{:.3}", press.linear_force_n),
+            format!("{:.3}", press.force_ratio),
+            format!("{:.3}", press.reached_mm),
+            format!("{:.1}", press.seconds),
+        ]);
+    }
+    if !table.is_empty() {
+        text = text + "\n" + &table.render(columns);
     }
     if presses.iter().any(|press| press.reached_mm < press.depth_mm) {
         text += "\nWhere less than the depth was reached, the finite elements stopped converging; both are compared there.\n";

@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 
 use glob::Pattern;
 
-use super::findings::Severity;
-use super::{Inspection, SensorPad, inspect_set, set};
+use super::{Inspection, inspect_set, set};
 use crate::core::sensor::Sensor;
+use crate::files::diagnostic::Severity;
 use crate::files::diagnostic::{Report, user_error};
 use crate::files::figures::{counted, figure};
 use crate::files::mesh::{ENDINGS, Format};
 use crate::job::config::object::Unit;
+use crate::job::inspection::SensorPad;
 
 /// Shares of the pad's thickness that presses go in.
 const DEPTHS: [f64; 2] = [0.05, 0.3];
@@ -52,7 +53,7 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Str
     let mut objects = String::new();
     let mut good = 0;
     for group in &groups {
-        let inspected = inspect_set(&group.files, None, &pad);
+        let inspected = inspect_set(&group.files, None, &pad, || {});
         good += inspected.iter().filter(|mesh| mesh.mesh.is_some()).count();
         objects += &table(&from, group, &inspected, &pad);
     }
@@ -147,7 +148,7 @@ fn table(from: &str, group: &Group, inspected: &[Inspection], pad: &SensorPad) -
     if 2 * stems.len() <= group.files.len() {
         text += "class_from = \"folder\"   # files share their names\n";
     }
-    let bad = inspected.iter().filter(|mesh| mesh.severity == Severity::Error && mesh.mesh.is_none()).count();
+    let bad = inspected.iter().filter(|mesh| mesh.severity == Some(Severity::Error) && mesh.mesh.is_none()).count();
     if bad > 0 {
         let _ = writeln!(text, "on_bad = \"skip\"         # {bad} of {} cannot be read", inspected.len());
     }

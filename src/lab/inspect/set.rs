@@ -7,11 +7,13 @@ use std::path::{Path, PathBuf};
 use glob::Pattern;
 
 use super::text::printable;
-use super::{Inspection, MeshFacts};
+use super::{Inspection, MeshFacts, severity_name};
+use crate::files::diagnostic::{Diagnostics, Report};
 use crate::files::figures::{counted, figure};
 use crate::files::input::matching;
 use crate::files::mesh::Format;
-use crate::job::config::object::{Unit, is_plausible};
+use crate::job::config::object::is_plausible;
+use crate::job::inspection::SensorPad;
 
 /// The meshes that a path names: those of a folder and of the folders in it, those that a pattern matches, else itself. The
 /// second value is true if it may be several.
@@ -35,45 +37,53 @@ pub fn meshes(path: &Path) -> io::Result<(Vec<PathBuf>, bool)> {
 }
 
 /// A line per mesh: severity, size, triangles, whether it is closed, the unit that its values look like, name and worst finding.
-pub fn table(meshes: &[Inspection], field_of_view_mm: [f64; 2]) -> String {
+pub fn table(meshes: &[Inspection], pad: &SensorPad) -> String {
     let mut text = format!(
-        "{:<8} {:>24} {:>10} {:<6} {:<4} {}\n",
+        "{:<8} {:>22} {:>9} {:<6} {:<4} {}\n",
         "worst", "size mm", "triangles", "closed", "unit", "file: worst finding"
     );
     for Inspection { file, severity, mesh, findings } in meshes {
         let [size, triangles, closed, unit] = match mesh {
-            Some(facts) => row(facts, field_of_view_mm),
+            Some(facts) => row(facts, pad),
             None => [const { String::new() }; 4].map(|_| String::from("-")),
         };
-        let worst = findings.first().map_or(String::new(), |finding| format!(": {}", finding.message));
-        let (name, file) = (severity.name(), printable(file));
-        let _ = writeln!(text, "{name:<8} {size:>24} {triangles:>10} {closed:<6} {unit:<4} {file}{worst}");
+        let worst = findings.first().map_or(String::new(), |finding| format!(": {}", finding.kind.words()));
+        let (name, file) = (severity_name(*severity), printable(file));
+        let _ = writeln!(text, "{name:<8} {size:>22} {triangles:>9} {closed:<6} {unit:<4} {file}{worst}");
     }
     text
 }
 
-fn row(facts: &MeshFacts, field_of_view_mm: [f64; 2]) -> [String; 4] {
-    let size = facts.size_mm.map(figure).join(" x ");
-    let closed = facts.surface.closed_parts == facts.surface.parts;
-    [size, facts.triangles.to_string(), String::from(if closed { "yes" } else { "no" }), looks(facts, field_of_view_mm)]
+/// What was found, each cause once, with what to do.
+pub fn findings(meshes: &[Inspection]) -> Report {
+    let mut found = Diagnostics::default();
+    for Inspection { file, findings, .. } in meshes {
+        found.extend(findings.iter().map(|finding| finding.diagnostic(&printable(file))));
+    }
+    Report::new(&found, &[])
 }
 
-/// The unit that a mesh's values look like; `?` if none fits.
-fn looks(facts: &MeshFacts, field_of_view_mm: [f64; 2]) -> String {
-    if is_plausible(facts.largest_mm(), field_of_view_mm) {
+fn row(facts: &MeshFacts, pad: &SensorPad) -> [String; 4] {
+    let size = facts.size_mm.map(figure).join(" x ");
+    let closed = facts.surface.closed_parts == facts.surface.parts;
+    [size, facts.triangles.to_string(), String::from(if closed { "yes" } else { "no" }), looks(facts, pad)]
+}
+
+/// The unit that a mesh's values are in or look like; `?` if none fits.
+fn looks(facts: &MeshFacts, pad: &SensorPad) -> String {
+    if facts.size.states_its_unit || is_plausible(facts.largest_mm(), pad.field_of_view_mm) {
         return facts.unit.map_or_else(|| figure(facts.mm_per_unit), |unit| unit.name().to_owned());
     }
-    let likely = Unit::likely(facts.mm_per_unit, facts.largest_mm(), field_of_view_mm);
-    likely.map_or(String::from("?"), |(unit, _)| unit.name().to_owned())
+    facts.size.likely_unit(pad).map_or(String::from("?"), |(unit, _)| unit.name().to_owned())
 }
 
 /// What they are together: triangles, how many are closed, and which units their values look like.
-pub fn totals(meshes: &[Inspection], field_of_view_mm: [f64; 2]) -> String {
+pub fn totals(meshes: &[Inspection], pad: &SensorPad) -> String {
     let facts: Vec<&MeshFacts> = meshes.iter().filter_map(|mesh| mesh.mesh.as_ref()).collect();
     let triangles: usize = facts.iter().map(|facts| facts.triangles).sum();
     let closed = facts.iter().filter(|facts| facts.surface.closed_parts == facts.surface.parts).count();
     let mut units: Vec<(String, usize)> = Vec::new();
-    for unit in facts.iter().map(|facts| looks(facts, field_of_view_mm)) {
+    for unit in facts.iter().map(|facts| looks(facts, pad)) {
         match units.iter_mut().find(|(known, _)| *known == unit) {
             Some((_, count)) => *count += 1,
             None => units.push((unit, 1)),

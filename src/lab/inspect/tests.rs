@@ -3,10 +3,11 @@
 use std::f64::consts::TAU;
 use std::fs;
 
-use super::findings::Kind;
 use super::*;
 use crate::core::pose::Anchor;
+use crate::files::sensor::PRESETS;
 use crate::job::config::scene::Face;
+use crate::job::inspection::findings::Kind;
 
 type Shape = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
@@ -56,7 +57,7 @@ fn inspected((vertices, triangles): &Shape, unit: Unit) -> Inspection {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("shape.obj");
     fs::write(&path, text).expect("a file");
-    inspect(&path, Some(unit), &pad(), Look::Close)
+    inspect(&path, Some(unit), &pad())
 }
 
 fn pad() -> SensorPad {
@@ -88,7 +89,7 @@ fn every_preset_is_a_pad_and_nothing_else_is() {
 #[test]
 fn a_cube_has_six_good_sides_of_the_right_size() {
     let inspection = inspected(&block([-4.0, -2.0, 0.0], [4.0, 2.0, 6.0]), Unit::Mm);
-    assert_eq!((inspection.severity, kinds(&inspection)), (Severity::Ok, vec![]));
+    assert_eq!((inspection.severity, kinds(&inspection)), (None, vec![]));
     let facts = inspection.mesh.as_ref().expect("a mesh");
     assert_eq!((facts.size_mm, facts.centre_mm), ([8.0, 4.0, 6.0], [0.0, 0.0, 3.0]));
     for (face, outline_mm) in FACES_AND_OUTLINES {
@@ -118,14 +119,18 @@ const FACES_AND_OUTLINES: [(Face, [f64; 2]); 6] = [
 fn a_mug_in_metres_is_told_from_one_that_is_a_tenth_of_a_millimetre_large() {
     let mug = cup(0.04, 0.09);
     let wrong = inspected(&mug, Unit::Mm);
-    assert_eq!((wrong.severity, kinds(&wrong)), (Severity::Warning, vec![Kind::Unit, Kind::Holes]));
+    assert_eq!((wrong.severity, kinds(&wrong)), (Some(Severity::Warning), vec![Kind::Unit]));
     let text = message(&wrong, Kind::Unit);
     assert!(text.contains("0.09 mm long") && text.contains("look like metres (90 mm)"), "{text}");
     assert!(wrong.findings.iter().any(|finding| finding.help.contains("unit = \"m\"")));
 
     let right = inspected(&mug, Unit::M);
     assert!(!kinds(&right).contains(&Kind::Unit), "{:?}", right.findings);
-    assert_eq!(message(&right, Kind::Holes).split(',').next(), Some("1 hole with 64 open edges"));
+    assert!(
+        text::block(&right, &pad(), None).contains("1 hole with 64 open edges"),
+        "{}",
+        text::block(&right, &pad(), None)
+    );
     // Its mouth is a ring larger than the view: the middle touches nothing, wherever the anchor is.
     assert_eq!((side(&right, Face::PlusZ).anchor, side(&right, Face::PlusZ).slips), (None, false));
     assert!(message(&right, Kind::OffCentre).starts_with("+z: in the middle"), "{:?}", right.findings);
@@ -140,52 +145,50 @@ fn a_mug_in_metres_is_told_from_one_that_is_a_tenth_of_a_millimetre_large() {
 }
 
 #[test]
-fn sizes_that_cannot_be_captured_are_errors() {
+fn sizes_that_cannot_be_captured_are_warnings() {
     let huge = inspected(&block([0.0; 3], [1e5; 3]), Unit::Mm);
-    assert_eq!((huge.severity, kinds(&huge)[0]), (Severity::Error, Kind::TooLarge));
+    assert_eq!((huge.severity, kinds(&huge)[0]), (Some(Severity::Warning), Kind::TooLarge));
     assert!(huge.mesh.as_ref().is_some_and(|facts| facts.sides.is_empty() && facts.surface.closed_parts == 1));
     let tiny = inspected(&block([0.0; 3], [1e-2; 3]), Unit::Mm);
-    assert_eq!((tiny.severity, kinds(&tiny)[0]), (Severity::Error, Kind::TooSmall));
+    assert_eq!((tiny.severity, kinds(&tiny)[0]), (Some(Severity::Warning), Kind::TooSmall));
     assert!(message(&tiny, Kind::TooSmall).contains("look like metres (10 mm)"));
     let long = inspected(&block([0.0; 3], [500.0, 20.0, 20.0]), Unit::Mm);
-    assert_eq!((long.severity, kinds(&long)[0]), (Severity::Note, Kind::Large));
+    assert_eq!((long.severity, kinds(&long)[0]), (Some(Severity::Note), Kind::Large));
 }
 
 #[test]
 fn extreme_coordinates_are_inspected_without_a_panic() {
     for size in [f64::from(f32::MAX), 1e20, 1e-20, 1e-40] {
         let inspection = inspected(&(vec![[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]], vec![[0, 1, 2]]), Unit::Mm);
-        assert_eq!(inspection.severity, Severity::Error, "{size}: {:?}", inspection.findings);
-        assert!(!text::block(&inspection, &pad()).is_empty());
+        assert!(inspection.severity >= Some(Severity::Warning), "{size}: {:?}", inspection.findings);
+        assert!(!text::block(&inspection, &pad(), None).is_empty());
     }
 }
 
 #[test]
 fn what_a_job_cannot_read_is_an_error_without_facts() {
-    let missing = inspect(Path::new("no-such-file.obj"), Some(Unit::Mm), &pad(), Look::Close);
+    let missing = inspect(Path::new("no-such-file.obj"), Some(Unit::Mm), &pad());
     assert!(missing.mesh.is_none() && kinds(&missing) == [Kind::Unreadable]);
-    assert_eq!(missing.severity, Severity::Error);
+    assert_eq!(missing.severity, Some(Severity::Error));
     let flat = inspected(&(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![[0, 1, 2]]), Unit::Mm);
     assert_eq!(message(&flat, Kind::Unreadable), "no triangle left: dropped 1 triangle without area");
 }
 
 #[test]
-fn flaws_that_capture_does_not_mind_are_notes() {
+fn flaws_that_capture_does_not_mind_are_facts_and_nothing_to_act_on() {
     let (vertices, sound) = block([-4.0; 3], [4.0; 3]);
-    let said = |change: &dyn Fn(&mut Vec<[u32; 3]>)| {
+    let said = |change: &dyn Fn(&mut Vec<[u32; 3]>), fact: &str| {
         let mut triangles = sound.clone();
         change(&mut triangles);
         let inspection = inspected(&(vertices.clone(), triangles), Unit::Mm);
-        assert_eq!(inspection.severity, Severity::Note, "{:?}", inspection.findings);
-        assert_eq!(inspection.findings.len(), 1, "{:?}", inspection.findings);
-        inspection.findings[0].message.clone()
+        assert_eq!(inspection.severity, None, "{:?}", inspection.findings);
+        let text = text::block(&inspection, &pad(), None);
+        assert!(text.contains(fact), "{fact:?} in {text}");
     };
-    assert_eq!(said(&|triangles| triangles[3].swap(0, 2)), "1 triangle faces another way than most of the part");
-    let turned = said(&|triangles| triangles.iter_mut().for_each(|corners| corners.swap(0, 2)));
-    assert_eq!(turned, "1 of 1 closed part inside out, or a cavity");
-    let again = said(&|triangles| triangles.extend(sound.repeat(1000)));
-    assert_eq!(again, "dropped 12000 duplicate triangles");
-    assert_eq!(said(&|triangles| triangles.push([0, 0, 1])), "dropped 1 triangle without area");
+    said(&|triangles| triangles[3].swap(0, 2), "1 triangle that faces another way");
+    said(&|triangles| triangles.iter_mut().for_each(|corners| corners.swap(0, 2)), "1 part inside out, or a cavity");
+    said(&|triangles| triangles.extend(sound.repeat(1000)), "12000 triangles twice there left out");
+    said(&|triangles| triangles.push([0, 0, 1]), "1 triangle without area left out");
 }
 
 #[test]
@@ -193,9 +196,10 @@ fn a_missing_lid_is_a_hole_and_its_rim_without_thickness_slips_between_the_pixel
     let (vertices, mut triangles) = block([-4.0; 3], [4.0; 3]);
     triangles.drain(2..4);
     let inspection = inspected(&(vertices, triangles), Unit::Mm);
-    assert_eq!(kinds(&inspection), [Kind::Slips, Kind::Holes]);
+    assert_eq!(kinds(&inspection), [Kind::Slips]);
     assert!(message(&inspection, Kind::Slips).starts_with("+z: "), "{:?}", inspection.findings);
-    assert_eq!(message(&inspection, Kind::Holes), "1 hole with 4 open edges, the longest 32 mm around");
+    let text = text::block(&inspection, &pad(), None);
+    assert!(text.contains("1 hole with 4 open edges, the longest 32 mm around"), "{text}");
 }
 
 #[test]
@@ -211,15 +215,16 @@ fn a_fan_of_long_slivers_is_not_captured_and_the_reason_given() {
     let inspection = inspected(&(vertices, triangles), Unit::Mm);
     let facts = inspection.mesh.as_ref().expect("a mesh");
     assert!(facts.sides.is_empty() && facts.rows_per_capture > sides::MOST_ROWS, "{}", facts.rows_per_capture);
-    assert_eq!(kinds(&inspection), [Kind::Slow, Kind::Holes]);
+    assert_eq!(kinds(&inspection), [Kind::Slow]);
 }
 
 #[test]
-fn an_edge_where_two_cubes_touch_is_a_note() {
+fn an_edge_where_two_cubes_touch_is_a_fact() {
     let inspection =
         inspected(&together([block([-4.0; 3], [0.0; 3]), block([0.0, 0.0, -4.0], [4.0, 4.0, 0.0])]), Unit::Mm);
-    assert_eq!((inspection.severity, kinds(&inspection)), (Severity::Note, vec![Kind::NonManifold]));
-    assert_eq!(message(&inspection, Kind::NonManifold), "1 edge has more than two triangles");
+    assert_eq!(inspection.severity, None, "{:?}", inspection.findings);
+    let text = text::block(&inspection, &pad(), None);
+    assert!(text.contains("1 edge of more than two triangles"), "{text}");
 }
 
 #[test]
@@ -228,7 +233,7 @@ fn vertices_that_are_not_finite_are_a_warning() {
     vertices.push([f64::NAN, 0.0, 0.0]);
     triangles.push([0, 1, 8]);
     let inspection = inspected(&(vertices, triangles), Unit::Mm);
-    assert_eq!((inspection.severity, kinds(&inspection)), (Severity::Warning, vec![Kind::NotFinite]));
+    assert_eq!((inspection.severity, kinds(&inspection)), (Some(Severity::Warning), vec![Kind::NotFinite]));
 }
 
 #[test]
@@ -237,7 +242,7 @@ fn a_needle_between_the_pixels_slips_and_one_on_a_pixel_is_thin() {
     let needle = |at: f64| block([at - 0.005, at - 0.005, 0.0], [at + 0.005, at + 0.005, 20.0]);
     let slips = inspected(&needle(0.0), Unit::Mm);
     assert!(side(&slips, Face::MinusZ).slips && side(&slips, Face::PlusZ).slips, "{:?}", slips.findings);
-    assert_eq!(slips.severity, Severity::Warning);
+    assert_eq!(slips.severity, Some(Severity::Warning));
     assert!(message(&slips, Kind::Slips).contains("-z, +z"), "{:?}", slips.findings);
 
     // A plate beside it moves the bounds so that the needle is half a pixel from their middle.
@@ -256,7 +261,7 @@ fn a_fin_below_two_pixels_is_thin_and_one_of_three_is_not() {
         inspected(&together([wall, block([-6.0, -6.0, 1.0], [6.0, 6.0, 5.0])]), Unit::Mm)
     };
     let thin = fin(0.05);
-    assert_eq!(thin.severity, Severity::Warning, "{:?}", thin.findings);
+    assert_eq!(thin.severity, Some(Severity::Warning), "{:?}", thin.findings);
     assert!(message(&thin, Kind::Thin).starts_with("-z: up to 100 %"), "{:?}", thin.findings);
     assert_eq!(side(&thin, Face::MinusZ).thin_fraction, 1.0);
     let wide = fin(0.1);
@@ -283,13 +288,37 @@ fn two_parts_and_a_speck_are_told_apart() {
     let found = inspected(&together([block([-4.0; 3], [4.0; 3]), block([5.0; 3], [6.0; 3]), speck]), Unit::Mm);
     let surface = &found.mesh.as_ref().expect("a mesh").surface;
     assert_eq!((surface.parts, surface.closed_parts, surface.specks), (3, 3, 1));
-    assert!(message(&found, Kind::Specks).starts_with("1 part is smaller than two pixels"), "{:?}", found.findings);
+    assert!(text::block(&found, &pad(), None).contains("1 part smaller than two pixels"), "{:?}", found.findings);
 }
 
 #[test]
 fn a_mesh_far_from_its_origin_is_noted() {
     let far = inspected(&block([1e6, 0.0, 0.0], [1e6 + 8.0, 8.0, 8.0]), Unit::Mm);
-    assert_eq!((far.severity, kinds(&far)), (Severity::Note, vec![Kind::FarFromOrigin]));
+    assert_eq!((far.severity, kinds(&far)), (Some(Severity::Note), vec![Kind::FarFromOrigin]));
     let near = inspected(&block([1e3, 0.0, 0.0], [1e3 + 8.0, 8.0, 8.0]), Unit::Mm);
-    assert_eq!(near.severity, Severity::Ok, "{:?}", near.findings);
+    assert_eq!(near.severity, None, "{:?}", near.findings);
+}
+
+#[test]
+fn a_mesh_that_was_divided_by_its_own_size_has_no_unit() {
+    let unit_cubes = [
+        block([-0.5, -0.3, -0.2], [0.5, 0.3, 0.2]),
+        block([-1.0, -0.3, -0.2], [1.0, 0.3, 0.2]),
+        // The box's diagonal is 1.
+        block([0.0; 3], [0.8, 0.36, 0.48]),
+    ];
+    for shape in unit_cubes {
+        // As a sensor of five times the view sees it, so that 2 mm are no size either.
+        let mut pad = pad();
+        pad.field_of_view_mm = [100.0, 75.0];
+        let mut text = String::new();
+        shape.0.iter().for_each(|[x, y, z]| text += &format!("v {x} {y} {z}\n"));
+        shape.1.iter().for_each(|[a, b, c]| text += &format!("f {} {} {}\n", a + 1, b + 1, c + 1));
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("shape.obj");
+        fs::write(&path, text).expect("a file");
+        let inspection = inspect(&path, None, &pad);
+        assert_eq!(kinds(&inspection), [Kind::Normalised], "{:?}", inspection.findings);
+        assert!(inspection.findings[0].help.contains("length_mm = 75"), "{:?}", inspection.findings);
+    }
 }

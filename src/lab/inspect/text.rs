@@ -2,11 +2,14 @@
 
 use std::fmt::Write;
 
-use super::findings::{Finding, Severity};
-use super::{Inspection, MeshFacts, SensorPad};
+use super::{Inspection, MeshFacts};
 use crate::core::pose::Anchor;
+use crate::files::diagnostic::Severity;
 use crate::files::figures::{counted, figure, percent};
 use crate::job::config::object::Unit;
+use crate::job::inspection::SensorPad;
+use crate::job::inspection::findings::{Finding, Kind};
+use crate::lab::text_table::TextTable;
 
 /// What the meshes are held against, with an empty line at its end.
 pub fn heading(pad: &SensorPad) -> String {
@@ -18,18 +21,22 @@ pub fn heading(pad: &SensorPad) -> String {
     )
 }
 
-/// The block of one mesh, with an empty line at its end.
-pub fn block(inspection: &Inspection, pad: &SensorPad) -> String {
+/// The block of one mesh, with an empty line at its end, for a terminal of so many columns.
+pub fn block(inspection: &Inspection, pad: &SensorPad, columns: Option<usize>) -> String {
     let mut text = printable(&inspection.file) + "\n";
     if let Some(facts) = &inspection.mesh {
         text += &about(facts);
-        text += &sides(facts, pad);
+        text += &sides(facts, pad, columns);
     }
-    for Finding { severity, message, help, .. } in &inspection.findings {
-        let _ = writeln!(text, "  {:<8} {message}\n  {:>8} {help}", severity.name(), "->");
+    for Finding { severity, kind, message, help, .. } in &inspection.findings {
+        // A unit can be tried at once.
+        let unit =
+            inspection.mesh.as_ref().filter(|_| *kind == Kind::Unit).and_then(|facts| facts.size.likely_unit(pad));
+        let here = unit.map_or(String::new(), |(unit, _)| format!(" (here: --unit {})", unit.name()));
+        let _ = writeln!(text, "  {:<8} {message}\n  {:>8} {help}{here}", severity.name(), "->");
     }
-    if inspection.severity == Severity::Ok {
-        text += "  ok       nothing to note\n";
+    if inspection.findings.is_empty() {
+        text += "  ok       nothing to act on\n";
     }
     text + "\n"
 }
@@ -40,10 +47,10 @@ pub fn summary(inspections: &[Inspection]) -> String {
     format!(
         "{}: {} ok, {} with notes, {} with warnings, {} with errors\n",
         counted(inspections.len(), "mesh", "meshes"),
-        count(Severity::Ok),
-        count(Severity::Note),
-        count(Severity::Warning),
-        count(Severity::Error),
+        count(None),
+        count(Some(Severity::Note)),
+        count(Some(Severity::Warning)),
+        count(Some(Severity::Error)),
     )
 }
 
@@ -75,16 +82,29 @@ fn about(facts: &MeshFacts) -> String {
     line("as unit", readings.join(", "));
     let [triangles, vertices] =
         [counted(facts.triangles, "triangle", "triangles"), counted(facts.vertices, "vertex", "vertices")];
-    line("mesh", format!("{triangles}, {vertices} (in the file {} and {})", given.triangles, given.vertices));
-    let mut hangs = vec![
-        counted(surface.parts, "part", "parts"),
-        format!("{} closed", surface.closed_parts),
-        counted(surface.holes, "hole", "holes"),
-    ];
+    let dropped = [(facts.cleaned.zero_area, "without area"), (facts.cleaned.duplicates, "twice there")];
+    let dropped: String = dropped
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, why)| format!("; {} {why} left out", counted(*count, "triangle", "triangles")))
+        .collect();
+    line("mesh", format!("{triangles}, {vertices} (in the file {} and {}){dropped}", given.triangles, given.vertices));
+    let mut hangs = vec![counted(surface.parts, "part", "parts"), format!("{} closed", surface.closed_parts)];
+    hangs.push(match surface.holes {
+        0 => String::from("0 holes"),
+        holes => format!(
+            "{} with {}, the longest {} mm around",
+            counted(holes, "hole", "holes"),
+            counted(surface.open_edges, "open edge", "open edges"),
+            figure(surface.longest_rim_mm)
+        ),
+    });
     for (count, one, many) in [
-        (surface.non_manifold_edges, "crowded edge", "crowded edges"),
-        (surface.flipped_triangles, "flipped triangle", "flipped triangles"),
-        (surface.inverted_parts, "part inside out", "parts inside out"),
+        (surface.non_manifold_edges, "edge of more than two triangles", "edges of more than two triangles"),
+        (surface.flipped_triangles, "triangle that faces another way", "triangles that face another way"),
+        (surface.inverted_parts, "part inside out, or a cavity", "parts inside out, or cavities"),
+        (surface.one_sided_parts, "part with one side only", "parts with one side only"),
+        (surface.specks, "part smaller than two pixels", "parts smaller than two pixels"),
     ] {
         if count > 0 {
             hangs.push(counted(count, one, many));
@@ -95,38 +115,38 @@ fn about(facts: &MeshFacts) -> String {
 }
 
 /// A line per side: what the camera would have under it.
-fn sides(facts: &MeshFacts, pad: &SensorPad) -> String {
+fn sides(facts: &MeshFacts, pad: &SensorPad, columns: Option<usize>) -> String {
     if facts.sides.is_empty() {
         return String::new();
     }
-    let touching = format!("touches at {} mm", figure(pad.press_mm));
-    let mut text = format!(
-        "  {:<4} {:>17} {:>15} {:>6} {:>7}  {:<13} {:>15} {:>6}  {}\n",
-        "face", "outline mm", "px", "fits", "of view", "relief mm", touching, "thin", "anchor"
-    );
+    let depth = format!("at {} mm", figure(pad.press_mm));
+    let mut table = TextTable::new(&[
+        ["face", "outline", "outline", "fits", "of view", "relief", "touches", "thin", "anchor", ""],
+        ["", "mm", "px", "", "", "mm", &depth, "", "", ""],
+    ]);
     for side in &facts.sides {
         let [x, y] = side.outline_mm.map(figure);
         let [u, v] = side.outline_px.map(|px| format!("{px:.0}"));
-        let relief = side.relief_mm.map_or(String::from("-"), |[low, high]| format!("{low:.3}..{high:.3}"));
         let anchor = match side.anchor {
             Some(Anchor::Contact) => "contact",
             Some(_) => "bounds",
             None => "-",
         };
-        let auto = if facts.auto_face == Some(side.face) { "  <- face = \"auto\"" } else { "" };
-        let _ = writeln!(
-            text,
-            "  {:<4} {:>17} {:>15} {:>6} {:>7}  {relief:<13} {:>15} {:>6}  {anchor}{auto}",
-            side.face.name(),
+        table.row([
+            side.face.name().to_owned(),
             format!("{x} x {y}"),
             format!("{u} x {v}"),
-            if side.fits { "yes" } else { "no" },
+            String::from(if side.fits { "yes" } else { "no" }),
             percent(side.view_fraction),
+            side.relief_mm.map_or(String::from("-"), |[low, high]| format!("{low:.2}..{high:.2}")),
             format!("{} px", side.touching_px),
             percent(side.thin_fraction),
-        );
+            anchor.to_owned(),
+            String::from(if facts.auto_face == Some(side.face) { "<- auto" } else { "" }),
+        ]);
     }
-    text
+    let table = table.render(columns.map(|columns| columns.saturating_sub(2)));
+    table.lines().map(|line| if line.is_empty() { String::from("\n") } else { format!("  {line}\n") }).collect()
 }
 
 /// A file's name on one line, whatever is in it.

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::{GridRow, Row, Tradeoff};
 use crate::core::fidelity::Fidelity;
+use crate::lab::text_table::TextTable;
 
 /// Columns of the CSV: name and value; an empty value is one that is not known.
 fn columns(row: &Row) -> Vec<(&'static str, String)> {
@@ -55,14 +56,14 @@ pub fn csv(tradeoff: &Tradeoff) -> String {
     text
 }
 
-/// The fidelity levels and the studies for a terminal.
-pub fn table(tradeoff: &Tradeoff) -> String {
+/// The fidelity levels and the studies for a terminal of so many columns.
+pub fn table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
     let mut text = format!(
         "{}: {} samples; errors against the reference level, CPU time on one thread, files not counted\n\n",
         tradeoff.job,
         tradeoff.samples.len()
     );
-    rows(&mut text, "fidelity level", &tradeoff.levels);
+    text += &rows("fidelity level", &tradeoff.levels, columns);
     let reference = tradeoff.levels.iter().find(|row| row.level == Fidelity::Reference.name());
     for grid in &tradeoff.grids {
         let what = if grid.per_px == 1.0 { "the reference itself" } else { "a grid half as fine" };
@@ -77,94 +78,57 @@ pub fn table(tradeoff: &Tradeoff) -> String {
     if reference.is_some() {
         text += "\n";
     }
-    rows(&mut text, "solver tolerance", &tradeoff.tolerances);
-    rows(&mut text, "other models", &tradeoff.models);
-    let _ = writeln!(
-        text,
-        "{:<22} {:>9} {:>9} {:>9} {:>9}",
-        "effect left out", "samples", "image MAE", "image max", "CPU ms"
-    );
+    text += &rows("solver tolerance", &tradeoff.tolerances, columns);
+    text += &rows("other models", &tradeoff.models, columns);
+    let mut left_out = TextTable::new(&[["effect left out", "samples", "image MAE", "image max", "CPU ms"]]);
     for effect in &tradeoff.left_out {
-        let _ = writeln!(
-            text,
-            "{:<22} {:>9} {:>9.3} {:>9} {:>9.2}",
-            effect.effect, effect.samples, effect.image_mae, effect.image_max, effect.cpu_ms
-        );
+        left_out.row([
+            effect.effect.to_string(),
+            effect.samples.to_string(),
+            format!("{:.3}", effect.image_mae),
+            effect.image_max.to_string(),
+            format!("{:.2}", effect.cpu_ms),
+        ]);
     }
-    // Empty cells at a line's end.
-    text.lines().map(|line| line.trim_end().to_owned() + "\n").collect()
+    text + &left_out.render(columns)
 }
 
-fn rows(text: &mut String, name: &str, rows: &[Row]) {
-    let _ = writeln!(
-        text,
-        "{name:<20} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>6} {:>6} {:>6} {:>7} {:>7} {:>5}",
-        "height",
-        "height",
-        "model",
-        "total",
-        "contact",
-        "ring",
-        "ring",
-        "image",
-        "image",
-        "image",
-        "area",
-        "force",
-        "mask",
-        "mask",
-        "CPU ms",
-        "CPU ms",
-        "best"
-    );
-    let _ = writeln!(
-        text,
-        "{:<20} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>6} {:>6} {:>6} {:>7} {:>7} {:>5}",
-        "",
-        "RMS um",
-        "max um",
-        "RMS um",
-        "RMS um",
-        "deg",
-        "deg",
-        "p95 deg",
-        "MAE",
-        "PSNR dB",
-        "SSIM",
-        "%",
-        "%",
-        "IoU",
-        "worst",
-        "median",
-        "p95",
-        ""
-    );
+fn rows(name: &str, rows: &[Row], columns: Option<usize>) -> String {
+    let mut table = TextTable::new(&[
+        [
+            name, "height", "height", "model", "total", "contact", "ring", "ring", "image", "image", "image", "area",
+            "force", "mask", "mask", "CPU ms", "CPU ms", "best",
+        ],
+        [
+            "", "RMS um", "max um", "RMS um", "RMS um", "deg", "deg", "p95 deg", "MAE", "PSNR dB", "SSIM", "%", "%",
+            "IoU", "worst", "median", "p95", "",
+        ],
+    ]);
     for row in rows {
         let errors = &row.errors;
         let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
         let share = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.4}"));
-        let _ = writeln!(
-            text,
-            "{:<20} {:>7.3} {:>7.2} {:>7.2} {:>7.2} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>7} {:>7.4} {:>6} {:>6} {:>6} {:>6} {:>7.2} {:>7.2} {:>5}",
-            row.level,
-            errors.height_rms_um,
-            errors.height_max_um,
-            errors.model_rms_um,
-            errors.total_rms_um,
-            errors.contact_normal_mean_deg,
-            errors.ring_normal_mean_deg,
-            errors.ring_normal_p95_deg,
-            errors.image_mae,
+        let [two, three] = [2, 3].map(|digits| move |value: f64| format!("{value:.digits$}"));
+        table.row([
+            row.level.clone(),
+            three(errors.height_rms_um),
+            two(errors.height_max_um),
+            two(errors.model_rms_um),
+            two(errors.total_rms_um),
+            three(errors.contact_normal_mean_deg),
+            three(errors.ring_normal_mean_deg),
+            three(errors.ring_normal_p95_deg),
+            three(errors.image_mae),
             maybe(errors.image_psnr_db),
-            errors.image_ssim,
+            format!("{:.4}", errors.image_ssim),
             maybe(errors.area_error_percent),
             maybe(errors.force_error_percent),
             share(errors.contact_iou_mean),
             share(errors.contact_iou_worst),
-            row.cpu_ms_median,
-            row.cpu_ms_p95,
-            if row.pareto { "*" } else { "" },
-        );
+            two(row.cpu_ms_median),
+            two(row.cpu_ms_p95),
+            String::from(if row.pareto { "*" } else { "" }),
+        ]);
     }
-    text.push('\n');
+    table.render(columns) + "\n"
 }

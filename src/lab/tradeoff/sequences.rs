@@ -1,8 +1,8 @@
 //! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference`
 //! at four times the frame rate, and time.
 
+use crate::lab::text_table::TextTable;
 use std::convert::Infallible;
-use std::fmt::Write;
 
 use serde::Serialize;
 
@@ -211,30 +211,20 @@ fn cells(row: &Row) -> [String; 9] {
 }
 
 impl SequenceTradeoff {
-    /// For people.
-    pub fn table(&self) -> String {
+    /// For people, on a terminal of so many columns.
+    pub fn table(&self, columns: Option<usize>) -> String {
         let (sequences, frames, rate) = (self.sequences, self.frames, self.frame_rate_hz);
         let mut text = format!(
             "{}: {sequences} sequences of {frames} frames at {rate} Hz; errors against reference at {FINER} times the frame rate, \
              CPU time on one thread, files not counted\n\n",
             self.name
         );
-        let lines: [[&str; 9]; 2] = [
+        let mut table = TextTable::new(&[
             ["level", "force", "largest", "slip", "gross", "other", "flow", "flow", "CPU ms"],
             ["", "RMS %", "%", "off ms", "off ms", "slip", "RMS um", "max um", "a frame"],
-        ];
-        let mut line = |cells: &[&str]| {
-            let padded: Vec<String> = cells
-                .iter()
-                .enumerate()
-                .map(|(k, cell)| if k == 0 { format!("{cell:<10}") } else { format!("{cell:>8}") })
-                .collect();
-            let _ = writeln!(text, "{}", padded.join(" ").trim_end());
-        };
-        lines.iter().for_each(|cells| line(cells));
-        for row in &self.rows {
-            line(&cells(row).each_ref().map(String::as_str));
-        }
+        ]);
+        self.rows.iter().for_each(|row| table.row(cells(row)));
+        text += &table.render(columns);
         text
     }
 

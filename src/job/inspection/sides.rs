@@ -129,7 +129,7 @@ fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Si
 }
 
 /// Whether one of the points that touch first, to a micrometre, is over the view.
-fn lowest_is_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> bool {
+pub fn lowest_is_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> bool {
     let placement = pose.placement();
     let centre_mm = object.centre_mm();
     let mut found = false;
@@ -163,10 +163,8 @@ struct SideStats {
 
 impl SideStats {
     fn new(object: &Clusters, pose: &Pose, above_mm: f64, pad: &SensorPad) -> Self {
-        // The opening looks so far beyond the view.
-        let margin_px = 2 * REACH;
-        let window = Window { margin_px, above_mm };
-        let depth = capture(object, &pose.placement(), &pad.camera(FINER), window, pad.thickness_mm);
+        let margin_px = MARGIN_PX;
+        let depth = capture_finely(object, pose, above_mm, pad);
         let mut stats = Self { thin_fraction: thin_fraction(&depth, pad), ..Self::default() };
         let [width, height] = pad.resolution_px;
         let nothing = -above_mm as f32;
@@ -188,8 +186,17 @@ impl SideStats {
     }
 }
 
+/// The opening looks so far beyond the view.
+const MARGIN_PX: usize = 2 * REACH;
+
+/// Captures an object on the fine grid, up to a height over the pad.
+pub fn capture_finely(object: &Clusters, pose: &Pose, above_mm: f64, pad: &SensorPad) -> Depth {
+    let window = Window { margin_px: MARGIN_PX, above_mm };
+    capture(object, &pose.placement(), &pad.camera(FINER), window, pad.thickness_mm)
+}
+
 /// Fraction of what touches in view, on the fine grid, that the opening takes off; 0 if nothing touches.
-fn thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
+pub fn thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
     let (width, height, margin) = (depth.overlap.width, depth.overlap.height, depth.margin_px);
     let part = depth.touching.grown(2 * REACH, width, height);
     let mut pressed = depth.overlap.crop(part);

@@ -1,0 +1,93 @@
+//! Tables of figures for a terminal: columns as wide as they need to be, and where there is no room for all of them one table
+//! below another, each with the names of its rows.
+
+use unicode_width::UnicodeWidthStr;
+
+/// A table: heads of one line or more, rows of as many cells. Names at the left, figures at the right.
+pub struct TextTable {
+    heads: usize,
+    lines: Vec<Vec<String>>,
+}
+
+/// Between two columns.
+const GAP: &str = "  ";
+
+impl TextTable {
+    /// One with these lines of heads.
+    pub fn new<const COLUMNS: usize>(heads: &[[&str; COLUMNS]]) -> Self {
+        let lines = heads.iter().map(|line| line.iter().map(|cell| (*cell).to_owned()).collect()).collect();
+        Self { heads: heads.len(), lines }
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
+        self.lines.push(cells.into_iter().collect());
+    }
+
+    /// The text, within so many columns of a terminal where that is possible; each line ends.
+    pub fn render(&self, columns: Option<usize>) -> String {
+        let count = self.lines.iter().map(Vec::len).max().unwrap_or_default();
+        let width = |k: usize| {
+            self.lines.iter().filter_map(|line| line.get(k)).map(|cell| cell.width()).max().unwrap_or_default()
+        };
+        let widths: Vec<usize> = (0..count).map(width).collect();
+        let mut text = String::new();
+        let mut from = 1;
+        while from < count.max(2) {
+            let mut until = from;
+            let mut used = widths.first().copied().unwrap_or_default();
+            // At least one column of figures, however narrow the terminal.
+            while until < count
+                && (until == from || columns.is_none_or(|columns| used + GAP.len() + widths[until] <= columns))
+            {
+                used += GAP.len() + widths[until];
+                until += 1;
+            }
+            if from > 1 {
+                text.push('\n');
+            }
+            for line in &self.lines {
+                let cell = |k: usize| line.get(k).map_or("", String::as_str);
+                let mut row = padded(cell(0), widths[0], false);
+                for (k, width) in widths.iter().enumerate().take(until).skip(from) {
+                    row += GAP;
+                    row += &padded(cell(k), *width, true);
+                }
+                text += row.trim_end();
+                text.push('\n');
+            }
+            from = until.max(from + 1);
+        }
+        text
+    }
+
+    /// True without a row.
+    pub fn is_empty(&self) -> bool {
+        self.lines.len() == self.heads
+    }
+}
+
+fn padded(cell: &str, width: usize, is_figure: bool) -> String {
+    let spaces = " ".repeat(width.saturating_sub(cell.width()));
+    if is_figure { spaces + cell } else { cell.to_owned() + &spaces }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_without_room_stand_below_with_the_names_again() {
+        let mut table = TextTable::new(&[["level", "error", "time"], ["", "um", "ms"]]);
+        assert!(table.is_empty());
+        table.row(["high", "0.1", "40.5"].map(String::from));
+        table.row(["low", "12.0", "3"].map(String::from));
+        let wide = "level  error  time\n          um    ms\nhigh     0.1  40.5\nlow     12.0     3\n";
+        assert_eq!(table.render(None), wide);
+        assert_eq!(table.render(Some(18)), wide);
+        let narrow = "level  error\n          um\nhigh     0.1\nlow     12.0\n\nlevel  time\n         ms\nhigh   40.5\nlow       3\n";
+        assert_eq!(table.render(Some(17)), narrow);
+        assert_eq!(table.render(Some(3)), narrow);
+        assert!(!table.is_empty());
+    }
+}
