@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 
+use super::foreign;
 use super::spelling::nearest;
 
 /// Largest image or array, bytes.
@@ -131,7 +132,11 @@ pub fn read_opened((file, length): (File, u64), most: u64) -> io::Result<Vec<u8>
     if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
         return Err(too_large());
     }
-    Ok(bytes)
+    // Whatever belongs there, it is none of these.
+    match foreign::placeholder(&bytes) {
+        Some(foreign) => Err(io::Error::other(foreign.to_string())),
+        None => Ok(bytes),
+    }
 }
 
 #[cfg(test)]

@@ -17,9 +17,13 @@ pub mod fail_point;
 #[cfg(feature = "datasets")]
 pub mod figures;
 #[cfg(feature = "datasets")]
+pub mod foreign;
+#[cfg(feature = "datasets")]
 pub mod hash;
 #[cfg(feature = "datasets")]
 pub mod heights;
+#[cfg(feature = "datasets")]
+pub mod image_file;
 #[cfg(feature = "datasets")]
 pub mod input;
 #[cfg(feature = "datasets")]

@@ -12,7 +12,7 @@ use crate::dataset::archive::{Files, Member};
 use crate::dataset::decode;
 use crate::dataset::encode::{frame, make_shown};
 use crate::dataset::labels::SampleLabel;
-use crate::files::png;
+use crate::files::image_file;
 use crate::job::gripper::label::GripLabel;
 use crate::job::label::{Label, key};
 use crate::job::plan::Plan;
@@ -85,9 +85,9 @@ impl Tile {
     fn read_panels(files: &Files, steps: &Steps) -> Result<Vec<RgbImage>, String> {
         let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
         let tactile = files.member("tactile.png").ok_or_else(|| String::from("is not in the shard"));
-        let tactile = tactile.and_then(png::decode_rgb).map_err(|reason| named("tactile.png", reason))?;
+        let tactile = tactile.and_then(image_file::decode_rgb).map_err(|reason| named("tactile.png", reason))?;
         let depth = decode::depth_mm(files, steps)?;
-        let contact = files.member("contact.png").map(png::decode_rgb).transpose();
+        let contact = files.member("contact.png").map(image_file::decode_rgb).transpose();
         let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
             width: grey.width() as usize,
             height: grey.height() as usize,
@@ -149,7 +149,7 @@ fn tactile(files: &Files, number: usize, finger: Option<&str>) -> Result<RgbImag
     let finger = finger.map_or(String::new(), |finger| format!("{finger}."));
     let suffix = format!("{}.{finger}tactile.png", frame(number as u32));
     let png = files.member(&suffix).ok_or_else(|| format!("{}.{suffix}: is not in the shard", files.key))?;
-    png::decode_rgb(png).map_err(|reason| format!("{}.{suffix}: {reason}", files.key))
+    image_file::decode_rgb(png).map_err(|reason| format!("{}.{suffix}: {reason}", files.key))
 }
 
 /// The tactile image of a frame, of a gripper those of both fingers side by side.

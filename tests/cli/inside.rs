@@ -77,8 +77,8 @@ fn frames_of_a_ball_give_what_generate_gives_of_it() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let length = 128 + 3 * SIZE[0] * SIZE[1];
     for (name, image) in ["a", "b", "c"].iter().zip(run.stdout.chunks(length)) {
-        let written =
-            gelsim::files::png::decode_rgb(&folder.read_bytes(&format!("out/{name}.tactile.png"))).expect("a PNG");
+        let written = gelsim::files::image_file::decode_rgb(&folder.read_bytes(&format!("out/{name}.tactile.png")))
+            .expect("a PNG");
         assert!(image[128..] == *written.as_raw(), "{name}");
     }
 }
@@ -183,7 +183,7 @@ fn a_real_set_of_a_finger_is_enlarged_in_its_own_light() {
         .filter(|member| member.name.ends_with(".tactile.png"))
         .map(|member| (member.name, member.bytes))
         .collect();
-    let pixels = |bytes: &[u8]| gelsim::files::png::decode_rgb(bytes).expect("a PNG").into_raw();
+    let pixels = |bytes: &[u8]| gelsim::files::image_file::decode_rgb(bytes).expect("a PNG").into_raw();
     for (name, bytes) in &larger {
         synthetic += u32::from(name.starts_with("synthetic"));
         if let Some((key, _)) = name.split_once("-photometric") {

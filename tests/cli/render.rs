@@ -7,7 +7,7 @@ use std::thread;
 use gelsim::core::base::grid::Grid;
 use gelsim::core::depth::{self, Window};
 use gelsim::files::exr::{Compression, Exr, Pixel};
-use gelsim::files::{exr, npy, png};
+use gelsim::files::{exr, image_file, npy, png};
 use gelsim::job::config::Overrides;
 use gelsim::job::plan::Plan;
 use gelsim::job::scene::Scene;
@@ -96,7 +96,7 @@ fn pressed(files: &[(&str, Vec<u8>)]) -> Folder {
 
 fn picture(folder: &Folder, name: &str) -> Vec<u8> {
     let bytes = folder.read_bytes(name);
-    png::decode_rgb(&bytes).unwrap_or_else(|error| panic!("{name}: {error}")).into_raw()
+    image_file::decode_rgb(&bytes).unwrap_or_else(|error| panic!("{name}: {error}")).into_raw()
 }
 
 /// The largest difference of two images, levels.
@@ -126,7 +126,7 @@ fn frames_of_our_own_capture_give_what_generate_gives() {
                 let name = format!("out/{key}.{suffix}");
                 if supersampled && suffix == "tactile.png" {
                     // A frame has nothing between its pixels: those that generate samples are other ones.
-                    let expected = png::decode_rgb(bytes).expect("a picture").into_raw();
+                    let expected = image_file::decode_rgb(bytes).expect("a picture").into_raw();
                     let pairs = || expected.iter().zip(picture(&folder, &name));
                     let differ = pairs().filter(|(a, b)| **a != *b).count();
                     assert!(differ * 4 < expected.len(), "{name}: {differ} values differ");

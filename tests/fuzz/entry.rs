@@ -32,7 +32,7 @@ use gelsim::dataset::{decode, verify};
 use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim::files::exr::{Compression, Exr, Pixel};
 use gelsim::files::mesh::{Format, parse};
-use gelsim::files::{exr as exr_file, heights, npy as npy_file, png as png_file};
+use gelsim::files::{exr as exr_file, heights, image_file, npy as npy_file, png as png_file};
 use gelsim::job::config::dataset::Dataset;
 use gelsim::job::config::{self, Overrides, Written};
 use gelsim::job::label::Label;
@@ -244,12 +244,12 @@ pub fn png(bytes: &[u8]) {
         // 0 stands for what is not finite, which does not come back.
         assert!(read.data.iter().zip(&again.data).all(|(a, b)| a.max(&1) == b));
     }
-    match png_file::decode_background(bytes) {
+    match image_file::decode_rgb(bytes) {
         Err(reason) => assert!(!reason.is_empty()),
         Ok(picture) => {
             let (width, height) = (picture.width() as usize, picture.height() as usize);
             let again = png_file::encode_rgb(width, height, &picture);
-            assert_eq!(png_file::decode_rgb(&again).as_ref(), Ok(&picture));
+            assert_eq!(image_file::decode_rgb(&again).as_ref(), Ok(&picture));
         }
     }
 }

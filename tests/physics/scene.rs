@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gelsim::core::pose::Placement;
-use gelsim::files::png;
+use gelsim::files::image_file;
 use gelsim::job::label::Label;
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::Sample;
@@ -166,7 +166,7 @@ fn an_object_at_plus_x_and_plus_y_is_right_of_and_below_the_middle() {
         let centroid = written_label(&plan, &sample).contact.centroid_mm;
         // The contact is symmetric but for the grid of pixels.
         assert!((centroid[0] - x_mm).abs() < 0.1 && (centroid[1] - y_mm).abs() < 0.1, "{centroid:?}");
-        let mask = png::decode_rgb(&member(&plan, &sample, "contact.png")).expect("a PNG");
+        let mask = image_file::decode_rgb(&member(&plan, &sample, "contact.png")).expect("a PNG");
         for (column, row, pixel) in mask.enumerate_pixels() {
             if pixel.0[0] > 0 {
                 assert_eq!(column >= 48, x_mm > 0.0, "column {column} for x = {x_mm}");
@@ -183,7 +183,7 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
         let plan = job(object, pose, depth_mm);
         for index in 0..8 {
             let sample = render(&plan, index);
-            let mask = png::decode_rgb(&member(&plan, &sample, "contact.png")).expect("a PNG");
+            let mask = image_file::decode_rgb(&member(&plan, &sample, "contact.png")).expect("a PNG");
             let contact = written_label(&plan, &sample).contact;
             let [pitch_x, pitch_y] = plan.simulator.view().mm_per_px;
             let touching: Vec<(u32, u32)> = mask

@@ -10,7 +10,7 @@ use gelsim::core::fidelity::Fidelity;
 use gelsim::core::mesh::Mesh;
 use gelsim::core::mesh::clusters::Clusters;
 use gelsim::core::pose::{Anchor, Angles, PadPlane, Pose, Side};
-use gelsim::files::png;
+use gelsim::files::image_file;
 use gelsim::job::label::Label;
 use gelsim::job::plan::Plan;
 use gelsim::job::sample::{Sample, render};
@@ -206,7 +206,7 @@ fn the_mask_of_instances_is_that_of_the_contact_through_any_lens() {
         for index in 0..8 {
             let sample = render(&plan, index);
             let grey = |layer: &str| {
-                let rgb = png::decode_rgb(&member(&plan, &sample, layer)).expect("a PNG");
+                let rgb = image_file::decode_rgb(&member(&plan, &sample, layer)).expect("a PNG");
                 rgb.pixels().map(|pixel| pixel.0[0]).collect::<Vec<u8>>()
             };
             let (contact, instance) = (grey("contact.png"), grey("instance.png"));

@@ -3,24 +3,13 @@
 use std::io::Cursor;
 
 use image::codecs::png::PngDecoder;
-use image::{ColorType, DynamicImage, ImageDecoder, RgbImage};
+use image::{ColorType, DynamicImage, ImageDecoder};
 
 use crate::core::base::grid::Grid;
+use crate::files::image_file::said;
 use crate::files::unpack;
 
-/// Decodes an image of any depth to 8-bit RGB.
-pub fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, String> {
-    decode(bytes).map(DynamicImage::into_rgb8)
-}
-
-/// The same of a file that anybody may have made: refused if it would unpack to far more than its bytes.
-pub fn decode_background(bytes: &[u8]) -> Result<RgbImage, String> {
-    let (size, pixel) = header(bytes)?;
-    unpack::check(size, pixel.bytes_per_pixel() as usize + 3, bytes.len())?;
-    decode_rgb(bytes)
-}
-
-/// Decodes a grey image of heights: 0 where it is black, 1 where it is white. Refused as [`decode_background`] does.
+/// Decodes a grey image of heights: 0 where it is black, 1 where it is white. Refused if it would unpack to far more than its bytes.
 pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
     let ([width, height], pixel) = header(bytes)?;
     unpack::check([width, height], pixel.bytes_per_pixel() as usize + 4, bytes.len())?;
@@ -41,7 +30,7 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
 
 /// Decodes an image as it is.
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
-    DynamicImage::from_decoder(decoder(bytes)?).map_err(|error| error.to_string())
+    DynamicImage::from_decoder(decoder(bytes)?).map_err(|error| said(&error, "PNG"))
 }
 
 /// Larger than 8192 px on a side is refused before it is unpacked.
@@ -55,7 +44,7 @@ fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
     limits.max_image_height = Some(crate::core::base::view::MOST_PX as u32);
     // For what is beside the pixels, such as a compressed colour profile.
     limits.max_alloc = Some(1 << 24);
-    PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| error.to_string())
+    PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| said(&error, "PNG"))
 }
 
 /// Lengths of the palettes in a PNG file, bytes.
@@ -98,7 +87,7 @@ mod tests {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fuzz/regressions/png/part_of_a_colour");
         let bytes = std::fs::read(path).expect("a file of the repository");
         assert_eq!(palettes(&bytes).collect::<Vec<_>>(), [23]);
-        assert!(decode_rgb(&bytes).expect_err("refused").contains("palette"));
+        assert!(decode(&bytes).expect_err("refused").contains("palette"));
         assert_eq!(palettes(b"").count() + palettes(&[255; 40]).count(), 0);
     }
 }

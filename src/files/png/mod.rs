@@ -13,7 +13,7 @@ mod decode;
 mod encode;
 
 #[cfg(feature = "datasets")]
-pub use decode::{decode, decode_background, decode_heights, decode_rgb, header};
+pub use decode::{decode, decode_heights, header};
 
 /// Encodes row-major RGB.
 pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {

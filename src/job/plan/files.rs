@@ -12,7 +12,7 @@ use crate::core::optics::background::BackgroundImage;
 use crate::core::optics::calibrated::Table;
 use crate::files::diagnostic::Diagnostic;
 use crate::files::sensor::RestShape;
-use crate::files::{hash, heights, input, png};
+use crate::files::{hash, heights, image_file, input};
 use crate::job::config::Job;
 use crate::job::config::texture::{Pattern, TextureDistribution};
 
@@ -87,7 +87,7 @@ pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photogra
         return (size.is_some() && check.problems.is_empty()).then(|| (Vec::new(), None));
     };
     let sha256 = &mut job.sensor.background_sha256;
-    let image = read(check, "sensor.background", "background", path, sha256, png::decode_background)?;
+    let image = read(check, "sensor.background", "background", path, sha256, image_file::decode_rgb)?;
     let [width, height] = size?;
     let expected = (width as u32, height as u32);
     let note = resampled(check, path, image.dimensions(), [width, height], job.sensor.field_of_view_mm);
@@ -162,7 +162,7 @@ fn several(check: &mut Check<'_>, job: &mut Job, size: Option<[usize; 2]>) -> Op
     let mut photographs = Vec::new();
     for (i, (place, path)) in named.iter_mut().enumerate() {
         let mut sha256 = None;
-        let Some(image) = read(check, place, "background", path, &mut sha256, png::decode_background) else { continue };
+        let Some(image) = read(check, place, "background", path, &mut sha256, image_file::decode_rgb) else { continue };
         let sha256 = sha256.unwrap_or_default();
         if given.get(i).is_some_and(|given| *given != sha256) {
             let message = format!("the background {path} has changed: its SHA-256 is {sha256}");

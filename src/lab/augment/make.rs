@@ -23,7 +23,7 @@ use crate::core::camera::Image;
 use crate::dataset::archive::Member;
 use crate::dataset::encode::json;
 use crate::files::input::{MOST_IMAGE_BYTES, read_if_there};
-use crate::files::png;
+use crate::files::{image_file, png};
 
 mod synthetic;
 
@@ -100,7 +100,7 @@ impl<'a> Maker<'a> {
     ) -> Result<Vec<(Piece, SampleEntry)>, AugmentError> {
         let decode = |raw: &Raw| {
             let name = || self.recipe.set.name(&self.recipe.set.reals[raw.number]);
-            png::decode_background(&raw.image).map_err(|reason| AugmentError::Sample(format!("{}: {reason}", name())))
+            image_file::decode_rgb(&raw.image).map_err(|reason| AugmentError::Sample(format!("{}: {reason}", name())))
         };
         let images: Vec<RgbImage> = raws.par_iter().map(decode).collect::<Result<_, _>>()?;
         let tasks: Vec<(usize, Task)> =

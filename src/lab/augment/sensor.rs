@@ -10,8 +10,8 @@ use crate::core::base::view::View;
 use crate::core::camera::projection::LensModel;
 use crate::core::optics::background::BackgroundImage;
 use crate::core::sensor as simulated;
+use crate::files::image_file;
 use crate::files::input as files;
-use crate::files::png;
 use crate::job::config::Job;
 use crate::job::config::dataset::Dataset;
 use crate::job::config::object::Object;
@@ -71,7 +71,7 @@ pub fn background(
     let inside = written.input.path.as_ref().map(|path| check.document.folder("input.path").join(path).join(name));
     let path = inside.filter(|inside| !beside.is_file() && inside.is_file()).unwrap_or(beside);
     let read = files::read(&path, files::MOST_IMAGE_BYTES).map_err(|error| error.to_string());
-    match read.and_then(|bytes| png::decode_background(&bytes)) {
+    match read.and_then(|bytes| image_file::decode_rgb(&bytes)) {
         Ok(picture) => {
             let found = [picture.width() as usize, picture.height() as usize];
             if let Some([width, height]) = size.filter(|size| *size != found) {
@@ -135,5 +135,5 @@ fn pixels(sensor: &simulated::Sensor) -> View {
 fn some_images(set: &Set) -> Vec<RgbImage> {
     let count = set.reals.len().min(NOISE_IMAGES);
     let picks = (0..count).map(|k| &set.reals[k * set.reals.len() / count]);
-    picks.filter_map(|real| set.image(real).ok()).filter_map(|bytes| png::decode_background(&bytes).ok()).collect()
+    picks.filter_map(|real| set.image(real).ok()).filter_map(|bytes| image_file::decode_rgb(&bytes).ok()).collect()
 }

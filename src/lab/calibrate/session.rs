@@ -8,8 +8,8 @@ use image::RgbImage;
 use super::{Observation, Session};
 use crate::core::base::view::View;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::files::image_file;
 use crate::files::input;
-use crate::files::png;
 use crate::files::sensor::Sensor;
 use crate::lab::calibrate::detect::detect;
 use crate::lab::presses::{self, Press, Table};
@@ -26,7 +26,7 @@ const VIEWS_MM: RangeInclusive<f64> = 1e-3..=1e4;
 pub fn picture(path: &Path) -> Result<RgbImage, String> {
     input::read(path, input::MOST_IMAGE_BYTES)
         .map_err(|error| error.to_string())
-        .and_then(|bytes| png::decode_background(&bytes))
+        .and_then(|bytes| image_file::decode_rgb(&bytes))
 }
 
 /// Reads a session of `sensor`, of which only the view is not known yet. Circles that the table lacks are looked for if

@@ -11,8 +11,8 @@ use image::{ColorType, RgbImage};
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::user_error;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::files::image_file;
 use crate::files::input;
-use crate::files::png;
 use crate::lab::presses::{self, Circle, Table};
 
 /// The table of a sensor's folder.
@@ -173,8 +173,8 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>, Report> {
 pub fn read(entry: &Entry) -> Result<RgbImage, Unusable> {
     let decode = || -> Result<RgbImage, String> {
         let bytes = input::read(&entry.path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string())?;
-        match png::header(&bytes)?.1 {
-            ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => png::decode_background(&bytes),
+        match image_file::header(&bytes)?.1 {
+            ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => image_file::decode_rgb(&bytes),
             _ => Err(String::from("it has more than 8 bits a channel")),
         }
     };

@@ -14,7 +14,7 @@ use crate::dataset::archive::Files;
 use crate::dataset::recorded::Recorded;
 use crate::files::diagnostic::Report;
 use crate::files::diagnostic::user_error;
-use crate::files::png;
+use crate::files::image_file;
 
 pub mod distribution;
 pub mod images;
@@ -245,7 +245,7 @@ fn tally_dataset(dataset: &Recorded) -> Result<Tally, Report> {
                 return ControlFlow::Continue(());
             }
             let image =
-                files.member("tactile.png").ok_or(String::from("is not there")).and_then(png::decode_background);
+                files.member("tactile.png").ok_or(String::from("is not there")).and_then(image_file::decode_rgb);
             match image {
                 Ok(image) => sum.add(&Tally::from_image(&image)),
                 Err(reason) => wrong = Some(format!("{}.tactile.png: {reason}", files.key)),

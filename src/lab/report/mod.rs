@@ -26,8 +26,8 @@ use crate::dataset::refused::Refused;
 use crate::dataset::stats::Stats;
 use crate::dataset::verify::Finding;
 use crate::dataset::versioned::Versioned;
+use crate::files::image_file;
 use crate::files::input;
-use crate::files::png;
 use crate::job::config::document::MOST_READ;
 use crate::job::label::key;
 use crate::job::layout::{Layout, Shard, Split};
@@ -227,7 +227,7 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
             SampleLabel::GripSequence(..) => "f0000.left.tactile.png",
         };
         let png = sample.member(first).ok_or_else(|| format!("{key}.{first} is missing"))?;
-        let image = png::decode_background(png).map_err(|reason| format!("{key}.{first}: {reason}"))?;
+        let image = image_file::decode_rgb(png).map_err(|reason| format!("{key}.{first}: {reason}"))?;
         let sum: u64 = image.iter().map(|level| u64::from(*level)).sum();
         gathered.brightness.count(split, sum as f64 / (image.len().max(1)) as f64);
     }

@@ -16,7 +16,6 @@ use crate::job::plan::check::Check;
 
 pub mod columns;
 mod find;
-pub mod png;
 pub mod table;
 mod tars;
 

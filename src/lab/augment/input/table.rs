@@ -8,8 +8,9 @@ use rayon::prelude::*;
 use serde_json::{Map, Value};
 
 use super::columns::{ColumnMap, Header, LabelFacts, SourceLabel};
-use super::{Draft, Form, MOST_LABEL_BYTES, Real, png};
+use super::{Draft, Form, MOST_LABEL_BYTES, Real};
 use crate::files::diagnostic::Diagnostic;
+use crate::files::image_file;
 use crate::files::input;
 use crate::files::rows;
 use crate::files::source::{Place, Source};
@@ -63,7 +64,7 @@ pub(super) fn read(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize) ->
     let rows = rows?;
     let mut seen: HashMap<PathBuf, u64> = HashMap::new();
     let kept: Vec<Row> = rows.into_iter().filter_map(|row| once(draft, unit, &mut seen, row)).collect();
-    let sizes: Vec<_> = kept.par_iter().map(|row| png::size_of_file(&folder.join(&row.image))).collect();
+    let sizes: Vec<_> = kept.par_iter().map(|row| image_file::size_of_file(&folder.join(&row.image))).collect();
     draft.sizes.extend(sizes);
     for Row { start, end, image, facts, split, .. } in kept {
         draft.reals.push(Real { key: image.clone(), unit, image, text: start..end, split: 0, facts });

@@ -8,9 +8,10 @@ use std::ops::ControlFlow;
 use serde_json::{Map, Value};
 
 use super::columns::{ColumnMap, LabelFacts, SourceLabel};
-use super::{Draft, Real, most_bytes, png};
+use super::{Draft, Real, most_bytes};
 use crate::dataset::archive::{self, Files, Head};
 use crate::files::diagnostic::Diagnostic;
+use crate::files::image_file;
 use crate::files::spelling::one_of;
 use crate::job::plan::check::Check;
 
@@ -104,7 +105,7 @@ fn sample(
     for message in mistakes {
         draft.found.push(wrong(message).help("write a number without its unit, or null"));
     }
-    let size = files.member(&image).ok_or_else(|| format!("there is no {image}")).and_then(png::size_of_bytes);
+    let size = files.member(&image).ok_or_else(|| format!("there is no {image}")).and_then(image_file::size_of_bytes);
     draft.sizes.push(size);
     draft.reals.push(Real { key: files.key.clone(), unit, image: files.key.clone(), text: 0..0, split: 0, facts });
     draft.named.push(split);

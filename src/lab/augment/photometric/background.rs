@@ -4,8 +4,8 @@
 //! simulator; so what is left of the image without its background is that change, as bright as its own LEDs made it.
 
 use crate::core::optics::background::BackgroundImage;
+use crate::files::image_file;
 use crate::files::input;
-use crate::files::png;
 use crate::job::plan::check::Check;
 use crate::lab::augment::photometric::SensorProfile;
 
@@ -34,7 +34,7 @@ pub fn read(check: &mut Check<'_>, at: &str, names: &[String], profile: &SensorP
         let key = format!("{at}.{i}");
         let path = check.document.folder(&key).join(name);
         let read = input::read(&path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string());
-        match read.and_then(|bytes| png::decode_background(&bytes)) {
+        match read.and_then(|bytes| image_file::decode_rgb(&bytes)) {
             Ok(picture) if [picture.width() as usize, picture.height() as usize] == [width, height] => {
                 swaps.push(BackgroundSwap::new(name, own, &picture));
             }
