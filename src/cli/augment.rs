@@ -8,7 +8,7 @@ use clap::Args;
 use super::guesses::whole;
 use super::log::Log;
 use super::long_run::long_run;
-use super::store::folder_only;
+use super::store::{folder_only, local_output};
 use super::terminal::say;
 use super::{Failure, checked_threads};
 use crate::lab::augment::trace::Source;
@@ -30,7 +30,7 @@ pub struct Augment {
     #[arg(value_name = "AUGMENT.toml")]
     file: PathBuf,
     /// Folder of the output [default: the file's output.path, else out/NAME after the file]
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = local_output())]
     out: Option<PathBuf>,
     /// Seed of all randomness
     #[arg(long, value_name = "S", value_parser = whole::<u64>)]

@@ -10,6 +10,7 @@ use image::RgbImage;
 
 use self::summary::{HEAD, camera_summary, leds_summary, lines, row, summary};
 use super::guesses::whole;
+use super::store::local_output;
 use super::{Failure, checked_threads, no_threads, print, say};
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::calibrated::{Colors, Table};
@@ -65,7 +66,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "PRESET|SENSOR.toml")]
     sensor: Option<String>,
     /// The sensor file to write; with --evaluate the folder for the pictures
-    #[arg(short, long, value_name = "SENSOR.toml|DIR")]
+    #[arg(short, long, value_name = "SENSOR.toml|DIR", value_parser = local_output())]
     out: PathBuf,
     /// Fit the LEDs alone, for the optics models phong and led: three presses are enough
     #[arg(long, conflicts_with_all = ["evaluate", "taxim", "gelsight", "drop_bad", "steps"])]

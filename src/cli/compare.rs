@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::store::local_output;
 use super::terminal::columns;
 use super::{Failure, print, say};
 use crate::files::diagnostic::user_error;
@@ -35,7 +36,7 @@ pub struct Compare {
     #[arg(value_name = "SIM")]
     sim: PathBuf,
     /// Folder for compare.csv, compare.json and compare.png
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = local_output())]
     out: Option<PathBuf>,
     /// What counts as the contact: the annotated circle with its radius times this
     #[arg(long, value_name = "FACTOR", default_value_t = 1.3, value_parser = factor)]

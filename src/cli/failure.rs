@@ -6,7 +6,7 @@ use std::path::Path;
 use super::terminal::fold;
 use crate::dataset::refused::Refused;
 use crate::files::diagnostic::{Diagnostic, Display, Report};
-use crate::files::spelling::visible;
+use crate::files::spelling::{visible, without_codes};
 use crate::files::store::{self, StoreError};
 
 /// Why the program ends with a status other than 0.
@@ -60,7 +60,7 @@ impl Failure {
     pub fn text(&self, display: Display) -> Option<String> {
         match &self.message {
             Message::Reported => None,
-            Message::Text(text) => Some(fold(&visible(text), display.columns).into_owned()),
+            Message::Text(text) => Some(fold(&visible(&without_codes(text.clone())), display.columns).into_owned()),
             Message::Report(report) => Some(report.render(display)),
         }
     }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::inspect::presets;
+use super::store::local_output;
 use super::{Failure, print, say};
 use crate::files::diagnostic::user_error;
 use crate::files::sensor::PRESETS;
@@ -29,7 +30,7 @@ pub struct Init {
     #[arg(long, value_name = "FOLDER")]
     objects: Option<PathBuf>,
     /// The file to write; on standard output if left out
-    #[arg(value_name = "FILE.toml")]
+    #[arg(value_name = "FILE.toml", value_parser = local_output())]
     file: Option<PathBuf>,
 }
 

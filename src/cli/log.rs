@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::Failure;
 use super::terminal::{self, say, say_shown};
-use crate::files::diagnostic::{Diagnostic, Display, Report};
+use crate::files::diagnostic::{Diagnostic, Display, Report, Severity};
 
 /// Form of the messages on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -38,8 +38,13 @@ impl Log {
         self.notes(&Diagnostic::note(message).into());
     }
 
-    /// What the user should know that is no mistake.
+    /// What the user should act on that is no mistake.
     pub fn notes(self, notes: &Report) {
+        self.all_notes(&notes.at_least(Severity::Note));
+    }
+
+    /// The same, and what needs nothing done.
+    pub fn all_notes(self, notes: &Report) {
         if self.quiet {
             return;
         }

@@ -219,7 +219,11 @@ impl JobOverrides {
             let why = "--strict treats notes and warnings as errors: change the job, or leave --strict out";
             return Err(notes.at_least(Severity::Note).as_errors(why).into());
         }
-        log.notes(&notes.at_least(if self.verbose { Severity::Info } else { Severity::Note }));
+        if self.verbose {
+            log.all_notes(notes)
+        } else {
+            log.notes(notes)
+        }
         Ok(())
     }
 
@@ -232,7 +236,7 @@ impl JobOverrides {
 #[derive(Clone, Debug, Args)]
 struct Extent {
     /// Folder of the dataset, or its address in a store (s3://, gs://, az://, file://) [default: out/NAME]
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = store::output())]
     out: Option<PathBuf>,
     /// Threads [default: all cores]
     #[arg(short = 'j', long, value_name = "T", value_parser = guesses::whole::<usize>)]

@@ -7,7 +7,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::guesses::whole;
-use super::store::folder_only;
+use super::store::{folder_only, local_output};
 use super::{Failure, JobOverrides, Log, settled};
 use crate::core::effects::Effect;
 use crate::dataset::recorded::Recorded;
@@ -32,7 +32,7 @@ pub struct Preview {
     #[arg(value_name = "DIR|JOB.toml")]
     source: PathBuf,
     /// The picture to write
-    #[arg(short, long, value_name = "FILE.png")]
+    #[arg(short, long, value_name = "FILE.png", value_parser = local_output())]
     out: PathBuf,
     /// Only this sample, at full size unless --panel says otherwise
     #[arg(long, value_name = "K", value_parser = whole::<u64>)]

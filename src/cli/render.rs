@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 
 use super::guesses::{number, whole};
-use super::store::folder_only;
+use super::store::local_output;
 use super::{Failure, Log, MOST_THREADS, no_threads, say};
 use crate::core::camera::projection::LensModel;
 use crate::core::fidelity::Fidelity;
@@ -55,7 +55,7 @@ pub struct Render {
     #[arg(long, value_name = "PRESET|FILE.toml")]
     sensor: String,
     /// Folder for NAME.tactile.png, NAME.LAYER.* and NAME.json of each frame
-    #[arg(short, long, value_name = "DIR", required_unless_present = "stream")]
+    #[arg(short, long, value_name = "DIR", value_parser = local_output(), required_unless_present = "stream")]
     out: Option<PathBuf>,
     /// What is farther from the camera than this is nothing, mm
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = number)]
@@ -173,7 +173,7 @@ impl Render {
         }
         match self.out.clone() {
             // One of the two is always there.
-            Some(out) => folder_only(&out, "render").and_then(|()| self.files(&out, camera, problems)),
+            Some(out) => self.files(&out, camera, problems),
             None => self.stream(camera, &problems),
         }
     }
@@ -405,7 +405,8 @@ impl Render {
         };
         let sequence = self.in_sequence();
         let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));
-        match stream(input, output, &camera, sequence, for_size) {
+        let log = Log::text(self.quiet);
+        match stream(input, output, &camera, sequence, for_size, |notes| log.notes(&notes)) {
             Ok(count) => {
                 if !self.quiet {
                     say(&frames(count as usize));
@@ -416,8 +417,8 @@ impl Render {
             Err(StreamError::Plan(report)) => Err(report.into()),
             Err(StreamError::Io(error)) => Err(Failure::running(format!("standard output: {error}"))),
             Err(StreamError::Frame(number, problem)) => {
-                let help = problem.help.map_or(String::new(), |help| format!("; {help}"));
-                Err(Failure::running(format!("frame {number}: {}{help}", problem.message)))
+                let message = format!("frame {number}: {}", problem.message);
+                Err(Failure::running_with(message, problem.help.unwrap_or_else(|| String::from(BROKEN_FRAME))))
             }
         }
     }
@@ -430,6 +431,10 @@ impl Render {
         self.projection == Some(ProjectionName::Perspective)
     }
 }
+
+/// What a stream is made of.
+const BROKEN_FRAME: &str = "each frame is an npy file as numpy.save writes it, (H, W) of float32, float64 or uint16; images of those before \
+                            it were written";
 
 fn frames(count: usize) -> String {
     if count == 1 { String::from("1 frame") } else { format!("{count} frames") }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::store::local_output;
 use super::{Failure, print, say};
 use crate::dataset::cleanup::{self, REPORT};
 use crate::dataset::lock::Lock;
@@ -26,7 +27,7 @@ pub struct Report {
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// The page to write [default: DIR/report.html]
-    #[arg(short, long, value_name = "FILE.html")]
+    #[arg(short, long, value_name = "FILE.html", value_parser = local_output())]
     out: Option<PathBuf>,
 }
 

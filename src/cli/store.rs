@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::builder::{OsStringValueParser, TypedValueParser};
+
 use super::Failure;
 use crate::files::diagnostic::user_error;
-use crate::files::store::{Address, BUILT_IN};
+use crate::files::store::{Address, BUILT_IN, mistaken_output};
 
 /// The address that stands in place of a folder's path; `None` of a path. Refuses an address that is not sound, or that this
 /// program cannot go to.
@@ -21,13 +23,31 @@ pub(super) fn address(path: &Path) -> Result<Option<Address>, Failure> {
     Err(user_error(message, help).into())
 }
 
-/// Refuses an address where only a folder will do.
+/// Takes a place to write to, which may be in a store.
+pub(super) fn output() -> impl TypedValueParser<Value = PathBuf> {
+    OsStringValueParser::new().map(PathBuf::from).try_map(|path| match mistaken_output(&path) {
+        Some(reason) => Err(reason),
+        None => Ok(path),
+    })
+}
+
+/// Takes a place to write to on this machine.
+pub(super) fn local_output() -> impl TypedValueParser<Value = PathBuf> {
+    output().try_map(|path| match Address::is_one(&path) {
+        true => Err(ONLY_LOCAL),
+        false => Ok(path),
+    })
+}
+
+const ONLY_LOCAL: &str = "it is in an object store, where only `generate` and `finalize` work: write to a folder, and copy that (docs/stores.md)";
+
+/// Refuses an address where only a folder on this machine will do.
 pub(super) fn folder_only(path: &Path, command: &str) -> Result<(), Failure> {
     if !Address::is_one(path) {
         return Ok(());
     }
     let message = format!("{} is in an object store; `gelsim {command}` takes a folder", path.display());
-    let help = "only `generate` and `finalize` work in stores: copy the dataset, for example with `aws s3 sync` (docs/stores.md)";
+    let help = "only `generate` and `finalize` work in stores: copy the dataset here first, for example with `aws s3 sync` (docs/stores.md)";
     Err(user_error(message, help).into())
 }
 

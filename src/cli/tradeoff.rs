@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::guesses::whole;
 use super::progress::bar::Bar;
+use super::store::local_output;
 use super::terminal::columns;
 use super::{Failure, Log, print, say};
 use crate::files::diagnostic::user_error;
@@ -52,7 +53,7 @@ pub struct Tradeoff {
     #[arg(long, value_name = "N", default_value = "1", value_parser = refine, requires = "finite_elements")]
     refine: f64,
     /// Folder for the results [default: out/NAME-tradeoff]
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = local_output())]
     out: Option<PathBuf>,
     /// Seed of all randomness
     #[arg(long, value_name = "S", value_parser = whole::<u64>)]

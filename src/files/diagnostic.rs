@@ -6,7 +6,7 @@ use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet}
 use serde::Serialize;
 
 use crate::files::source::{Place, Source};
-use crate::files::spelling::visible;
+use crate::files::spelling::{visible, without_codes};
 
 /// How bad it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -87,7 +87,7 @@ impl Diagnostic {
     pub fn new(message: impl Into<String>) -> Self {
         Self {
             severity: Severity::Error,
-            message: shortened(visible(&message.into()).into_owned()),
+            message: shortened(visible(&without_codes(message.into())).into_owned()),
             place: None,
             help: None,
             consequence: None,
@@ -118,7 +118,7 @@ impl Diagnostic {
 
     /// Says what would be right.
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(shortened(visible(&help.into()).into_owned()));
+        self.help = Some(shortened(visible(&without_codes(help.into())).into_owned()));
         self
     }
 

@@ -18,6 +18,16 @@ pub fn figure(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
+/// A bound of a range in few digits, on the side of it that is allowed.
+pub fn tidy(bound: f64, is_upper: bool) -> f64 {
+    if bound.fract() == 0.0 || !bound.is_finite() || format!("{bound}").len() <= 8 {
+        return bound;
+    }
+    let digits = libm::pow(10.0, 3.0 - libm::floor(libm::log10(bound.abs())));
+    let scaled = bound * digits;
+    (if is_upper { scaled.floor() } else { scaled.ceil() }) / digits
+}
+
 /// A share of one in percent, with one decimal.
 pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
@@ -33,5 +43,14 @@ mod tests {
         let texts = figures.map(figure);
         let expected = ["20", "0.0313", "-1.5", "1250", "999999", "1.00e7", "1.00e-5", "0.00015", "0", "15", "inf"];
         assert_eq!(texts, expected);
+    }
+
+    #[test]
+    fn bounds_in_few_digits_are_allowed() {
+        assert_eq!(tidy(0.060_000_000_000_000_05, true), 0.06);
+        assert_eq!(tidy(229.7, true), 229.7);
+        assert_eq!(tidy(1.0 / 3.0, true), 0.3333);
+        assert_eq!(tidy(1.0 / 3.0, false), 0.3334);
+        assert_eq!(tidy(-1.0 / 3.0, true), -0.3334);
     }
 }

@@ -42,6 +42,20 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// What the system says of errors without the codes behind it, which help nobody.
+pub fn without_codes(mut text: String) -> String {
+    const BEFORE: &str = " (os error ";
+    while let Some(start) = text.find(BEFORE) {
+        let code = &text[start + BEFORE.len()..];
+        let digits = code.bytes().take_while(u8::is_ascii_digit).count();
+        if digits == 0 || !code[digits..].starts_with(')') {
+            break;
+        }
+        text.replace_range(start..start + BEFORE.len() + digits + 1, "");
+    }
+    text
+}
+
 /// `a`, `b` or `c`.
 pub fn one_of(names: &[&str]) -> String {
     let quoted: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
@@ -55,6 +69,16 @@ pub fn one_of(names: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn errors_of_the_system_are_said_without_their_codes() {
+        let of = |text: &str| without_codes(text.to_owned());
+        assert_eq!(
+            of("a: Permission denied (os error 13); b: File exists (os error 17)"),
+            "a: Permission denied; b: File exists"
+        );
+        assert_eq!(of("(os error x) (os error 3"), "(os error x) (os error 3");
+    }
 
     #[test]
     fn what_would_speak_to_a_terminal_is_shown() {

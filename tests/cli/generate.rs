@@ -475,15 +475,37 @@ fn what_stands_nearer_to_the_user_overrides_what_is_further_away() {
 }
 
 #[test]
-fn the_level_of_the_command_line_replaces_the_models_of_the_job() {
-    let job = edited(JOB, &[("[dataset]", "[gelpad.mean_blur]\npasses = 1\n[dataset]")]);
-    let folder = Folder::with_job(&job);
-    folder.succeed("generate job.toml --quiet --out own");
-    folder.succeed("generate job.toml --quiet --out rung --fidelity paper");
-    let passes =
-        |name: &str| folder.read(name).parse::<toml::Table>().expect("TOML")["gelpad"]["mean_blur"]["passes"].clone();
-    assert_eq!(passes("own/job.toml").as_integer(), Some(1));
-    assert_eq!(passes("rung/job.toml").as_integer(), Some(5));
+fn a_level_of_the_command_line_chooses_numerics_and_refuses_what_contradicts_it() {
+    let with = |gelpad: &str| Folder::with_job(&edited(JOB, &[("[dataset]", &format!("{gelpad}\n[dataset]"))]));
+    let resolved = |folder: &Folder| folder.read("out/job.toml").parse::<toml::Table>().expect("TOML");
+
+    // Friction is physics and stays; the grid is the level's.
+    let folder = with("[gelpad.elastic]\nfriction = \"stick\"");
+    folder.succeed("generate job.toml --quiet --out out --fidelity high");
+    let elastic = resolved(&folder)["gelpad"]["elastic"].clone();
+    assert_eq!(elastic["friction"].as_str(), Some("stick"), "{elastic}");
+    assert_eq!(elastic["resolution"].as_str(), Some("full"), "{elastic}");
+
+    // What says other numerics than the level is refused, with both places.
+    for (gelpad, level, key, line) in [
+        ("[gelpad.elastic]\nresolution = \"quarter\"", "high", "gelpad.elastic.resolution", 3),
+        ("[gelpad.elastic]\ntolerance_um = 9.0", "high", "gelpad.elastic.tolerance_um", 3),
+        ("[gelpad.elastic]\nmax_iterations = 3", "standard", "gelpad.elastic.max_iterations", 3),
+        ("[gelpad.elastic]\nfriction = \"stick\"", "paper", "gelpad.elastic.friction", 3),
+        ("[gelpad.mean_blur]\npasses = 1", "paper", "gelpad.mean_blur", 2),
+        ("[gelpad.mean_blur]\npasses = 1", "high", "gelpad", 2),
+    ] {
+        let folder = with(gelpad);
+        for command in ["generate job.toml --quiet --out out", "plan job.toml", "preview job.toml --out sheet.png"] {
+            let said = folder.fail(&format!("{command} --fidelity {level}"), 2);
+            let before = JOB.lines().position(|line| line == "[dataset]").expect("a table");
+            assert!(said.contains(&format!("--fidelity {level}")) && said.contains(&format!("`{key}`")), "{said}");
+            assert!(said.contains(&format!("job.toml:{}:", before + line - 1)), "{said}");
+            assert!(!folder.path("out").exists() && !folder.path("sheet.png").exists());
+        }
+        // Either remedy leads on.
+        folder.succeed("generate job.toml --quiet --out out");
+    }
 }
 
 #[test]

@@ -69,7 +69,7 @@ fn a_file_that_cannot_be_used_does_not_keep_the_others_from_being_inspected() {
     let text = String::from_utf8_lossy(&assert.get_output().stdout);
     for line in [
         "  error    line 2: face refers to vertex 2, but the file has 1 so far",
-        "  error    cannot be read: No such file or directory (os error 2)",
+        "  error    cannot be read: No such file or directory",
         "  error    is not named like a mesh: use .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf",
         "a b\\n.stl",
         "  error    no triangle",

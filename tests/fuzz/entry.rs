@@ -448,7 +448,7 @@ pub fn frame(bytes: &[u8]) {
     }
     // No plan is made: what would be rendered is no matter of reading.
     let refused = |_| Err(Report::message("a plan is not wanted"));
-    match stream(bytes, Vec::new(), &camera(Projection::Orthographic), None, refused) {
+    match stream(bytes, Vec::new(), &camera(Projection::Orthographic), None, refused, |_| {}) {
         Ok(frames) => assert!(frames == 0 && bytes.is_empty()),
         Err(StreamError::Frame(0, problem)) => assert!(!problem.message.is_empty()),
         Err(StreamError::Plan(_)) => {}

@@ -222,7 +222,7 @@ pub fn position(camera: &View, column: f64, row: f64) -> [f64; 2] {
 pub fn contact_of(camera: &View, surface: impl Fn([f64; 2]) -> f64) -> Contact {
     let [width, height] = camera.resolution_px;
     let border = SURFACE_BORDER as f64;
-    let numerics = Numerics { converged: true, iterations: 0, residual_um: None, model_error_um: None };
+    let numerics = Numerics::DIRECT;
     let mut contact = gelpad::untouched(width, height, None, numerics);
     for y in 0..contact.surface.height {
         for x in 0..contact.surface.width {

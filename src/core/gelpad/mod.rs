@@ -333,11 +333,19 @@ pub struct Numerics {
     pub residual_um: Option<f64>,
     /// Largest error expected of the model's theory within 2 mm of the contact, um, if it is known.
     pub model_error_um: Option<f64>,
+    /// Why it is not; empty if it is.
+    pub model_error_unknown: &'static str,
 }
 
 impl Numerics {
     /// Those of a model that does not iterate and knows no error of its own.
-    pub const DIRECT: Self = Self { converged: true, iterations: 0, residual_um: None, model_error_um: None };
+    pub const DIRECT: Self = Self {
+        converged: true,
+        iterations: 0,
+        residual_um: None,
+        model_error_um: None,
+        model_error_unknown: "the model of the gelpad knows no error of its own",
+    };
 }
 
 /// What [`Contact`] is without any: a flat pad.

@@ -255,13 +255,43 @@ impl RenderedBackground {
 impl Pattern {
     /// Red, green and blue at a place; never below 0.
     fn at(&self, x: f64, y: f64) -> [f64; 3] {
+        self.polynomial(x, y).map(|value| value.max(0.0))
+    }
+
+    /// The polynomials of red, green and blue at a place.
+    pub fn polynomial(&self, x: f64, y: f64) -> [f64; 3] {
         let powers = |v: f64| [1.0, v, v * v, v * v * v, v * v * v * v];
         let (px, py) = (powers(x), powers(y));
-        [&self.red, &self.green, &self.blue].map(|coefficients| {
-            let degrees = (0..5).flat_map(|i| (0..5 - i).map(move |j| (i, j)));
-            degrees.zip(coefficients).map(|((i, j), c)| c * px[i] * py[j]).sum::<f64>().max(0.0)
-        })
+        [&self.red, &self.green, &self.blue]
+            .map(|coefficients| degrees().zip(coefficients).map(|((i, j), c)| c * px[i] * py[j]).sum())
     }
+}
+
+/// Powers of x and y of a pattern's coefficients, in their order.
+fn degrees() -> impl Iterator<Item = (usize, usize)> {
+    (0..5).flat_map(|i| (0..5 - i).map(move |j| (i, j)))
+}
+
+/// Numbers that go together as a pattern's coefficients do, from independent ones: the weights of Legendre polynomials, each as
+/// strong as the next. Drawn one by one, coefficients of one direction would not take each other back, as those of pads do.
+pub fn together(independent: &[f64; 15]) -> [f64; 15] {
+    /// Factors of the powers of x in Legendre's polynomials of mean square 1 over -1 to 1.
+    const LEGENDRE: [[f64; 5]; 5] = [
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.732_050_807_568_877_2, 0.0, 0.0, 0.0],
+        [-1.118_033_988_749_895, 0.0, 3.354_101_966_249_684_8, 0.0, 0.0],
+        [0.0, -3.968_626_966_596_886, 0.0, 6.614_378_277_661_476_5, 0.0],
+        [1.125, 0.0, -11.25, 0.0, 13.125],
+    ];
+    let mut together = [0.0; 15];
+    for (together, (i, j)) in together.iter_mut().zip(degrees()) {
+        let weights = degrees().map(|(a, b)| LEGENDRE[a][i] * LEGENDRE[b][j]);
+        let (sum, squares) = weights
+            .zip(independent)
+            .fold((0.0, 0.0), |(sum, squares), (weight, number)| (sum + weight * number, squares + weight * weight));
+        *together = sum / f64::sqrt(squares);
+    }
+    together
 }
 
 impl Default for RenderedBackground {

@@ -79,6 +79,14 @@ impl Model {
         }
     }
 
+    /// The same, to be changed.
+    pub fn phong_mut(&mut self) -> Option<&mut Phong> {
+        match self {
+            Self::Phong(phong) | Self::Led(phong) => Some(phong),
+            Self::Calibrated(_) | Self::Lamps(_) => None,
+        }
+    }
+
     /// Parameters of the models with LEDs.
     pub fn phong(&self) -> Option<&Phong> {
         match self {

@@ -83,6 +83,11 @@ impl Reach {
         self.lowest_mm < 0.0
     }
 
+    /// True if something is pressed in so deep that it may be seen.
+    pub fn is_pressed(&self) -> bool {
+        self.lowest_mm < -INVISIBLE_MM
+    }
+
     /// What cannot be right of one frame: all that it shows is behind the pad.
     pub fn mistake(&self, camera: &DepthCamera) -> Option<Diagnostic> {
         (self.lowest_mm.is_finite() && self.highest_mm < -self.thickness_mm).then(|| {
@@ -107,18 +112,34 @@ impl Reach {
         })
     }
 
-    /// What cannot be right of a set of frames of which this one comes nearest to the pad, and does not touch it.
+    /// What cannot be right of a set of frames of which this one comes nearest to the pad, and does not press it.
     pub fn out_of_reach(&self, camera: &DepthCamera) -> Diagnostic {
+        let what = if self.against == Against::Plane { "pad" } else { "gel" };
         let message = match self.lowest_mm.is_finite() {
             false => String::from("nothing is seen in any frame"),
-            true => format!(
-                "nothing reaches the {}: the nearest point is {} mm beyond it",
-                if self.against == Against::Plane { "pad" } else { "gel" },
-                rounded(self.lowest_mm)
-            ),
+            true if self.touches() => {
+                format!("the deepest press of all frames is {:.1e} mm, which no camera shows", -self.lowest_mm)
+            }
+            true => {
+                format!("nothing reaches the {what}: the nearest point is {} mm beyond it", rounded(self.lowest_mm))
+            }
         };
         Diagnostic::new(message)
             .help(format!("{}; frames without contact are rendered with --no-contact-ok", self.fix(camera)))
+    }
+
+    /// What is probably wrong with a frame that presses nothing, where other units would make it a press.
+    pub fn suspicion(&self, camera: &DepthCamera) -> Option<Diagnostic> {
+        let other = if self.is_pressed() { None } else { self.other_units(camera) };
+        other.map(|help| {
+            let message = match self.touches() {
+                true => format!("the deepest press is {:.1e} mm, which no camera shows", -self.lowest_mm),
+                false => {
+                    format!("nothing reaches the pad: the nearest point is {} mm beyond it", rounded(self.lowest_mm))
+                }
+            };
+            Diagnostic::warning(message).help(help)
+        })
     }
 
     /// The likely way out: the unit in which the lowest point would be in the pad, or else the pad's place.
@@ -126,41 +147,68 @@ impl Reach {
         if !self.lowest_mm.is_finite() {
             return String::from("are --max-depth-mm and --background-value right?");
         }
+        match (self.other_units(camera), self.against) {
+            (Some(help), _) => help,
+            (None, Against::Gel { .. }) => String::from(
+                "does the frame's camera stand and look as [sensor.lens] says, and are its distances those that --depth-along says?",
+            ),
+            (None, Against::Plane) => format!(
+                "is --plane-mm {} right? it is the distance of the undeformed pad from the camera, in mm",
+                rounded(camera.plane_mm)
+            ),
+        }
+    }
+
+    /// The flags with which the values make a press, where one of them or the plane was given in another unit.
+    fn other_units(&self, camera: &DepthCamera) -> Option<String> {
+        let look = |unit: Unit| {
+            let (name, words) = unit.names();
+            format!("the values look like {words}: --depth-unit {name}")
+        };
         if let Against::Gel { seen_mm, gel_mm } = self.against {
             // Units are a thousand apart; a press is a few hundredths of the way to the gel.
             let would_touch = |unit: &Unit| {
                 *unit != camera.unit && (0.3..1.01).contains(&(seen_mm * unit.mm() / camera.unit.mm() / gel_mm))
             };
-            return match Unit::ALL.into_iter().find(would_touch) {
-                Some(unit) => {
-                    let (name, words) = unit.names();
-                    format!("the values look like {words}: --depth-unit {name}")
+            return Unit::ALL.into_iter().find(would_touch).map(look);
+        }
+        let [nearest, farthest] = [self.lowest_mm, self.highest_mm].map(|mm| (mm + camera.plane_mm) / camera.unit.mm());
+        // A press under these, of a depth that is no unit's mistake again.
+        let presses = |unit: Unit, plane_mm: f64| {
+            let [lowest_mm, highest_mm] = [nearest, farthest].map(|value| value * unit.mm() - plane_mm);
+            // Units are a thousand apart; a press is a small part of the way to the pad.
+            (-self.thickness_mm..=-INVISIBLE_MM).contains(&lowest_mm)
+                && lowest_mm > -0.7 * plane_mm
+                && highest_mm > -self.thickness_mm
+        };
+        // No camera is as near or as far as that: the distance was given in metres, or in micrometres.
+        let planes: Vec<f64> = match camera.plane_mm {
+            mm if mm <= 0.0 => Vec::new(),
+            mm if mm < 1.0 => vec![mm, 1e3 * mm],
+            mm if mm > 1e3 => vec![mm, 1e-3 * mm],
+            mm => vec![mm],
+        };
+        let mut found = Vec::new();
+        for unit in Unit::ALL {
+            for (k, plane_mm) in planes.iter().enumerate() {
+                let changes = u32::from(unit != camera.unit) + u32::from(k > 0);
+                if changes > 0 && presses(unit, *plane_mm) {
+                    found.push((changes, unit, k, *plane_mm));
                 }
-                None => String::from(
-                    "does the frame's camera stand and look as [sensor.lens] says, and are its distances those that \
-                     --depth-along says?",
-                ),
-            };
-        }
-        let value = (self.lowest_mm + camera.plane_mm) / camera.unit.mm();
-        let would_touch = |unit: Unit| (-self.thickness_mm..=0.0).contains(&(value * unit.mm() - camera.plane_mm));
-        // Units are a thousand apart; what is nearer than that is rather the plane's mistake.
-        let far_off = |times: f64| !(1.0 / 30.0..30.0).contains(&times);
-        let other_unit = |unit: &Unit| far_off(unit.mm() / camera.unit.mm()) && would_touch(*unit);
-        let nearest_mm = value * camera.unit.mm();
-        let mistaken = camera.plane_mm > 0.0 && far_off(nearest_mm / camera.plane_mm);
-        match Unit::ALL.into_iter().find(other_unit).filter(|_| mistaken) {
-            Some(unit) => {
-                let (name, words) = unit.names();
-                format!("the values look like {words}: --depth-unit {name}")
             }
-            None => format!(
-                "is --plane-mm {} right? it is the distance of the undeformed pad from the camera",
-                rounded(camera.plane_mm)
-            ),
         }
+        let (_, unit, k, plane_mm) = found.into_iter().min_by_key(|(changes, ..)| *changes)?;
+        let plane = format!("--plane-mm {}", rounded(plane_mm));
+        Some(match (unit != camera.unit, k > 0) {
+            (true, false) => look(unit),
+            (true, true) => format!("{}, and the pad's distance is in mm: {plane}", look(unit)),
+            (false, _) => format!("the pad's distance is in mm, whatever the unit of the values: {plane}"),
+        })
     }
 }
+
+/// No set's deepest press is less than this, mm: presses of some millimetres, a thousand times too small, are.
+const INVISIBLE_MM: f64 = 3e-3;
 
 /// A length to a micrometre, without zeros at its end.
 fn rounded(mm: f64) -> f64 {
@@ -211,6 +259,32 @@ mod tests {
         let problem = reach(&[9500.0 - 10.0]).out_of_reach(&camera(Unit::Metre, 10.0));
         assert!(problem.message.ends_with("the nearest point is 9490 mm beyond it"), "{}", problem.message);
         assert!(problem.help.is_some_and(|help| help.starts_with("the values look like millimetres: --depth-unit mm")));
+    }
+
+    #[test]
+    fn a_plane_in_metres_is_told_from_values_in_another_unit() {
+        let help = |above_mm: &[f32], unit, plane_mm| {
+            reach(above_mm).out_of_reach(&camera(unit, plane_mm)).help.unwrap_or_default()
+        };
+        // 9 mm in metres, and the plane at 10 mm given as 0.01.
+        assert!(help(&[9.0 - 0.01, 30.0], Unit::Metre, 0.01).contains("--plane-mm 10"));
+        assert!(!help(&[9.0 - 0.01, 30.0], Unit::Metre, 0.01).contains("--depth-unit"));
+        // The same in mm, and said to be so.
+        assert!(help(&[9.0 - 0.01, 30.0], Unit::Millimetre, 0.01).contains("--plane-mm 10"));
+        // Followed by the wrong advice: a press of a micrometre is none.
+        let both = reach(&[-0.001, 0.02]);
+        assert!(both.touches() && !both.is_pressed());
+        let help = both.out_of_reach(&camera(Unit::Millimetre, 0.01)).help.unwrap_or_default();
+        assert!(help.contains("--depth-unit m,") && help.contains("--plane-mm 10"), "{help}");
+    }
+
+    #[test]
+    fn frames_that_press_or_are_just_above_the_pad_are_not_suspected() {
+        for above_mm in [-0.5, 0.5, 5.0, 40.0] {
+            assert_eq!(reach(&[above_mm, 60.0]).suspicion(&camera(Unit::Metre, 10.0)), None, "{above_mm}");
+        }
+        let wrong = reach(&[9500.0 - 10.0, 9e4]).suspicion(&camera(Unit::Metre, 10.0)).expect("millimetres");
+        assert!(wrong.help.is_some_and(|help| help.contains("--depth-unit mm")));
     }
 
     #[test]

@@ -95,8 +95,7 @@ pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
         for ((pair, source), found) in known.windows(2).zip(sources.iter().skip(1)).zip(found.iter().skip(1)) {
             let normal = found.as_ref().map_or(DVec3::Z, |reach| reach.normal);
             if let Some(problem) = sequence::mistake(pair[0].pose, pair[1].pose, normal) {
-                let message = format!("{}: {}", source.path.display(), problem.message);
-                problems.push(Diagnostic { message, ..problem });
+                problems.push(of_frame(source, problem));
             }
         }
         if known.len() > 1 && known.windows(2).all(|pair| pair[0].pose == pair[1].pose) {
@@ -109,8 +108,7 @@ pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
         match found {
             Ok(reach) => reaches.push(reach),
             Err(problem) => {
-                let message = format!("{}: {}", source.path.display(), problem.message);
-                problems.push(Diagnostic { message, ..problem });
+                problems.push(of_frame(source, problem));
             }
         }
         let mut ours = suffixes(plan).into_iter().map(|suffix| out.join(format!("{}.{suffix}", source.stem)));
@@ -120,11 +118,19 @@ pub fn check(plan: &Plan, request: &Request) -> Result<Vec<Reach>, Report> {
         }
     }
     let nearest = reaches.iter().min_by(|a, b| a.lowest_mm.total_cmp(&b.lowest_mm));
-    if let Some(nearest) = nearest.filter(|nearest| !nearest.touches() && !request.no_contact_ok && problems.is_empty())
+    if let Some(nearest) =
+        nearest.filter(|nearest| !nearest.is_pressed() && !request.no_contact_ok && problems.is_empty())
     {
         problems.push(nearest.out_of_reach(camera));
     }
     if problems.is_empty() { Ok(reaches) } else { Err(Report::new(&problems, &[])) }
+}
+
+/// What is wrong with a frame, with its name; the same of several is one message.
+fn of_frame(source: &Source, problem: Diagnostic) -> Diagnostic {
+    let path = source.path.display().to_string();
+    let cause = format!("frames: {}", problem.message);
+    Diagnostic { message: format!("{path}: {}", problem.message), ..problem }.of(path, cause)
 }
 
 /// Renders and writes every frame, on the threads of the pool that this is called in.

@@ -33,14 +33,17 @@ pub enum StreamError {
 }
 
 /// Renders each frame of `input` to `output` until the input ends between two frames; how many there were. `plan` gives
-/// the plan for frames of a size, once.
+/// the plan for frames of a size, once; `note` is told what should be known of them.
 pub fn stream(
     mut input: impl Read,
     mut output: impl Write,
     camera: &DepthCamera,
     sequence: Option<InSequence>,
     plan: impl FnOnce([usize; 2]) -> Result<Plan, Report>,
+    mut note: impl FnMut(Report),
 ) -> Result<u64, StreamError> {
+    // What has been said of the frames so far, and whether one of them pressed.
+    let (mut is_suspected, mut has_pressed) = (false, false);
     let mut follower: Option<Follower> = None;
     let mut bytes = Vec::new();
     let mut make = Some(plan);
@@ -49,6 +52,11 @@ pub fn stream(
         let wrong = |message: String| StreamError::Frame(number, Diagnostic::new(message));
         let first = if sequence.is_some() { What::Pose } else { What::Frame };
         if !next(&mut input, &mut bytes, first).map_err(wrong)? {
+            if number > 0 && !has_pressed && !is_suspected {
+                let message = format!("nothing reaches the pad in any of {number} frames");
+                let help = "if it should, are --depth-unit and --plane-mm right?";
+                note(Diagnostic::warning(message).help(help).into());
+            }
             return Ok(number);
         }
         // In a sequence each frame comes after its object's pose.
@@ -67,6 +75,7 @@ pub fn stream(
         if let Some(make) = make.take() {
             let plan = make(size).map_err(StreamError::Plan)?;
             let reader = FrameReader::new(*camera, &plan.simulator, size);
+            note(plan.notes.clone());
             made = Some((size, plan, reader.map_err(|problem| StreamError::Frame(number, problem))?));
         }
         let Some((first, plan, reader)) = &made else { continue };
@@ -77,6 +86,15 @@ pub fn stream(
         let seen = reader.read(frame).map_err(|problem| StreamError::Frame(number, problem))?;
         if let Some(problem) = seen.reach().mistake(camera) {
             return Err(StreamError::Frame(number, problem));
+        }
+        has_pressed |= seen.reach().is_pressed();
+        if !has_pressed
+            && !is_suspected
+            && let Some(suspicion) = seen.reach().suspicion(camera)
+        {
+            is_suspected = true;
+            let message = format!("frame {number}: {}", suspicion.message);
+            note(Diagnostic { message, ..suspicion }.into());
         }
         let sample = match (known, sequence) {
             (Some(known), Some(InSequence { friction, frame_rate_hz })) => {

@@ -92,6 +92,25 @@ impl Quantity {
         }
     }
 
+    /// The same times a factor above 0.
+    pub fn times(&self, factor: f64) -> Self {
+        let of = |value: &f64| factor * value;
+        match self {
+            Self::Constant(value) => Self::Constant(of(value)),
+            Self::Random(distribution) => Self::Random(match distribution {
+                Distribution::Uniform(range) => Distribution::Uniform(range.each_ref().map(of)),
+                Distribution::LogUniform(range) => Distribution::LogUniform(range.each_ref().map(of)),
+                Distribution::Choice(values) => Distribution::Choice(values.iter().map(of).collect()),
+                Distribution::Normal(normal) => Distribution::Normal(Normal {
+                    mean: of(&normal.mean),
+                    std: of(&normal.std),
+                    min: normal.min.as_ref().map(of),
+                    max: normal.max.as_ref().map(of),
+                }),
+            }),
+        }
+    }
+
     /// Uniform from `min` to `max`.
     pub const fn uniform(min: f64, max: f64) -> Self {
         Self::Random(Distribution::Uniform([min, max]))
@@ -133,7 +152,7 @@ impl Quantity {
     }
 
     /// What is wrong with the distribution in itself, whatever it is used for; and what would be right.
-    pub fn mistake(&self) -> Option<(String, &'static str)> {
+    pub fn mistake(&self) -> Option<(String, String)> {
         let (min, max) = self.support();
         let finite = match self {
             Self::Random(Distribution::Normal(normal)) => {
@@ -145,21 +164,33 @@ impl Quantity {
         };
         match self {
             Self::Random(Distribution::Choice(values)) if values.is_empty() => {
-                Some((String::from("a choice between no values"), "list at least one value"))
+                Some((String::from("a choice between no values"), String::from("list at least one value")))
             }
-            _ if !finite => Some((String::from("not a finite number"), "write an ordinary number")),
+            _ if !finite => Some((String::from("not a finite number"), String::from("write an ordinary number"))),
             Self::Random(Distribution::Normal(normal)) if normal.std < 0.0 => {
-                Some((format!("negative standard deviation {}", normal.std), "std must be 0 or more"))
+                Some((format!("negative standard deviation {}", normal.std), format!("write std = {}", -normal.std)))
             }
-            _ if min > max => Some((format!("inverted range: {min} is above {max}"), "write the smaller number first")),
-            Self::Random(Distribution::LogUniform([min, _])) if *min <= 0.0 => Some((
+            _ if min > max => {
+                let help = match self {
+                    Self::Random(Distribution::Normal(_)) => format!("write min = {max} and max = {min}"),
+                    _ => format!("write the smaller number first: [{max}, {min}]"),
+                };
+                Some((format!("inverted range: {min} is above {max}"), help))
+            }
+            Self::Random(Distribution::LogUniform([min, max])) if *min <= 0.0 => Some((
                 format!("log_uniform from {min}"),
-                "the logarithm needs numbers above 0; use `uniform` for a range that reaches 0",
+                format!("the logarithm needs numbers above 0: begin above it, or write {{ uniform = [{min}, {max}] }}"),
             )),
-            Self::Random(Distribution::Normal(normal)) if normal.kept_share() < 0.01 => Some((
-                format!("min and max leave {:.3} % of the normal distribution", 100.0 * normal.kept_share()),
-                "widen the limits so that at least 1 % remains, or use `uniform`",
-            )),
+            Self::Random(Distribution::Normal(normal)) if normal.kept_share() < 0.01 => {
+                let or_uniform = match min.is_finite() && max.is_finite() {
+                    true => format!(", or write {{ uniform = [{min}, {max}] }}"),
+                    false => String::new(),
+                };
+                Some((
+                    format!("min and max leave {:.3} % of the normal distribution", 100.0 * normal.kept_share()),
+                    format!("widen the limits so that at least 1 % remains{or_uniform}"),
+                ))
+            }
             _ => None,
         }
     }

@@ -116,7 +116,7 @@ mod tests {
         let unit = super::super::unit::Unit { variation: 1.0, ..Default::default() };
         for stray_light in [None, Some([0.1; 3])] {
             let mut sensor = Sensor { unit: Some(unit.clone()), stray_light, ..Sensor::with_every_number(2) };
-            let spreads = sensor.spreads();
+            let spreads: Vec<_> = sensor.spreads().into_iter().flat_map(|group| group.numbers).collect();
             let numbers: Vec<String> = sensor.numbers_mut().into_iter().map(|(path, _)| path).collect();
             assert!(spreads.iter().all(|spread| numbers.contains(&spread.path)), "{spreads:?}");
             assert_eq!(spreads.iter().any(|spread| spread.path == "led.0.intensity"), stray_light.is_none());

@@ -67,6 +67,33 @@ impl Address {
     }
 }
 
+/// Why a path cannot be what is meant as a place to write to: the address of a store with a slash too few, or what a shell would
+/// have replaced. Left alone, it would be a folder of that name.
+pub fn mistaken_output(path: &Path) -> Option<String> {
+    let text = path.to_str()?;
+    if text.is_empty() {
+        return Some(String::from("it is empty: name a folder, or leave --out out"));
+    }
+    if let Some((scheme, rest)) = text.split_once(":/").filter(|(_, rest)| !rest.starts_with('/')) {
+        let known =
+            SCHEMES.iter().map(|(known, _)| *known).chain(["azure", "gcs", "http", "https", "r2", "hdfs", "abfs"]);
+        if known.into_iter().any(|known| scheme.eq_ignore_ascii_case(known)) {
+            let slashes = if scheme.eq_ignore_ascii_case("file") { "///" } else { "//" };
+            let folder = format!("a folder of that name is ./{text}");
+            return Some(format!("an address has two slashes: {scheme}:{slashes}{rest}; {folder}"));
+        }
+    }
+    if text == "~" || text.starts_with("~/") {
+        return Some(format!("no shell has replaced the ~ in it: write it without quotes, or \"$HOME{}\"", &text[1..]));
+    }
+    if text.starts_with('$') || text.starts_with("%") {
+        return Some(String::from(
+            "no shell has replaced the variable in it: write it in double quotes, or the path itself",
+        ));
+    }
+    None
+}
+
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { scheme, bucket, prefix } = self;

@@ -51,6 +51,13 @@ pub struct Splits {
     pub test: f64,
 }
 
+impl Splits {
+    /// In the order of the splits.
+    pub fn shares(&self) -> [f64; 3] {
+        [self.train, self.val, self.test]
+    }
+}
+
 /// What is kept whole when the dataset is split.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

@@ -397,7 +397,15 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             let one = literal(value)?;
             write(format!("[{one}, {one}]"))
         }
-        (Value::Table(_), Wanted::List) => Some(format!("a list of tables has double brackets: [[{key}]]")),
+        (Value::Table(entries), Wanted::List) if key == "layers" => {
+            let named = entries.iter().filter(|entry| !matches!(entry.node.value, Value::Bool(false)));
+            let names: Vec<String> = named.map(|entry| format!("{:?}", entry.key)).collect();
+            write(format!("[{}]", names.join(", ")))
+        }
+        (Value::Table(_), Wanted::List) if ["object", "led", "lamp", "phase"].contains(&key) => {
+            Some(String::from("there may be several: write its name between double brackets, [[ and ]]"))
+        }
+        (Value::Table(_), Wanted::List) => Some(format!("a list stands in brackets: {key} = [..]")),
         (Value::Array(items), Wanted::Table) if key == "splits" => match floats(items)?.as_slice() {
             [train, val, test] => {
                 write(format!("{{ train = {}, val = {}, test = {} }}", decimal(*train), decimal(*val), decimal(*test)))
@@ -450,6 +458,19 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
         )),
         _ => None,
     }
+}
+
+/// A list as it should read where its numbers have decimal commas, so that it has twice as many elements as `wanted`.
+pub fn decimal_commas(value: &Value, wanted: usize) -> Option<String> {
+    let Value::Array(items) = value else { return None };
+    let halves = items.iter().map(|item| match item.value {
+        Value::Integer(number) => Some(number),
+        _ => None,
+    });
+    let halves: Vec<i64> = halves.collect::<Option<_>>()?;
+    let meant = halves.chunks_exact(2).map(|pair| format!("{}.{}", pair[0], pair[1])).collect::<Vec<_>>().join(", ");
+    let is_so = halves.len() == 2 * wanted && halves.iter().skip(1).step_by(2).all(|digits| *digits >= 0);
+    is_so.then(|| format!("numbers have a decimal point: [{meant}]"))
 }
 
 /// A number in text: also 3,000 and 3k.

@@ -162,6 +162,26 @@ fn dotted_steps(key: &str) -> usize {
         .count()
 }
 
+/// What to do where the sensor file that is written so cannot be read.
+fn of_unread_sensor(path: &Path, written: &str, error: &io::Error, is_flag: bool) -> String {
+    let preset = |name: &str| if is_flag { format!("--sensor {name}") } else { format!("preset = \"{name}\"") };
+    let names = sensor::PRESETS.map(|(name, _)| name);
+    let is_name = !written.contains(['/', '\\']) && !written.ends_with(".toml");
+    let same_names = |path: &Path| path.extension().is_some_and(|ending| ending == "toml");
+    match (guesses::choice(written, &names).filter(|_| is_name), error.kind()) {
+        (Some(name), _) => format!("did you mean the preset? {}", preset(name)),
+        (None, io::ErrorKind::NotFound) => match input::meant(path, same_names) {
+            Some(near) => format!("did you mean {}?", path.with_file_name(near).display()),
+            None if is_flag => {
+                String::from("paths start from the current folder; gelsim list sensors shows the presets")
+            }
+            None => String::from("a path is relative to the file it stands in; gelsim list sensors shows the presets"),
+        },
+        _ if path.is_dir() => String::from("name the sensor file in it, which ends in .toml"),
+        _ => String::from("a sensor file is a text in UTF-8, such as gelsim calibrate writes: save it so"),
+    }
+}
+
 /// Lays the sensor file and the preset that the job names under its `[sensor]` table. False if one cannot be read.
 fn lay_under_sensor(document: &mut Document, problems: &mut Diagnostics) -> bool {
     let mut known = true;
@@ -177,7 +197,7 @@ fn lay_under_sensor(document: &mut Document, problems: &mut Diagnostics) -> bool
         }
         let path = document.folder("sensor.file").join(written);
         let text = input::read(&path, document::MOST_READ)
-            .and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other));
+            .and_then(|bytes| String::from_utf8(bytes).map_err(|_| io::Error::other("it is not UTF-8")));
         match text {
             Ok(text) => {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -197,8 +217,9 @@ fn lay_under_sensor(document: &mut Document, problems: &mut Diagnostics) -> bool
             }
             Err(error) => {
                 known = false;
+                let is_flag = document.sources.first().is_some_and(|source| source.name == "--sensor");
                 let message = format!("cannot read the sensor file {}: {error}", path.display());
-                let help = "a path is relative to the file it stands in; gelsim list sensors shows the presets";
+                let help = of_unread_sensor(&path, written, &error, is_flag);
                 problems.push(Diagnostic::new(message).at(file.place).help(help));
             }
         }

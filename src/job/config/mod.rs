@@ -13,6 +13,7 @@ pub mod document;
 pub mod fidelity;
 pub mod gripper;
 mod guesses;
+mod level;
 pub use guesses::whole;
 mod lay;
 pub mod object;
@@ -172,7 +173,7 @@ fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String> {
 pub struct Overrides {
     /// Dotted path and TOML value, as `--set` takes them, together with the flag that messages name.
     pub set: Vec<(String, String)>,
-    /// Replaces the job's fidelity, gelpad and optics.
+    /// Replaces the job's fidelity; what the job says of physics stays.
     pub fidelity: Option<Fidelity>,
 }
 
@@ -220,8 +221,10 @@ pub struct Written {
 pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> Result<Written, Report> {
     let name = path.display().to_string();
     if Format::from_path(path).is_some() {
+        let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         let help = format!(
-            "name it in one: path = \"{name}\" under [[object]]; gelsim init --objects FOLDER writes a job for the meshes of a folder"
+            "gelsim inspect {name} says what it is like; gelsim init --objects {} job.toml writes a job that presses it",
+            folder.display()
         );
         return Err(user_error(format!("{name} is a mesh, not a job"), help));
     }
@@ -237,11 +240,14 @@ pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> R
                 };
                 user_error(message, help)
             }
-            false => Report::message(message),
+            false => user_error(message, "name the job file, a text that ends in .toml"),
         }
     })?;
-    let text = String::from_utf8(text)
-        .map_err(|error| Report::message(format!("{name}: not UTF-8 at byte {}", error.utf8_error().valid_up_to())))?;
+    let text = String::from_utf8(text).map_err(|error| {
+        let valid = error.utf8_error().valid_up_to();
+        let utf16 = if error.as_bytes().starts_with(&[0xff, 0xfe]) { ", but probably UTF-16" } else { "" };
+        user_error(format!("{name}: not UTF-8 at byte {valid}{utf16}"), "a job is a text in UTF-8: save it so")
+    })?;
     let folder = path.parent().unwrap_or(Path::new(""));
     Ok(read_text(&name, text, folder, overrides, problems))
 }
@@ -254,7 +260,8 @@ pub fn read_text(
     overrides: &Overrides,
     problems: &mut Diagnostics,
 ) -> Written {
-    written(lay(name, text, folder, &overrides.set, problems), overrides)
+    let laid = lay(name, text, folder, &overrides.set, problems);
+    written(laid, overrides, problems)
 }
 
 /// Reads a sensor by the name of its preset or the path of its file: a job that says no more than that, the values `given`
@@ -287,15 +294,17 @@ fn read_named(
         let path: Vec<String> = path.split('.').map(str::to_owned).collect();
         document.set(&path, place, Node { place, value }).expect("nothing stands in the way of another key");
     }
-    written(lay_over(document, &overrides.set, problems), overrides)
+    let laid = lay_over(document, &overrides.set, problems);
+    written(laid, overrides, problems)
 }
 
-fn written(laid: Laid<Job>, overrides: &Overrides) -> Written {
+fn written(laid: Laid<Job>, overrides: &Overrides, problems: &mut Diagnostics) -> Written {
     let Laid { value: mut job, document, broken, sensor_known, others, right, presets } = laid;
-    if let Some(level) = overrides.fidelity.filter(|_| !broken) {
-        job.fidelity = Some(level.into());
-        job.gelpad = None;
-        job.optics = None;
+    if !broken {
+        match overrides.fidelity {
+            Some(level) => level::replace(&mut job, &document, level, problems),
+            None => level::fill(&mut job, &document),
+        }
     }
     job.random = document.random.clone();
     job.presets = presets;

@@ -8,6 +8,7 @@ pub use crate::files::length::Unit;
 use crate::files::mesh::{PlateSize, Reading, UrdfShapes};
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::texture::TextureDistribution;
+use crate::job::layout::Split;
 
 /// One `[[object]]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -43,6 +44,13 @@ pub struct Object {
     /// Factor on the object's size, drawn for each sample.
     #[serde(skip_serializing_if = "is_one")]
     pub scale: Quantity,
+    /// Length of the object's longest side, mm, drawn for each sample, in place of `unit` and `scale`: for meshes that were divided
+    /// by their own size. 0.001 to 10000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<Quantity>,
+    /// The one split that the object is in; with `split_by = "object"`. The others are divided between the splits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub split: Option<Split>,
     /// What becomes of the job if a mesh cannot be read.
     #[serde(skip_serializing_if = "is_default")]
     pub on_bad: OnBad,
@@ -116,6 +124,14 @@ impl Object {
         Reading { mm_per_unit: self.unit.map(Unit::mm), urdf: self.urdf }
     }
 
+    /// Factor on the size of an object that is so long as its file is read, mm.
+    pub fn factor(&self, largest_mm: f64) -> Quantity {
+        match &self.length_mm {
+            Some(length_mm) => length_mm.times(1.0 / largest_mm),
+            None => self.scale.clone(),
+        }
+    }
+
     /// How large its height maps are, if it says so.
     pub fn plate_size(&self) -> Option<PlateSize> {
         let (mm_per_px, height_mm) = self.mm_per_px.zip(self.height_mm)?;
@@ -141,6 +157,8 @@ impl Default for Object {
             parts: Parts::default(),
             part: None,
             scale: Quantity::Constant(1.0),
+            length_mm: None,
+            split: None,
             on_bad: OnBad::default(),
             label_path: None,
             mm_per_px: None,

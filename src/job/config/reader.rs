@@ -125,6 +125,7 @@ impl de::Error for Mistake {
     }
 
     fn invalid_length(length: usize, expected: &dyn de::Expected) -> Self {
+        let expected = expected.to_string().replace("an array of length", "a list of");
         Self::new(format!("expected {expected}, found {length} element{}", if length == 1 { "" } else { "s" }))
     }
 
@@ -184,14 +185,19 @@ impl<'a> Reader<'a> {
                     let skipped = self.context.skipped.borrow();
                     !skipped.is_empty() && items.iter().any(|item| skipped.contains(&item.place))
                 };
+                let items_in_all = items.len();
                 let mut items = Items { items: items.iter(), context: self.context };
                 match (visitor.visit_seq(&mut items), items.items.len()) {
                     // A mistake with a place is one in a further element.
                     (Err(mistake), _) if !lost || mistake.place.is_some() => Err(mistake),
                     _ if lost => Err(Mistake { echo: true, ..Mistake::new("") }),
                     (value, 0) => value,
-                    (_, 1) => Err(Mistake::new("1 element too many")),
-                    (_, more) => Err(Mistake::new(format!("{more} elements too many"))),
+                    (_, more) => {
+                        let (all, wanted) = (items_in_all, items_in_all - more);
+                        let help = guesses::decimal_commas(&self.node.value, wanted);
+                        let message = format!("{all} elements, where {wanted} belong");
+                        Err(Mistake { help, ..Mistake::new(message) })
+                    }
                 }
             }
             Value::Table(entries) => visitor.visit_map(Entries {
@@ -308,7 +314,13 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
             }
             let unknown = !fields.contains(&entry.key.as_str());
             if unknown && self.context.skipped.borrow_mut().insert(entry.node.place) {
-                let help = guesses::of_key(&entry.key, fields);
+                let is_own_table = matches!(entry.node.value, Value::Table(_)) && fields.contains(&"resolution_px");
+                let help = match entry.key.as_str() {
+                    "sensor" if is_own_table => {
+                        String::from("a sensor file holds the keys of [sensor] themselves: leave the line [sensor] out")
+                    }
+                    key => guesses::of_key(key, fields),
+                };
                 let problem = Diagnostic::new(format!("unknown key `{}`", entry.key)).at(entry.key_place).help(help);
                 self.context.problems.borrow_mut().push(problem);
             }

@@ -140,8 +140,8 @@ pub fn of_mesh(size: &MeshSize, cleaned: &Cleaned, pad: &SensorPad) -> Vec<Findi
 fn against_view(size: &MeshSize, pad: &SensorPad) -> Option<Finding> {
     let largest_mm = size.largest_mm();
     let [width, height] = pad.field_of_view_mm;
-    let by =
-        if size.states_its_unit { "as its file says" } else { &format!("under {}", Unit::written(size.mm_per_unit)) };
+    let under = format!("under {}", Unit::written(size.mm_per_unit));
+    let by = size.known_from.unwrap_or(&under);
     let measured = format!("{} mm long {by}", figure(largest_mm));
     let detail = format!("{} mm", figure(largest_mm));
     let view = format!("a view of {} x {} mm", figure(width), figure(height));
@@ -190,7 +190,7 @@ impl MeshSize {
     /// The unit that its coordinates look like, where they look like another one than they were taken for, and its length in
     /// that, mm.
     pub fn likely_unit(&self, pad: &SensorPad) -> Option<(Unit, f64)> {
-        let may_be = !self.states_its_unit && !self.is_normalised();
+        let may_be = self.known_from.is_none() && !self.is_normalised();
         may_be.then(|| Unit::likely(self.mm_per_unit, self.largest_mm(), pad.field_of_view_mm)).flatten()
     }
 }

@@ -75,13 +75,14 @@ pub struct MeshSize {
     pub radius_mm: f64,
     /// Millimetres that a coordinate of 1 was taken for.
     pub mm_per_unit: f64,
-    /// That is what the format or the file says.
-    pub states_its_unit: bool,
+    /// What says that it is so large, behind the length, if anything does: the file, or a key of the job.
+    pub known_from: Option<&'static str>,
 }
 
 impl MeshSize {
     /// That of a mesh.
     pub fn new(mesh: &Mesh, mm_per_unit: f64, states_its_unit: bool) -> Self {
+        let known_from = states_its_unit.then_some("as its file says");
         // The bounding box is centred on zero.
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
         let square = |vertex: &[f32; 3]| vertex.iter().map(|at| f64::from(*at) * f64::from(*at)).sum::<f64>();
@@ -90,7 +91,7 @@ impl MeshSize {
             centre_mm: mesh.centre_mm,
             radius_mm: mesh.vertices.iter().map(square).fold(0.0, f64::max).sqrt(),
             mm_per_unit,
-            states_its_unit,
+            known_from,
         }
     }
 
@@ -117,6 +118,6 @@ impl MeshSize {
         let diagonal_mm = self.size_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
         let lengths = [self.largest_mm(), diagonal_mm, 2.0 * self.radius_mm];
         let is_unit = |mm: f64| [1.0, 2.0].iter().any(|unit| (mm / self.mm_per_unit / unit - 1.0).abs() < NEAR);
-        !self.states_its_unit && lengths.into_iter().any(is_unit)
+        self.known_from.is_none() && lengths.into_iter().any(is_unit)
     }
 }

@@ -80,6 +80,9 @@ pub struct NumericsLabel {
     /// Largest error of the surface within 2 mm of the contact that the model's linear theory is expected to have,
     /// um, within a factor of two, or of 2.5 for most contacts that stick; 0 if no edge of a contact is in view, null if it is not known.
     pub model_error_um: Option<f64>,
+    /// Why `model_error_um` is null; empty if it is known.
+    #[serde(default)]
+    pub model_error_unknown: String,
     /// Share of the pixels in contact whose slope or displacement lies beyond the presses that the sensor's optics were
     /// calibrated on, 0 to 1; 0 without contact and where the optics are not calibrated.
     #[serde(default)]
@@ -131,6 +134,7 @@ impl NumericsLabel {
             strain: scene.deepest_mm() / thickness_mm,
             beyond_theory: scene.deepest_mm() > LARGEST_STRAIN * thickness_mm,
             model_error_um: contact.numerics.model_error_um,
+            model_error_unknown: contact.numerics.model_error_unknown.to_owned(),
             light_outside_range: plan.simulator.shader().share_beyond(contact),
         }
     }

@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::figures::{figure, tidy};
 use crate::files::sensor::Sensor;
 use crate::files::sensor::quantity::Quantity;
 use crate::files::spelling::nearest;
@@ -70,8 +71,17 @@ impl Check<'_> {
             self.quantity(path, quantity, range, unit);
         } else if !range.contains(&value) && self.sound(path) {
             let help = allowed(&range, unit);
-            self.error(path, format!("{} = {value} is out of range", key(path)), help);
+            // What was worked out has more digits than anybody writes.
+            let shown = if format!("{value}").len() > 12 { figure(value) } else { format!("{value}") };
+            self.error(path, format!("{} = {shown} is out of range", key(path)), help);
         }
+    }
+
+    /// The same of one of many keys of which `cause` may be true: those together are one message.
+    pub fn error_of(&mut self, path: &str, cause: &str, message: impl Into<String>, help: impl Into<String>) {
+        let place = self.document.place(path).unwrap_or(self.document.root.place);
+        let subject = path.split('.').filter(|segment| segment.parse::<usize>().is_err()).collect::<Vec<_>>().join(".");
+        self.problems.push(Diagnostic::new(message).at(place).help(help).of(subject, cause));
     }
 
     /// Refuses what is drawn at random of a sensor, where there is one sensor and not one for each sample.
@@ -79,7 +89,8 @@ impl Check<'_> {
         let document = self.document;
         let help = "write a constant: only a job draws a sensor for each sample";
         for (path, _) in &document.random.numbers {
-            self.error(&format!("sensor.{path}"), format!("{} is drawn at random", key(path)), help);
+            let message = format!("{} is drawn at random", key(path));
+            self.error_of(&format!("sensor.{path}"), "numbers are drawn at random", message, help);
         }
         if !document.random.backgrounds.is_empty() {
             let help = "name one file: only a job draws a background for each sample";
@@ -107,18 +118,36 @@ impl Check<'_> {
         }
         let (min, max) = quantity.support();
         if min < *range.start() || max > *range.end() {
-            let reached = match (min.is_finite(), max.is_finite()) {
-                _ if min == max => format!("{min}"),
-                (true, true) => format!("{min} to {max}"),
-                (true, false) => format!("anything from {min} up"),
-                (false, true) => format!("anything up to {max}"),
-                (false, false) => String::from("any number"),
-            };
+            let reached = reached(min, max);
             let message = format!("{} may be {reached}, which is out of range", key(path));
             let help = match (min.is_finite() && max.is_finite(), quantity) {
                 (false, _) => format!("{}; give the normal distribution a `min` and a `max`", allowed(&range, unit)),
                 _ => allowed(&range, unit),
             };
+            self.error(path, message, help);
+        }
+    }
+
+    /// The depth of a press, which stays above the shell behind a pad `thickness_mm` thick; `behind` names what is there.
+    pub fn depth(&mut self, path: &str, quantity: &Quantity, least_mm: f64, thickness_mm: f64, behind: &str) {
+        if let Some((message, help)) = quantity.mistake() {
+            self.error(path, format!("{}: {message}", key(path)), help);
+            return;
+        }
+        let (min, max) = quantity.support();
+        if min < least_mm || max >= thickness_mm {
+            let most = tidy(thickness_mm, true);
+            let message = match max >= thickness_mm {
+                true => format!("{} may be {}, and {behind} {most} mm", key(path), reached(min, max)),
+                false => format!("{} may be {}, which is out of range", key(path), reached(min, max)),
+            };
+            let least = if least_mm == 0.0 { String::new() } else { format!("at least {least_mm} mm and ") };
+            let limits = match min.is_finite() && max.is_finite() {
+                true => "",
+                false => "; give the normal distribution a `min` and a `max`",
+            };
+            let [low, high] = super::remedies::USUAL_DEPTHS.map(|share| figure(share * thickness_mm));
+            let help = format!("stay {least}below {most} mm: usual is {} = [{low}, {high}]{limits}", key(path));
             self.error(path, message, help);
         }
     }
@@ -129,7 +158,18 @@ fn key(path: &str) -> &str {
     path.rsplit('.').find(|segment| segment.parse::<usize>().is_err()).unwrap_or(path)
 }
 
+/// What may be drawn, in words.
+fn reached(min: f64, max: f64) -> String {
+    match (min.is_finite(), max.is_finite()) {
+        _ if min == max => format!("{min}"),
+        (true, true) => format!("{min} to {max}"),
+        (true, false) => format!("anything from {min} up"),
+        (false, true) => format!("anything up to {max}"),
+        (false, false) => String::from("any number"),
+    }
+}
+
 fn allowed(range: &RangeInclusive<f64>, unit: &str) -> String {
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    format!("allowed: {} to {}{unit}", range.start(), range.end())
+    format!("allowed: {} to {}{unit}", tidy(*range.start(), false), tidy(*range.end(), true))
 }

@@ -7,6 +7,7 @@ use super::check::Check;
 use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
 use crate::core::camera::projection::{Fisheye, LensModel, Pinhole};
 use crate::core::gelpad;
+use crate::files::figures::figure;
 use crate::files::sensor::Sensor;
 use crate::files::sensor::pins::{PinDistribution, PinLayout};
 use crate::files::sensor::shape::SensorShape;
@@ -29,7 +30,8 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
             let longest_mm = LONGEST_CAPSULE * radius_mm;
             if length_mm < radius_mm && check.sound("sensor.shape") {
                 let message = format!("the capsule is {length_mm} mm long, and its cap alone {radius_mm}");
-                check.error("sensor.shape.capsule.length_mm", message, "count it from the tip to the end of the gel");
+                let help = format!("count it from the tip to the end of the gel: length_mm = {radius_mm} at least");
+                check.error("sensor.shape.capsule.length_mm", message, help);
             } else if *length_mm > longest_mm && check.sound("sensor.shape") {
                 let message = format!("the capsule is {:.0} times as long as its radius", length_mm / radius_mm);
                 let help = format!(
@@ -79,7 +81,11 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
         if has("shape") && wrong {
             let with = if key == "background" { "pins" } else { "a gel that has a shape" };
             let message = format!("`{key}` does not go with {with}");
-            check.error(&format!("sensor.{key}"), message, "leave one of the two out");
+            let help = match check.document.get(&format!("sensor.{key}")) {
+                Some(_) => format!("leave `{key}` out"),
+                None => format!("leave `{}` out", if key == "background" { "pins" } else { "shape" }),
+            };
+            check.error(&format!("sensor.{key}"), message, help);
         }
     }
     for (number, led) in sensor.led.iter().enumerate() {
@@ -95,7 +101,8 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
             }
             Some(shape) if !inside(&shape, position_mm, 0.0) => {
                 let message = "the LED is outside of the gel, whose skin is opaque";
-                check.error(&at, message, "z is 0 at the gel's tip and below 0 inside");
+                let help = format!("z is 0 at the gel's tip and below 0 inside: {} is in its middle", middle(&shape));
+                check.error(&at, message, help);
             }
             _ => {}
         }
@@ -107,11 +114,9 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
             sensor.led.iter().enumerate().filter(|(_, led)| led.position_mm.is_none()).map(|(number, _)| number)
         {
             let message = "the LED is at the gel's rim, and this gel's mesh ends nowhere";
-            check.error(
-                &format!("sensor.led.{number}"),
-                message,
-                "leave the base out of the mesh, or place the LED with position_mm",
-            );
+            let help = "leave the base out of the mesh, or place every LED: [[sensor.led]] with position_mm";
+            let cause = "LEDs are at the gel's rim, and this gel's mesh ends nowhere";
+            check.error_of(&format!("sensor.led.{number}"), cause, message, help);
         }
     }
     if let Some(shape) = sensor.gel().filter(|_| check.sound("sensor")) {
@@ -130,11 +135,9 @@ pub fn sensor(check: &mut Check<'_>, sensor: &Sensor) {
         }
         if projection.chart_view(&shape).is_none() {
             let message = "the camera sees no gel";
-            check.error(
-                "sensor.lens",
-                message,
-                "z is 0 at the gel's tip and below 0 inside: move the camera, or turn it",
-            );
+            let help =
+                "turn the camera to the gel's tip: look_at_mm = [0.0, 0.0, 0.0], from a position_mm whose z is below 0";
+            check.error("sensor.lens", message, help);
         }
     }
 }
@@ -149,16 +152,29 @@ fn place(check: &mut Check<'_>, at: &str, sensor: &Sensor, position_mm: [f64; 3]
         check.error(
             &format!("{at}.look_at_mm"),
             "the camera looks at itself",
-            "name a point before it, such as the tip",
+            "name a point before it, such as the gel's tip: look_at_mm = [0.0, 0.0, 0.0]",
         );
     }
     let Some(shape) = sensor.gel().filter(|_| check.sound("sensor.shape")) else { return };
     // A camera inside the skin, or beyond it, sees no picture of the skin from within.
     if !inside(&shape, position_mm, sensor.gelpad_thickness_mm) {
         let message = "the camera stands in the gel, or outside of it";
-        let help = format!("the gel is {} mm thick, with its tip at z = 0", sensor.gelpad_thickness_mm);
+        let help = format!(
+            "the gel is {} mm thick, with its tip at z = 0: {} is in its middle",
+            sensor.gelpad_thickness_mm,
+            middle(&shape)
+        );
         check.error(&format!("{at}.position_mm"), message, help);
     }
+}
+
+/// The middle of the space in a gel, as a job writes places.
+fn middle(shape: &GelShape) -> String {
+    let below_mm = match shape {
+        GelShape::Mesh(_) => 0.5 * shape.radius_mm(),
+        _ => shape.radius_mm(),
+    };
+    format!("[0.0, 0.0, -{}]", figure(below_mm))
 }
 
 /// True of a place so far from the inside of a gel, or anywhere beyond its base.
@@ -177,7 +193,7 @@ fn inside(shape: &GelShape, place_mm: [f64; 3], from_skin_mm: f64) -> bool {
 fn folded(check: &mut Check<'_>, fisheye: &Fisheye) {
     if check.sound("sensor.lens") && !fisheye.is_one_to_one() {
         let message = "this lens shows two directions in one place";
-        check.error("sensor.lens.fisheye.k", message, "lower the coefficients, or fov_deg");
+        check.error("sensor.lens.fisheye.k", message, "bring the coefficients towards 0, or lower fov_deg");
     }
 }
 
@@ -190,9 +206,15 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
         let at = format!("sensor.pins.{key}");
         match (value, from_file) {
             (Some(value), false) => check.number(&at, value, range, unit),
-            (None, false) => check.missing(&at, "count and spacing_mm say how many pins stand how far apart"),
+            (None, false) => {
+                check.missing(
+                    &at,
+                    if key == "count" { "for example count = 127" } else { "for example spacing_mm = 2.0" },
+                );
+            }
             (Some(_), true) => {
-                check.error(&at, format!("`{key}` beside a layout from a file"), "the file says where each pin stands");
+                let help = "leave it out: the file says where each pin stands";
+                check.error(&at, format!("`{key}` beside a layout from a file"), help);
             }
             (None, true) => {}
         }
@@ -233,7 +255,11 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     if job.sensor.shape.is_none() {
         for (key, _, _) in place.iter().filter(|(_, place, _)| place.is_some()) {
             let message = format!("`{key}` is a place on a gel that has a shape, and this one is flat");
-            check.error(&format!("pose.{key}"), message, "write x_mm and y_mm; or take a sensor that has a shape");
+            check.error(
+                &format!("pose.{key}"),
+                message,
+                "write x_mm and y_mm in its place; or take a sensor that has a shape",
+            );
         }
         return;
     }
@@ -258,7 +284,8 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
         if farthest_mm > end_mm && farthest_mm <= 2e6 {
             let message =
                 format!("from_tip_mm may be {farthest_mm}, and the gel ends {end_mm:.1} mm from its tip{where_it_is}");
-            check.error("pose.from_tip_mm", message, "it is counted over the gel, along its curve");
+            let help = format!("stay below {}: it is counted over the gel, along its curve", figure(end_mm.floor()));
+            check.error("pose.from_tip_mm", message, help);
         }
     }
     if scope == Scope::Objects {
@@ -275,7 +302,13 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     let mut refuse = |wrong: bool, path: &str, what: &str| {
         if wrong {
             let message = format!("{what} on a gel that has a shape is not simulated");
-            check.error(path, message, "leave it out, or take a flat sensor");
+            let help = match path {
+                "shear" => "leave it out, or take a flat sensor, or add the layer flow, which shows it",
+                "fidelity" => "choose the fidelity level draft or a better one, or take a flat sensor",
+                "gelpad" => "write gelpad = \"elastic\", or take a flat sensor",
+                _ => "leave it out, or take a flat sensor",
+            };
+            check.error(path, message, help);
         }
     };
     refuse(job.markers.is_some(), "markers", "print");
@@ -285,7 +318,7 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
     let sheared = moved.iter().any(|moved| *moved);
     let shown = job.sensor.pins.is_some() || job.output.layers.contains(&OutputLayer::Flow);
     refuse(sheared && !shown, "shear", "shear that neither pins nor the layer `flow` show");
-    refuse(sheared && placed, "shear", "shear beside from_tip_mm or around_deg");
+    refuse(sheared && placed, "shear.x_mm", "shear beside from_tip_mm or around_deg");
     let camera = &job.camera;
     for (name, quantity) in [("distortion_k1", &camera.distortion_k1), ("distortion_k2", &camera.distortion_k2)] {
         refuse(quantity.support() != (0.0, 0.0), &format!("camera.{name}"), "distortion by [camera]");

@@ -2,10 +2,10 @@
 
 use super::check::Check;
 use super::presets::OtherSensor;
-use super::sensors::support;
-use super::{Scope, chosen_models, fill, gel, ranges};
+use super::{Scope, chosen_models, fill, gel, ranges, remedies};
 use crate::core::gelpad;
 use crate::files::diagnostic::Diagnostics;
+use crate::files::figures::figure;
 use crate::files::sensor::quantity::Quantity;
 use crate::job::config::Job;
 use crate::job::config::document::Document;
@@ -37,14 +37,19 @@ pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<
     }
     check.number("indentation.no_contact", job.indentation.no_contact, 0.0..=1.0, "");
     if job.fidelity.is_some_and(|fidelity| fidelity.level().is_none()) {
-        let help = "name a level, such as fidelity = \"standard\"";
+        let help = "name a level: fidelity = \"standard\"";
         check.error("fidelity", "the level of a gripper is not chosen by an error or a time", help);
     }
     folder(check, job);
     finger(check, job);
 
     if !one_of(check, &gripper.closings(), |key| format!("gripper.{key}")) {
-        check.missing("gripper.force_n", "for example force_n = [0.5, 2.0], squeeze_mm = 1.0 or width_mm = 20.0");
+        let both_mm = thicknesses(check, job, right, sensor_known).unwrap_or(8.0);
+        let [low, high] = remedies::USUAL_DEPTHS.map(|share| figure(share * both_mm));
+        let help = format!(
+            "for example force_n = [0.5, 2.0]; or squeeze_mm = [{low}, {high}]; or width_mm, a little less than the object is wide"
+        );
+        check.missing("gripper.force_n", &help);
     }
     if let Some(width) = &gripper.width_mm {
         check.quantity("gripper.width_mm", width, 0.0..=1e4, "mm");
@@ -68,7 +73,7 @@ fn phases(check: &mut Check<'_>, job: &Job, sequence: &Sequence, right: Option<&
         }
         if phase.tilt_deg.support() != (0.0, 0.0) {
             let message = "an object between two fingers does not roll over one of them";
-            check.error(&path("tilt_deg"), message, "leave it out, or leave [gripper] out");
+            check.error(&path("tilt_deg"), message, "leave it out");
         }
         let closings = [("force_n", &phase.force_n), ("width_mm", &phase.width_mm), ("squeeze_mm", &phase.squeeze_mm)];
         one_of(check, &closings, |key| path(key));
@@ -92,18 +97,16 @@ fn one_of(check: &mut Check<'_>, closings: &[(&str, &Option<Quantity>)], path: i
     true
 }
 
-/// The thicknesses of both gelpads together, the smallest that may be drawn, mm; more than any where they are not known.
-fn thicknesses(check: &Check<'_>, job: &Job, right: Option<&Job>, sensor_known: bool) -> f64 {
-    let thinnest = |job: &Job| support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm)[0];
+/// The thicknesses of both gelpads together, the smallest that may be drawn, mm; `None` where they are not known.
+fn thicknesses(check: &Check<'_>, job: &Job, right: Option<&Job>, sensor_known: bool) -> Option<f64> {
     let sound = ["sensor.gelpad_thickness_mm", "sensor.unit", "gripper.right"].iter().all(|path| check.sound(path));
-    if sensor_known && sound { thinnest(job) + thinnest(right.unwrap_or(job)) } else { 2e3 }
+    (sensor_known && sound).then(|| remedies::thinnest_mm(job) + remedies::thinnest_mm(right.unwrap_or(job)))
 }
 
-fn squeezed(check: &mut Check<'_>, path: &str, squeeze: &Quantity, least_mm: f64, most_mm: f64) {
-    check.quantity(path, squeeze, least_mm..=most_mm, "mm, the thicknesses of both gelpads");
-    if squeeze.support().1 == most_mm && check.sound(path) {
-        let message = format!("squeeze_mm may be {most_mm}, which presses both pads flat to their shells");
-        check.error(path, message, format!("stay below {most_mm} mm"));
+fn squeezed(check: &mut Check<'_>, path: &str, squeeze: &Quantity, least_mm: f64, most_mm: Option<f64>) {
+    match most_mm {
+        Some(most_mm) => check.depth(path, squeeze, least_mm, most_mm, "both gelpads together are as thick as"),
+        None => check.quantity(path, squeeze, least_mm..=2e3, "mm"),
     }
 }
 
@@ -121,11 +124,15 @@ fn finger(check: &mut Check<'_>, job: &Job) {
         let message =
             format!("the gelpad model `{}` knows no force, by which two fingers hold an object", model.name());
         let key = if check.document.get("gelpad").is_some() { "gelpad" } else { "fidelity" };
-        check.error(key, message, "choose fidelity = \"draft\" or better, or gelpad.elastic");
+        check.error(key, message, remedies::solving_gelpad(check.document));
     }
     if job.sensor.shape.is_some() {
         let message = format!("the gel of `{}` has a shape: a gripper's fingers are flat sensors", job.sensor.name);
-        check.error("sensor.shape", message, "take flat sensors, or press with one finger, without [gripper]");
+        let help = format!(
+            "take flat sensors, such as preset = \"digit\"; or press with one finger: {}",
+            remedies::single_presses(job, "[gripper]")
+        );
+        check.error("sensor.shape", message, help);
     }
 }
 
@@ -145,7 +152,11 @@ pub(super) fn right_finger(
             "the light of `{}` is `{}`, that of `{}` is `{}`",
             left.sensor.name, models[0], job.sensor.name, models[1]
         );
-        check.error("sensor", message, "a job has one model of the light: name one that both sensors have in `optics`");
+        let help = match models.contains(&"lamps") {
+            true => "take two sensors with LEDs, or twice the same: leave [gripper.right] out",
+            false => "a job has one model of the light: write optics = \"phong\", which every sensor with LEDs has",
+        };
+        check.error("sensor", message, help);
     }
     finger(&mut check, &job);
     ranges::models(&mut check, &job);

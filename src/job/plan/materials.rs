@@ -2,7 +2,7 @@
 
 use super::check::Check;
 use super::chosen_models;
-use super::ranges;
+use super::{ranges, remedies};
 use crate::core::gelpad;
 use crate::job::config::Job;
 
@@ -21,25 +21,38 @@ pub fn check(check: &mut Check<'_>, job: &Job) {
             if !matches!(model, gelpad::Model::Elastic(_)) {
                 let message =
                     format!("the gelpad model `{}` knows no pressure, so that nothing gives way", model.name());
-                check.error(&at, message, "choose fidelity = \"draft\" or better, or gelpad.elastic, or leave it out");
+                let help = format!("{}; or leave youngs_modulus_kpa out", remedies::solving_gelpad(check.document));
+                check.error_of(
+                    &at,
+                    "keys say how objects give way, and this gelpad model knows no pressure",
+                    message,
+                    help,
+                );
             }
             if job.sequence.is_some() {
-                check.error(&at, "the objects of a sequence are rigid", "leave it out, or leave [sequence] out");
+                let message = "the objects of a sequence are rigid";
+                check.error_of(
+                    &at,
+                    "keys say how the objects of a sequence give way, which are rigid",
+                    message,
+                    "leave it out",
+                );
             }
         }
         if let Some(ratio) = &object.poisson_ratio {
             check.quantity(&path("poisson_ratio"), ratio, 0.0..=0.5, "");
             if object.youngs_modulus_kpa.is_none() {
-                let help = "add youngs_modulus_kpa, or leave poisson_ratio out";
-                check.error(&path("poisson_ratio"), "an object without youngs_modulus_kpa is rigid", help);
+                let help = "leave poisson_ratio out, or add youngs_modulus_kpa, such as 100.0";
+                let message = "an object without youngs_modulus_kpa is rigid";
+                check.error_of(&path("poisson_ratio"), "objects without youngs_modulus_kpa are rigid", message, help);
             }
         }
         if let Some(friction) = &object.friction {
             check.quantity(&path("friction"), friction, 0.0..=10.0, "");
             if !held {
                 let message = "nothing in this job uses the friction of an object: it slides along the pad without any";
-                let help = "add gelpad.elastic.friction, [shear] or [sequence], or leave it out";
-                check.error(&path("friction"), message, help);
+                let help = "leave it out, or push the object over the pad: x_mm = [-0.4, 0.4] under [shear]";
+                check.error_of(&path("friction"), "keys say a friction that nothing in this job uses", message, help);
             }
         }
         if let Some(texture) = &object.texture {

@@ -40,10 +40,12 @@ mod objects;
 mod paths;
 mod presets;
 pub mod ranges;
+mod remedies;
 pub mod sensors;
 mod sequence;
 mod several;
 pub mod standalone;
+mod unused;
 mod variants;
 
 use check::Check;
@@ -51,6 +53,7 @@ use draw::Draw;
 pub use files::Photograph;
 pub use fingerprint::fingerprint;
 pub use naming::{name, stem};
+use notes::Whose;
 pub use objects::{Object, ids};
 use presets::others_sensors;
 use sensors::SensorSampling;
@@ -79,6 +82,8 @@ pub struct Plan {
     pub sensor_file: Option<PathBuf>,
     /// The job itself names its model of the light, which then stays whatever level is tried.
     optics_named: bool,
+    /// The same of its shadows.
+    shadows_named: bool,
     /// The same with the sensors of the job's other presets, where it names several.
     others: Vec<Self>,
     /// The same with the sensor of a gripper's right finger, where that has one of its own.
@@ -142,7 +147,11 @@ impl Plan {
             return Err(Report::new(&problems, &document.sources));
         }
         let mut check = Check { document: &document, problems: &mut problems };
-        let optics_named = job.optics.is_some();
+        // What is said and is not what the level stands for anyway.
+        let of_level = level(&job).models(job.sensor.light_source()).optics;
+        let optics_named = job.optics.as_ref().is_some_and(|own| *own != of_level);
+        let shadows_named =
+            job.optics.as_ref().is_some_and(|own| document.get(&format!("optics.{}.shadows", own.name())).is_some());
         let sensor_file = job.sensor.file.as_ref().map(|file| document.folder("sensor.file").join(file));
         fill(&mut job);
         gel::read(&mut check, &mut job.sensor);
@@ -179,6 +188,7 @@ impl Plan {
         let mut check = Check { document: &document, problems: &mut problems };
         let textures = files::textures(&mut check, "texture", &mut job.texture);
         let mut notes = Diagnostics::default();
+        notes.extend(unused::of_objects(&job, &document));
         let found = match scope {
             Scope::Frames => Some((Vec::new(), Draw::NOTHING)),
             Scope::Objects => {
@@ -197,10 +207,17 @@ impl Plan {
         };
         notes.extend(background_note);
         notes.extend(gel::notes(&job.sensor));
-        notes.extend(notes::of(&job, |key| document.place(key)));
-        for other in others.iter().chain(&right) {
+        let whose = match scope {
+            Scope::Frames => Whose::Frames,
+            _ if !others.is_empty() => Whose::Presets,
+            _ => Whose::Job,
+        };
+        notes.extend(notes::of(&job, whose, |key| document.place(key)));
+        notes.extend(unused::of(&job, &document));
+        let others_jobs = others.iter().map(|other| (&other.job, Whose::Presets));
+        for (other, whose) in others_jobs.chain(right.iter().map(|right| (&right.job, Whose::Right))) {
             let known: Vec<String> = notes.iter().map(|note| note.message.clone()).collect();
-            notes.extend(notes::of(&other.job, |_| None).into_iter().filter(|note| !known.contains(&note.message)));
+            notes.extend(notes::of(other, whose, |_| None).into_iter().filter(|note| !known.contains(&note.message)));
         }
         let simulator = simulator(sensor, chosen_models(&job), job.effects, &job);
         let classes = classes(objects.iter().map(|object| object.class.as_str()));
@@ -215,6 +232,7 @@ impl Plan {
             notes: Report::new(&notes, &document.sources),
             sensor_file,
             optics_named,
+            shadows_named,
             others: Vec::new(),
             right: None,
             job,
@@ -287,7 +305,7 @@ impl Plan {
             None => Ok(()),
             Some(_) => Err(user_error(
                 format!("{what} looks at single presses, and the samples of this job are sequences"),
-                "take a job without [sequence]",
+                format!("take a job without it: {}", remedies::single_presses(&self.job, "[sequence]")),
             )),
         }
     }
@@ -302,7 +320,7 @@ impl Plan {
             None => Ok(()),
             Some(_) => Err(user_error(
                 format!("{what} looks at one sensor, and the samples of this job are held by two"),
-                "take a job without [gripper]",
+                format!("take a job without one: {}", remedies::single_presses(&self.job, "[gripper]")),
             )),
         }
     }
@@ -317,7 +335,7 @@ impl Plan {
             1 => Ok(()),
             _ => Err(user_error(
                 format!("{what} looks at the press of one object, and samples of this job have several"),
-                "take a job without [scene], or add --set scene.objects_per_sample=1",
+                "take a job without it: leave [scene] out, or write objects_per_sample = 1 in it",
             )),
         }
     }

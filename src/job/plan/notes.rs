@@ -1,9 +1,11 @@
 //! What is allowed and yet probably not meant: words of warning about a job, each cause once.
 
+use super::remedies::{thinnest_mm, usual_depth};
 use super::{chosen_models, sensors};
 use crate::core::gelpad;
 use crate::core::gelpad::elastic::LARGEST_STRAIN;
 use crate::files::diagnostic::Diagnostic;
+use crate::files::figures::{figure, tidy};
 use crate::files::source::Place;
 use crate::job::config::Job;
 
@@ -16,14 +18,34 @@ const SHALLOWEST_MM: f64 = 1e-3;
 /// Pixels longer by this factor one way than the other are seen to be.
 const STRETCHED: f64 = 1.1;
 
+/// Whose sensor a job's is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Whose {
+    /// That of the job itself.
+    Job,
+    /// That of a job whose samples have sensors of several presets.
+    Presets,
+    /// That which sees depth frames, and has as many pixels as they.
+    Frames,
+    /// That of a gripper's right finger.
+    Right,
+}
+
+impl Whose {
+    /// The table that says what it is like.
+    fn table(self) -> &'static str {
+        if self == Self::Right { "gripper.right" } else { "sensor" }
+    }
+}
+
 /// All of them; `place` knows where a key stands.
-pub fn of(job: &Job, place: impl Fn(&str) -> Option<Place>) -> Vec<Diagnostic> {
+pub fn of(job: &Job, whose: Whose, place: impl Fn(&str) -> Option<Place>) -> Vec<Diagnostic> {
     let found = [
-        ("sensor.resolution_px", stretched(job)),
+        ("sensor.resolution_px", stretched(job, whose)),
         (if job.sequence.is_some() { "sequence" } else { "indentation.depth_mm" }, strain(job)),
         ("gripper.squeeze_mm", squeezed(job)),
         ("indentation.depth_mm", shallow(job)),
-        ("sensor.gelpad_youngs_modulus_kpa", modulus(job)),
+        ("sensor.gelpad_youngs_modulus_kpa", modulus(job, whose)),
         ("sequence", out_of_view(job)),
         ("sequence", off_the_curve(job)),
     ];
@@ -31,22 +53,34 @@ pub fn of(job: &Job, place: impl Fn(&str) -> Option<Place>) -> Vec<Diagnostic> {
 }
 
 /// Pixels that are longer one way than the other: mostly a resolution for a camera that is held the other way.
-fn stretched(job: &Job) -> Option<Diagnostic> {
+fn stretched(job: &Job, whose: Whose) -> Option<Diagnostic> {
     let sensor = Some(&job.sensor).filter(|sensor| sensor.shape.is_none())?;
     let (px, mm) = (sensor.resolution_px, sensor.field_of_view_mm);
     let [x, y]: [f64; 2] = std::array::from_fn(|k| mm[k] / px[k].max(1) as f64);
-    let kept = |k: usize| {
-        let longest = px[0].max(px[1]) as f64;
-        (longest * mm[k] / mm[0].max(mm[1])).round().max(1.0)
+    let is_stretched = |px: [f64; 2], mm: [f64; 2]| {
+        let [x, y] = [0, 1].map(|k| mm[k] / px[k]);
+        x.max(y) > STRETCHED * x.min(y)
     };
-    (x.max(y) > STRETCHED * x.min(y)).then(|| {
-        let help = format!(
-            "`sensor.resolution_px = [{}, {}]` keeps the proportion of the view, {} x {} mm",
-            kept(0),
-            kept(1),
-            mm[0],
-            mm[1]
-        );
+    let px = px.map(|px| f64::from(px.max(1)));
+    is_stretched(px, mm).then(|| {
+        let table = whose.table();
+        let view = format!("the view is {} x {} mm", figure(mm[0]), figure(mm[1]));
+        let kept = [0, 1].map(|k| (px[0].max(px[1]) * mm[k] / mm[0].max(mm[1])).round().max(1.0));
+        // The largest part of the view with the pixels' proportion.
+        let part = (mm[0] / px[0]).min(mm[1] / px[1]);
+        let cropped = format!("field_of_view_mm = [{}, {}]", figure(part * px[0]), figure(part * px[1]));
+        let help = match whose {
+            Whose::Frames if !is_stretched([px[1], px[0]], mm) => {
+                format!("{view}: turn the frames by 90 degrees, as numpy.rot90 does")
+            }
+            Whose::Frames => format!("{view}: --set sensor.{} sees a part of it", cropped.replace(' ', "")),
+            Whose::Presets => format!(
+                "{view}: give the sensors one view, such as {cropped} under [sensor], or name presets that are held the same way"
+            ),
+            // Too few pixels to have any proportion.
+            _ if is_stretched(kept, mm) => format!("{view}: take more pixels, or {cropped} under [{table}]"),
+            _ => format!("{view}: write resolution_px = [{}, {}] under [{table}]", kept[0], kept[1]),
+        };
         Diagnostic::warning(format!("pixels are {x:.3} x {y:.3} mm: images are out of proportion")).help(help)
     })
 }
@@ -135,7 +169,7 @@ fn strain(job: &Job) -> Option<Diagnostic> {
             depths.map(|depth| depth.support().1).fold(0.0, f64::max)
         }
     };
-    let [thickness, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
+    let thickness = thinnest_mm(job);
     let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
     (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
         let key = if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" };
@@ -155,8 +189,8 @@ fn squeezed(job: &Job) -> Option<Diagnostic> {
 
 fn beyond_theory(deepest: String, thickness_mm: f64) -> Diagnostic {
     Diagnostic::note(format!("{deepest}: linear elasticity does not hold there")).help(format!(
-        "stay below {} mm, or leave samples out by numerics.beyond_theory in their labels",
-        LARGEST_STRAIN * thickness_mm
+        "stay at {} mm or below, or leave samples out by numerics.beyond_theory in their labels",
+        tidy(LARGEST_STRAIN * thickness_mm, true)
     ))
 }
 
@@ -166,17 +200,23 @@ fn shallow(job: &Job) -> Option<Diagnostic> {
     (deepest < SHALLOWEST_MM).then(|| {
         let message =
             format!("indentation.depth_mm is at most {deepest}, less than a micrometre, which no camera shows");
-        Diagnostic::warning(message).explains_misses().help("its unit is mm, such as depth_mm = [0.2, 1.0]")
+        let help = format!("its unit is mm, such as {}", usual_depth(thinnest_mm(job)));
+        Diagnostic::warning(message).explains_misses().help(help)
     })
 }
 
 /// Where the gelpad is softer than a gel or harder than a rubber.
-fn modulus(job: &Job) -> Option<Diagnostic> {
+fn modulus(job: &Job, whose: Whose) -> Option<Diagnostic> {
     let [softest, hardest] = sensors::support(job, "gelpad_youngs_modulus_kpa", job.sensor.gelpad_youngs_modulus_kpa);
     let [least, most] = MODULI_KPA;
     let odd = if softest < least { Some(softest) } else { (hardest > most).then_some(hardest) };
     odd.map(|kpa| {
-        let message = format!("sensor.gelpad_youngs_modulus_kpa may be {kpa}, where gelpads have {least} to {most}");
-        Diagnostic::warning(message).help("its unit is kPa (1 MPa is 1000), and it scales forces and pressures only")
+        let table = whose.table();
+        let message = format!("{table}.gelpad_youngs_modulus_kpa may be {kpa}, where gelpads have {least} to {most}");
+        // Pascals or megapascals, if either is what a gel has.
+        let meant = [1e-3, 1e3].map(|factor| factor * kpa).into_iter().find(|kpa| (least..=most).contains(kpa));
+        let such_as =
+            meant.map_or(String::new(), |kpa| format!(", such as gelpad_youngs_modulus_kpa = {}", figure(kpa)));
+        Diagnostic::warning(message).help(format!("its unit is kPa{such_as}; it scales forces and pressures only"))
     })
 }

@@ -26,6 +26,7 @@ use crate::job::config::object::{Object as Entry, OnBad, Parts, Unit};
 use crate::job::config::scene::Face;
 use crate::job::inspection::SensorPad;
 use crate::job::inspection::findings;
+use crate::job::layout::Split;
 
 /// An object ready to be pressed.
 #[derive(Debug)]
@@ -42,6 +43,12 @@ pub struct Object {
     pub sha256: String,
     /// Relative frequency.
     pub weight: f64,
+    /// Factor on its size.
+    pub scale: Quantity,
+    /// Number of the `[[object]]` that names it.
+    pub table: usize,
+    /// The one split that it is in, if the job says so.
+    pub split: Option<Split>,
     /// Its geometry.
     pub clusters: Arc<Clusters>,
     /// The side with the most relief, where the job presses that.
@@ -75,6 +82,20 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
             check.error(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
         }
         check.quantity(&path("scale"), &entry.scale, 1e-3..=1e3, "");
+        lengths(check, i, entry);
+        if let Some(split) = entry.split {
+            if job.dataset.split_by != SplitBy::Object {
+                let help = "write split_by = \"object\" under [dataset]: whole objects go to one split then";
+                check.error(&path("split"), "samples are divided between the splits, whatever their object", help);
+            } else if job.dataset.splits.shares()[split.number()] <= 0.0 {
+                let message = format!("no sample is in the split `{}`", split.name());
+                let help = format!(
+                    "give it a share under [dataset], such as splits = {{ train = 0.9, {} = 0.1 }}",
+                    split.name()
+                );
+                check.error(&path("split"), message, help);
+            }
+        }
         match &entry.path {
             None => {
                 check.missing(&path("path"), &format!("a mesh file: {}", mesh::ENDINGS));
@@ -160,7 +181,12 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                 notes.push(info.of(format!("{shown} ({left_out})"), "meshes have triangles that were left out"));
             }
             let mut said = findings::slow(part.rows_per_capture).into_iter().collect::<Vec<_>>();
-            said.extend(findings::of_mesh(&part.size.scaled(&entry.scale, &pad), &part.cleaned, &pad));
+            let scale = entry.factor(part.size.largest_mm());
+            let mut size = part.size.scaled(&scale, &pad);
+            if entry.length_mm.is_some() {
+                size.known_from = Some("as length_mm says");
+            }
+            said.extend(findings::of_mesh(&size, &part.cleaned, &pad));
             for finding in said {
                 let found = finding.diagnostic(&shown).at(place(*i));
                 match finding.severity {
@@ -168,7 +194,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                     _ => notes.push(found),
                 }
             }
-            let of_job = object_notes::of(&shown, job, &entry.scale, clusters, &part.facets);
+            let of_job = object_notes::of(&shown, job, &scale, clusters, &part.facets);
             notes.extend(of_job.into_iter().map(|note| note.at(place(*i))));
             if let Some(expected) = &entry.sha256
                 && *expected != part.sha256
@@ -176,14 +202,17 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                 let message = format!("{} has changed: its SHA-256 is {}", path.display(), part.sha256);
                 check.error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
             }
-            let most = part.size.largest_mm() * entry.scale.support().1;
+            let most = part.size.largest_mm() * scale.support().1;
             if most > LARGEST_MM && entry.scale != Quantity::Constant(1.0) {
                 let message = format!("{shown} may be {} mm long under this scale", figure(most));
                 check.error(&format!("object.{i}.scale"), message, format!("allowed: up to {LARGEST_MM:.0e} mm"));
             }
             let class = entry.class.clone().unwrap_or_else(|| of_part(&class));
             // What the file itself says stays open: a job names few units.
-            let unit = if part.knows_its_unit { entry.unit } else { entry.unit.or(Some(Unit::Mm)) };
+            let unit = match entry.unit {
+                None if !part.knows_its_unit && entry.length_mm.is_none() => Some(Unit::Mm),
+                unit => unit,
+            };
             entries.push(Entry {
                 unit,
                 path: Some(path.to_string_lossy().into_owned()),
@@ -206,8 +235,14 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                 part: name.clone(),
                 sha256: part.sha256.clone(),
                 weight,
-                richest: (job.pose.face == Face::Auto)
-                    .then(|| faces::richest(clusters, job.sensor.gelpad_thickness_mm)),
+                richest: (job.pose.face == Face::Auto).then(|| match (&entry.length_mm, scale.typical()) {
+                    // So large as it is usually pressed.
+                    (Some(_), typical) => faces::richest(&clusters.scaled(typical), job.sensor.gelpad_thickness_mm),
+                    (None, _) => faces::richest(clusters, job.sensor.gelpad_thickness_mm),
+                }),
+                scale,
+                table: *i,
+                split: entry.split,
                 clusters: Arc::clone(clusters),
                 textures: textures[*i].clone(),
             });
@@ -270,12 +305,32 @@ fn height_maps(check: &mut Check<'_>, i: usize, entry: &Entry, found: &[PathBuf]
     }
 }
 
+/// What `length_mm` may be, and what it takes the place of.
+fn lengths(check: &mut Check<'_>, i: usize, entry: &Entry) {
+    let Some(length_mm) = &entry.length_mm else { return };
+    let path = |key: &str| format!("object.{i}.{key}");
+    check.quantity(&path("length_mm"), length_mm, 1e-3..=1e4, "mm");
+    let others = [
+        ("unit", entry.unit.is_some()),
+        ("scale", entry.scale != Quantity::Constant(1.0)),
+        ("mm_per_px", entry.mm_per_px.is_some()),
+    ];
+    for (key, _) in others.iter().filter(|(_, given)| *given) {
+        let message = format!("`length_mm` and `{key}` both say how large the object is");
+        check.error(&path(key), message, "keep one of the two");
+    }
+}
+
 const FOLDER_OF_MESHES: &str =
     "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
 
 /// Refuses a scale where no samples are drawn: whoever says where an object is says it of the mesh as it is.
 pub fn as_they_are(check: &mut Check<'_>, job: &Job) {
     for (i, entry) in job.object.iter().enumerate() {
+        if entry.length_mm.is_some() {
+            let help = "leave it out, and write the mesh's `unit`: only samples of a job are scaled";
+            check.error(&format!("object.{i}.length_mm"), "the objects' places are known as they are", help);
+        }
         if entry.scale != Quantity::Constant(1.0) {
             let help = "leave it out: only samples of a job are scaled";
             check.error(&format!("object.{i}.scale"), "the objects' places are known as they are", help);
@@ -305,7 +360,7 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
         return None;
     }
     let splits = job.dataset.splits;
-    let shares = [splits.train, splits.val, splits.test];
+    let shares = splits.shares();
     let drawn: Vec<usize> = (0..objects.len()).filter(|&i| objects[i].weight > 0.0).collect();
     let groups = match job.dataset.split_by {
         SplitBy::Sample => [drawn.clone(), drawn.clone(), drawn],
@@ -314,21 +369,40 @@ pub fn divide(check: &mut Check<'_>, job: &Job, found: &Found) -> Option<[Draw; 
             let mut known = HashSet::new();
             let content = |i: usize| (objects[i].sha256.as_str(), objects[i].part.as_deref());
             let contents: Vec<_> = drawn.iter().map(|&i| content(i)).filter(|content| known.insert(*content)).collect();
-            let used = shares.iter().filter(|share| **share > 0.0).count();
-            if used > contents.len() + unread {
+            // Where an object is said to be, all of its content is.
+            let mut said: HashMap<_, Split> = HashMap::new();
+            for &i in drawn.iter().filter(|&&i| objects[i].split.is_some()) {
+                let split = objects[i].split.expect("filtered");
+                let before = *said.entry(content(i)).or_insert(split);
+                if before != split {
+                    let message =
+                        format!("{} is in the split `{}` already, as the same file", objects[i].path, before.name());
+                    check.error(
+                        &format!("object.{}.split", objects[i].table),
+                        message,
+                        "an object is in one split: keep one of them",
+                    );
+                }
+            }
+            let free: Vec<_> = contents.iter().copied().filter(|content| !said.contains_key(content)).collect();
+            let fixed: [usize; 3] = std::array::from_fn(|k| said.values().filter(|split| split.number() == k).count());
+            let wanting = (0..3).filter(|&k| shares[k] > 0.0 && fixed[k] == 0).count();
+            if wanting > free.len() + unread {
+                let used = shares.iter().filter(|share| **share > 0.0).count();
                 let message = format!("{used} splits but {} different object(s)", contents.len() + unread);
                 let help = "with split_by = \"object\" each split needs an object of its own: add objects, or use split_by = \"sample\"";
                 check.error("dataset.split_by", message, help);
             }
-            if used > contents.len() {
+            if wanting > free.len() {
                 return None;
             }
-            let order = shuffled(contents.len(), job.dataset.seed);
-            let counts = apportion(contents.len(), shares);
+            let order = shuffled(free.len(), job.dataset.seed);
+            let counts = apportion(free.len(), shares, fixed);
             let mut groups: [Vec<usize>; 3] = Default::default();
             let mut next = order.into_iter();
-            for (group, count) in groups.iter_mut().zip(counts) {
-                let mine: HashSet<_> = next.by_ref().take(count).map(|at| contents[at]).collect();
+            for (k, (group, count)) in groups.iter_mut().zip(counts).enumerate() {
+                let mut mine: HashSet<_> = next.by_ref().take(count).map(|at| free[at]).collect();
+                mine.extend(said.iter().filter(|(_, split)| split.number() == k).map(|(content, _)| *content));
                 *group = drawn.iter().copied().filter(|&i| mine.contains(&content(i))).collect();
             }
             groups
@@ -351,19 +425,21 @@ fn shuffled(count: usize, seed: u64) -> Vec<usize> {
     order
 }
 
-/// `count` objects in proportion to `shares`, at least one where a share is above 0 (there are enough).
-fn apportion(count: usize, shares: [f64; 3]) -> [usize; 3] {
-    let mut given = shares.map(|share| usize::from(share > 0.0));
-    while given.iter().sum::<usize>() < count {
+/// `count` objects beside those that have their splits, so that all of them are in proportion to `shares` as far as may be, and at
+/// least one is where a share is above 0 (there are enough).
+fn apportion(count: usize, shares: [f64; 3], fixed: [usize; 3]) -> [usize; 3] {
+    let all = count + fixed.iter().sum::<usize>();
+    let mut given: [usize; 3] = std::array::from_fn(|k| fixed[k].max(usize::from(shares[k] > 0.0)));
+    while given.iter().sum::<usize>() < all {
         // To whoever is furthest behind its share.
-        let behind = |k: usize| shares[k] * count as f64 - given[k] as f64;
+        let behind = |k: usize| shares[k] * all as f64 - given[k] as f64;
         let next = (0..3).filter(|&k| shares[k] > 0.0).max_by(|&a, &b| behind(a).total_cmp(&behind(b)));
         match next {
             Some(k) => given[k] += 1,
             None => break,
         }
     }
-    given
+    std::array::from_fn(|k| given[k] - fixed[k])
 }
 
 #[cfg(test)]
@@ -372,9 +448,13 @@ mod tests {
 
     #[test]
     fn objects_are_apportioned_by_share_and_no_split_goes_empty() {
-        assert_eq!(apportion(10, [0.8, 0.1, 0.1]), [8, 1, 1]);
-        assert_eq!(apportion(3, [0.98, 0.01, 0.01]), [1, 1, 1]);
-        assert_eq!(apportion(5, [1.0, 0.0, 0.0]), [5, 0, 0]);
-        assert_eq!(apportion(20, [0.5, 0.25, 0.25]), [10, 5, 5]);
+        assert_eq!(apportion(10, [0.8, 0.1, 0.1], [0; 3]), [8, 1, 1]);
+        assert_eq!(apportion(3, [0.98, 0.01, 0.01], [0; 3]), [1, 1, 1]);
+        assert_eq!(apportion(5, [1.0, 0.0, 0.0], [0; 3]), [5, 0, 0]);
+        assert_eq!(apportion(20, [0.5, 0.25, 0.25], [0; 3]), [10, 5, 5]);
+        // Beside those that are said.
+        assert_eq!(apportion(9, [0.8, 0.1, 0.1], [0, 0, 1]), [8, 1, 0]);
+        assert_eq!(apportion(6, [0.5, 0.25, 0.25], [0, 0, 4]), [4, 2, 0]);
+        assert_eq!(apportion(0, [0.5, 0.0, 0.5], [2, 0, 1]), [0, 0, 0]);
     }
 }

@@ -64,7 +64,9 @@ pub(super) fn others_sensors(
         if own != expected {
             let names = [&first.sensor.name, &job.sensor.name];
             let message = format!("`{}` has {expected:?} px, `{}` {own:?} px", names[0], names[1]);
-            check.error("sensor.preset", message, "set resolution_px, which then holds for all of them");
+            let help =
+                format!("give all of them one: resolution_px = [{}, {}] under [sensor]", expected[0], expected[1]);
+            check.error("sensor.preset", message, help);
         }
         // A job has one model of the light.
         if (job.sensor.light_source() == LightSource::Lamps) != (first.sensor.light_source() == LightSource::Lamps) {

@@ -2,6 +2,7 @@
 
 use super::check::Check;
 use super::chosen_models;
+use super::remedies;
 use super::sensors::support;
 use crate::core::camera::lens;
 use crate::core::camera::noise::MOST_CORRELATION;
@@ -10,7 +11,8 @@ use crate::core::gelpad::elastic::shear::Friction;
 use crate::core::optics::calibrated::Calibrated;
 use crate::core::optics::lamps;
 use crate::core::{gelpad, optics};
-use crate::files::diagnostic::Diagnostics;
+use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use crate::files::figures::{figure, tidy};
 use crate::files::sensor::RestShape;
 use crate::files::sensor::markers::MarkerDistribution;
 use crate::files::sensor::unit::Unit;
@@ -49,18 +51,42 @@ pub fn dataset(check: &mut Check<'_>, job: &Job) {
     seed(check, job);
     check.number("dataset.samples_per_shard", dataset.samples_per_shard as f64, 1.0..=1e6, "samples");
     let shards = dataset.samples.unwrap_or(0).div_ceil(dataset.samples_per_shard.max(1));
-    if (1_000_000..=1_000_000_000).contains(&shards) {
+    if shards >= 1_000_000 && check.sound("dataset.samples") && check.sound("dataset.samples_per_shard") {
         let message = format!("{shards} shards are too many: their names count to 999999");
-        check.error("dataset.samples_per_shard", message, "raise samples_per_shard");
+        let least = dataset.samples.unwrap_or(0).div_ceil(999_999);
+        check.error("dataset.samples_per_shard", message, format!("write samples_per_shard = {least} or more"));
     }
     let splits = dataset.splits;
+    let sum = splits.train + splits.val + splits.test;
+    let all_positive = [splits.train, splits.val, splits.test].iter().all(|share| *share >= 0.0);
+    if (sum - 1.0).abs() > 1e-9 && all_positive && sum > 0.0 && sum.is_finite() && check.sound("dataset.splits") {
+        let message = match (sum - 100.0).abs() < 1e-6 {
+            true => String::from("the splits are percentages, and shares belong here"),
+            false => format!("the splits sum to {sum}"),
+        };
+        let [train, val, test] = shares_near([splits.train, splits.val, splits.test]);
+        let help = format!("they must sum to 1: splits = {{ train = {train}, val = {val}, test = {test} }}");
+        return check.error("dataset.splits", message, help);
+    }
     for (name, share) in [("train", splits.train), ("val", splits.val), ("test", splits.test)] {
         check.number(&format!("dataset.splits.{name}"), share, 0.0..=1.0, "");
     }
-    let sum = splits.train + splits.val + splits.test;
-    if (sum - 1.0).abs() > 1e-9 && check.sound("dataset.splits") {
-        check.error("dataset.splits", format!("the splits sum to {sum}"), "train, val and test must sum to 1");
+    if sum == 0.0 && check.sound("dataset.splits") {
+        check.error("dataset.splits", "the splits sum to 0", "they must sum to 1: leave `splits` out for train alone");
     }
+}
+
+/// Shares near these that sum to 1: what is missing goes to a split without any, from the last; else they are scaled.
+fn shares_near(mut shares: [f64; 3]) -> [f64; 3] {
+    let sum: f64 = shares.iter().sum();
+    let missing = 1.0 - sum;
+    let rounded = |share: f64| (1e4 * share).round() / 1e4;
+    match shares.iter().rposition(|share| *share == 0.0).filter(|_| missing > 0.0) {
+        Some(free) => shares[free] = missing,
+        None => shares = shares.map(|share| share / sum),
+    }
+    let [_, val, test] = shares.map(rounded);
+    [rounded(1.0 - val - test), val, test]
 }
 
 /// `[dataset] seed`, which JSON's readers take for a float.
@@ -79,7 +105,12 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     let longer = (width / height).max(height / width);
     if longer > LONGEST_PIXEL && check.sound("sensor.resolution_px") && check.sound("sensor.field_of_view_mm") {
         let message = format!("pixels of {width:.3e} x {height:.3e} mm are {longer:.0} times as long as wide");
-        check.error("sensor.field_of_view_mm", message, format!("allowed: up to {LONGEST_PIXEL} times"));
+        let longest_mm = sensor.field_of_view_mm[0].max(sensor.field_of_view_mm[1]);
+        let longest_px = f64::from(sensor.resolution_px[0].max(sensor.resolution_px[1]));
+        let [x, y] = sensor.resolution_px.map(|px| figure(longest_mm * f64::from(px) / longest_px));
+        let help =
+            format!("up to {LONGEST_PIXEL} times; field_of_view_mm = [{x}, {y}] has the proportions of resolution_px");
+        check.error("sensor.field_of_view_mm", message, help);
     }
     check.number("sensor.gelpad_thickness_mm", sensor.gelpad_thickness_mm, 1e-2..=1e3, "mm");
     check.number("sensor.gelpad_youngs_modulus_kpa", sensor.gelpad_youngs_modulus_kpa, 1e-3..=1e9, "kPa");
@@ -124,7 +155,13 @@ pub fn sensor(check: &mut Check<'_>, job: &Job) {
     check.number("sensor.rendered_background.dust_size_mm", look.dust_size_mm, 1e-3..=10.0, "mm");
     super::curved::sensor(check, sensor);
     if sensor.led.is_empty() && sensor.lamp.is_empty() && sensor.pins.is_none() {
-        check.error("sensor.led", "the sensor has no LED", "add at least one [[sensor.led]] table");
+        let help = match check.document.get("sensor.led") {
+            Some(node) if node.place.source == 0 => {
+                "write at least one [[sensor.led]] table in place of the empty list"
+            }
+            _ => "add at least one [[sensor.led]] table",
+        };
+        check.error("sensor.led", "the sensor has no LED", help);
     }
     if sensor.led.len() > MOST_LEDS {
         let message = format!("the sensor has {} LEDs", sensor.led.len());
@@ -183,20 +220,40 @@ fn unit(check: &mut Check<'_>, job: &Job, unit: &Unit) {
     if !check.sound("sensor") {
         return;
     }
+    let problems = extreme_units(job, unit.variation);
+    let Some(first) = problems.first() else { return };
+    let more = if problems.len() > 1 { format!(", and {} more", problems.len() - 1) } else { String::new() };
+    let message =
+        format!("units may be out of range: {} ({}){more}", first.message, first.help.as_deref().unwrap_or_default());
+    let sound = (1..20)
+        .map(|k| f64::from(20 - k) / 20.0)
+        .find(|variation| *variation < unit.variation && extreme_units(job, *variation).is_empty());
+    let help = match sound {
+        Some(variation) => format!("write variation = {variation} or less"),
+        None => String::from("leave variation out, or move the number away from the end of its range"),
+    };
+    check.error("sensor.unit.variation", message, help);
+}
+
+/// What is out of range of the most extreme units under this variation.
+fn extreme_units(job: &Job, variation: f64) -> Vec<Diagnostic> {
     let document = Document::empty();
+    let mut varied = job.clone();
+    if let Some(unit) = &mut varied.sensor.unit {
+        unit.variation = variation;
+    }
+    let mut found = Vec::new();
     for end in 0..2 {
-        let mut extreme = job.clone();
-        let values = extreme.sensor.numbers_mut().into_iter().map(|(path, value)| support(job, &path, *value)[end]);
+        let mut extreme = varied.clone();
+        let values = extreme.sensor.numbers_mut().into_iter().map(|(path, value)| support(&varied, &path, *value)[end]);
         let values: Vec<f64> = values.collect();
         extreme.sensor.unit = None;
         extreme.sensor.numbers_mut().into_iter().zip(values).for_each(|((_, number), value)| *number = value);
         let mut problems = Diagnostics::default();
         self::sensor(&mut Check { document: &document, problems: &mut problems }, &extreme);
-        for problem in problems.sorted() {
-            let message = format!("a unit may be out of range: {}", problem.message);
-            check.error("sensor.unit.variation", message, problem.help.unwrap_or_default());
-        }
+        found.extend(problems.sorted());
     }
+    found
 }
 
 /// `[pose]` and `[indentation]`; the pad's thickness is only sure if `sensor_known`.
@@ -228,18 +285,18 @@ pub fn scene(check: &mut Check<'_>, job: &Job, sensor_known: bool) {
         return;
     }
     match &job.indentation.depth_mm {
-        None => check.missing("indentation.depth_mm", "for example depth_mm = [0.2, 1.5] under [indentation]"),
+        None => {
+            let thickness_mm = if sensor_known { remedies::thinnest_mm(job) } else { 4.0 };
+            let help = format!("for example {} under [indentation]", remedies::usual_depth(thickness_mm));
+            check.missing("indentation.depth_mm", &help);
+        }
         Some(depth) if sensor_known && check.sound("sensor.gelpad_thickness_mm") && check.sound("sensor.unit") => {
-            let [thickness, _] = support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
-            let unit = match thickness == job.sensor.gelpad_thickness_mm {
-                true => "mm, the thickness of the gelpad",
-                false => "mm, the smallest thickness of the gelpad",
+            let thickness = remedies::thinnest_mm(job);
+            let behind = match thickness == job.sensor.gelpad_thickness_mm {
+                true => "the gelpad is as thick as",
+                false => "the thinnest gelpad is as thick as",
             };
-            check.quantity("indentation.depth_mm", depth, 0.0..=thickness, unit);
-            if depth.support().1 == thickness {
-                let message = format!("depth_mm may be {thickness}, which presses the pad flat to the shell");
-                check.error("indentation.depth_mm", message, format!("stay below the pad's thickness, {thickness} mm"));
-            }
+            check.depth("indentation.depth_mm", depth, 0.0, thickness, behind);
         }
         // The thickness is not known.
         Some(depth) => check.quantity("indentation.depth_mm", depth, 0.0..=1e3, "mm"),
@@ -284,7 +341,8 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
                 if job.shear.any() && job.shear.friction != held {
                     let message =
                         "the object is held by one friction while it is pressed in, by another while it is moved";
-                    check.error("shear.friction", message.to_owned(), "write that of gelpad.elastic.friction");
+                    let help = format!("write {} under [shear], as under [gelpad.elastic]", remedies::friction(held));
+                    check.error("shear.friction", message, help);
                 }
             }
         }
@@ -307,8 +365,7 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
                 check.error("optics", "this sensor has no lamps", help);
             }
             optics::Model::Calibrated(_) if job.sensor.calibration.is_none() => {
-                let help =
-                    "name the file that `gelsim calibrate` wrote: [sensor] file = \"...\"; or choose phong or led";
+                let help = "leave `optics` out; or name a file that `gelsim calibrate` wrote without --leds: file = \"...\" under [sensor]";
                 check.error("optics", "nothing was measured on this sensor", help);
             }
             _ => {}
@@ -316,7 +373,7 @@ pub fn models(check: &mut Check<'_>, job: &Job) {
     }
     if optics.phong().is_some() && job.sensor.led.is_empty() && !job.sensor.lamp.is_empty() {
         let message = format!("this sensor has lamps and no LED, which `{}` needs", optics.name());
-        check.error("optics", message, "leave `optics` out, or add [[sensor.led]] tables");
+        check.error("optics", message, "leave `optics` out, or take a sensor with LEDs");
     }
     if let optics::Model::Calibrated(Calibrated { spacing_mm }) = &optics {
         check.number("optics.calibrated.spacing_mm", *spacing_mm, 0.0..=10.0, "mm");
@@ -329,11 +386,16 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
     for (i, layer) in job.output.layers.iter().enumerate() {
         let path = format!("output.layers.{i}");
         match layer {
-            OutputLayer::Markers if job.markers.is_none() => check.error(
-                &path,
-                format!("the sensor `{}` has no printed markers", job.sensor.name),
-                "leave `markers` out, or add a [markers] table; a gripper's right sensor has its own, `gripper.right.markers`",
-            ),
+            OutputLayer::Markers if job.markers.is_none() => {
+                let help = match (&job.sensor.shape, &job.gripper) {
+                    (Some(_), _) => "leave `markers` out: print on a gel that has a shape is not simulated",
+                    (None, None) => "leave `markers` out, or add dots: [markers] with pitch_mm = 1.5",
+                    (None, Some(_)) => {
+                        "leave `markers` out, or add dots: [markers] with pitch_mm = 1.5, and [gripper.right.markers] where that finger has a sensor of its own"
+                    }
+                };
+                check.error(&path, format!("the sensor `{}` has no printed markers", job.sensor.name), help);
+            }
             OutputLayer::Pins if job.sensor.pins.is_none() => check.error(
                 &path,
                 "this sensor has no pins",
@@ -346,11 +408,13 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
             ),
             OutputLayer::Pressure if !gelpad.knows_pressure() => {
                 let message = format!("the gelpad model `{}` knows no pressure", gelpad.name());
-                check.error(&path, message, "leave `pressure` out, or choose a model that solves the contact");
+                let help = format!("leave `pressure` out, or {}", remedies::solving_gelpad(check.document));
+                check.error(&path, message, help);
             }
             OutputLayer::Flow if !gelpad.knows_tractions() => {
                 let message = format!("the gelpad model `{}` knows no motion of the pad in its plane", gelpad.name());
-                check.error(&path, message, "leave `flow` out, or choose a model that solves the contact");
+                let help = format!("leave `flow` out, or {}", remedies::solving_gelpad(check.document));
+                check.error(&path, message, help);
             }
             OutputLayer::Untouched
                 if job
@@ -363,7 +427,8 @@ pub fn layers(check: &mut Check<'_>, job: &Job, gelpad: &gelpad::Model) {
                 check.error(&path, "the pins of this sensor differ from sample to sample, untouched ones, too", help);
             }
             OutputLayer::Slip if job.sequence.is_none() => {
-                check.error(&path, "a single press has no slip", "leave `slip` out, or add a [sequence] table")
+                let help = "leave `slip` out: only the frames of a [sequence] have it, or those of gelsim render --sequence 0.5";
+                check.error(&path, "a single press has no slip", help);
             }
             _ => {}
         }
@@ -426,12 +491,21 @@ fn dots(check: &mut Check<'_>, at: &str, markers: &MarkerDistribution, field_of_
     let dots: f64 = field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product();
     if diameter > 0.0 && dots > MOST {
         let message = format!("a pitch of {pitch} mm may need {dots:.0} dots on the view and around it");
-        let help = format!("allowed: up to {MOST} dots; raise pitch_mm, or lower jitter_mm");
+        let many = |pitch: f64| field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product::<f64>();
+        let widest = (diameter + markers.edge_mm) / WIDEST;
+        let enough = (0..400).map(|k| pitch * libm::pow(1.05, f64::from(k))).find(|pitch| many(*pitch) <= MOST);
+        let enough = tidy(enough.unwrap_or(1e3).max(widest), false);
+        let help = format!("allowed: up to {MOST} dots; write pitch_mm = {enough} or more, or smaller dots");
         check.error(&format!("{at}.pitch_mm"), message, help);
     } else if diameter + markers.edge_mm > WIDEST * pitch {
         let message = format!("dots of {diameter} mm with edges of {} mm lie over each other", markers.edge_mm);
-        let help = format!("allowed: up to {WIDEST} times as wide as pitch_mm, {pitch} mm");
-        check.error(&format!("{at}.pitch_mm"), message, help);
+        let (key, other) = match markers.edge_mm < WIDEST * pitch {
+            true => ("diameter_mm", markers.edge_mm),
+            false => ("edge_mm", diameter),
+        };
+        let most = tidy((WIDEST * pitch - other).max(0.0), true);
+        let help = format!("write {key} = {most} or less: up to {WIDEST} times as wide as pitch_mm, with the edge");
+        check.error(&format!("{at}.{key}"), message, help);
     }
 }
 
@@ -466,7 +540,14 @@ pub fn camera(check: &mut Check<'_>, job: &Job) {
         && check.sound("camera.distortion_k2")
     {
         let message = format!("a lens of k1 = {k1}, k2 = {k2} folds the image over itself");
-        check.error("camera.distortion_k1", message, "1 + 3 k1 r^2 + 5 k2 r^4 must stay above 0 up to r = 1.1");
+        let milder = (1..100).map(|k| 1.0 - f64::from(k) / 100.0).find(|share| lens::valid(share * k1, share * k2));
+        let milder = milder.unwrap_or(0.0);
+        let help = format!(
+            "bring both towards 0, such as distortion_k1 = {} and distortion_k2 = {}",
+            tidy(milder * k1, k1 > 0.0),
+            tidy(milder * k2, k2 > 0.0)
+        );
+        check.error("camera.distortion_k1", message, help);
     }
     check.quantity("camera.vignette", &camera.vignette, 0.0..=1.0, "");
     check.quantity("camera.defocus_mm", &camera.defocus_mm, 0.0..=1.0, "mm");
@@ -474,7 +555,8 @@ pub fn camera(check: &mut Check<'_>, job: &Job) {
     let widest_px = camera.defocus_mm.support().1 / pitch.fold(f64::INFINITY, f64::min);
     if widest_px > 20.0 && check.sound("camera.defocus_mm") && check.sound("sensor") {
         let message = format!("defocus_mm may be {widest_px:.0} px wide");
-        check.error("camera.defocus_mm", message, "allowed: a standard deviation of up to 20 px");
+        let most_mm = tidy(20.0 * camera.defocus_mm.support().1 / widest_px, true);
+        check.error("camera.defocus_mm", message, format!("allowed: up to 20 px, here {most_mm} mm"));
     }
     check.quantity("camera.exposure", &camera.exposure, 0.01..=100.0, "");
     check.quantity("camera.red_gain", &camera.red_gain, 0.01..=100.0, "");

@@ -5,27 +5,38 @@ use crate::core::base::rng::Stream;
 use crate::files::hash::sha256;
 use crate::files::sensor;
 use crate::files::sensor::quantity::Quantity;
-use crate::files::sensor::unit::{MOST_DEVIATIONS, Spread};
+use crate::files::sensor::unit::{MOST_DEVIATIONS, Spreads};
 use crate::job::config::Job;
 
 /// What sensors are drawn from.
 #[derive(Debug)]
 pub struct SensorSampling {
     numbers: Vec<Number>,
-    spreads: Vec<Number<Spread>>,
+    spreads: Vec<Group>,
     /// The photographs of the untouched pad: none if the background is rendered, one if all samples share it.
     pub photographs: Vec<Photograph>,
 }
 
 /// A number of the sensor that is drawn.
 #[derive(Debug)]
-struct Number<T = Quantity> {
+struct Number {
     /// Its place in [`sensor::Sensor::numbers_mut`].
     place: usize,
     /// Name of its stream.
     stream: String,
     /// What it is drawn from.
-    from: T,
+    from: Quantity,
+}
+
+/// Numbers of the sensor that are drawn together.
+#[derive(Debug)]
+struct Group {
+    /// Their places in [`sensor::Sensor::numbers_mut`].
+    places: Vec<usize>,
+    /// Name of their stream.
+    stream: String,
+    /// What they are drawn from.
+    from: Spreads,
 }
 
 /// The sensor of one sample.
@@ -47,8 +58,9 @@ impl SensorSampling {
         let numbers = numbers.filter_map(|(path, quantity)| {
             Some(Number { place: place(path)?, stream: stream_name("sensor", path), from: quantity.clone() })
         });
-        let spreads = job.sensor.spreads().into_iter().filter_map(|spread| {
-            Some(Number { place: place(&spread.path)?, stream: stream_name("unit", &spread.path), from: spread })
+        let spreads = job.sensor.spreads().into_iter().filter_map(|from| {
+            let places: Option<_> = from.numbers.iter().map(|number| place(&number.path)).collect();
+            Some(Group { places: places?, stream: stream_name("unit", &from.name), from })
         });
         Self { numbers: numbers.collect(), spreads: spreads.collect(), photographs }
     }
@@ -68,19 +80,17 @@ impl SensorSampling {
         for Number { place, stream: name, from } in &self.numbers {
             *numbers[*place].1 = from.sample(&mut stream(name));
         }
-        for Number { place, stream: name, from } in &self.spreads {
-            let number = &mut *numbers[*place].1;
-            *number = from.shifted(*number, deviations(&mut stream(name)));
+        for Group { places, stream: name, from } in &self.spreads {
+            let mut stream = stream(name);
+            let deviations = from.deviations(|| stream.normal());
+            for ((place, spread), deviations) in places.iter().zip(&from.numbers).zip(deviations) {
+                let number = &mut *numbers[*place].1;
+                *number = spread.shifted(*number, deviations);
+            }
         }
         let photograph = stream("sensor background").below(self.photographs.len());
         Some(Box::new(DrawnSensor { numbers: drawn, photograph }))
     }
-}
-
-/// A standard normal number within [`MOST_DEVIATIONS`].
-fn deviations(stream: &mut Stream) -> f64 {
-    // One in 22 falls outside.
-    (0..1000).map(|_| stream.normal()).find(|deviations| deviations.abs() <= MOST_DEVIATIONS).unwrap_or(0.0)
 }
 
 /// Paths are longer than the names of streams may be.
@@ -93,7 +103,7 @@ fn stream_name(kind: &str, path: &str) -> String {
 pub fn support(job: &Job, path: &str, value: f64) -> [f64; 2] {
     let of_job = job.random.numbers.iter().find(|(known, _)| known == path);
     let (min, max) = of_job.map_or((value, value), |(_, quantity)| quantity.support());
-    match job.sensor.spreads().iter().find(|spread| spread.path == path) {
+    match job.sensor.spreads().iter().flat_map(|group| &group.numbers).find(|spread| spread.path == path) {
         Some(spread) => [spread.shifted(min, -MOST_DEVIATIONS), spread.shifted(max, MOST_DEVIATIONS)],
         None => [min, max],
     }

@@ -1,9 +1,10 @@
 //! The ranges of `[sequence]`, and what may not stand beside it.
 
 use super::check::Check;
-use super::chosen_models;
 use super::sensors::support;
+use super::{chosen_models, remedies};
 use crate::core::gelpad;
+use crate::files::figures::{figure, tidy};
 use crate::job::config::Job;
 use crate::job::config::scene::At;
 use crate::job::config::sequence::{Sequence, SequenceFriction};
@@ -24,11 +25,17 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
         check.error("indentation.depth_mm", "the phases of a sequence say how deep the object is", help);
     }
     if job.indentation.at != At::Lowest {
-        let help = "leave it out: a phase's depth_mm is that of the object's lowest point";
+        let help = match job.gripper {
+            None => "leave it out: a phase's depth_mm is that of the object's lowest point",
+            Some(_) => "leave it out: an object is held where both fingers press it equally",
+        };
         check.error("indentation.at", "the phases of a sequence say how deep the object is", help);
     }
     if job.indentation.no_contact != 0.0 {
-        let help = "leave it out: a phase may end above the pad, depth_mm = -0.1";
+        let help = match job.gripper {
+            None => "leave it out: a phase may end above the pad, depth_mm = -0.1",
+            Some(_) => "leave it out: a phase may end beside the object, squeeze_mm = -0.2",
+        };
         check.error("indentation.no_contact", "the phases of a sequence say whether the object touches", help);
     }
     if job.shear.any() {
@@ -45,11 +52,11 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
             let message =
                 format!("the gelpad model `{}` knows no tractions, which a sequence carries on", model.name());
             let key = if check.document.get("gelpad").is_some() { "gelpad" } else { "fidelity" };
-            check.error(key, message, "choose fidelity = \"draft\" or better, or gelpad.elastic");
+            check.error(key, message, remedies::solving_gelpad(check.document));
         }
     }
     if job.fidelity.is_some_and(|fidelity| fidelity.level().is_none()) {
-        let help = "name a level, such as fidelity = \"standard\"";
+        let help = "name a level: fidelity = \"standard\"";
         check.error("fidelity", "the level of a sequence is not chosen by an error or a time", help);
     }
     let rate = sequence.frame_rate_hz;
@@ -58,8 +65,13 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
         check.quantity("sequence.friction.coefficient", coefficient, 0.0..=10.0, "");
     }
     if sequence.phase.is_empty() {
-        let help = "for example [[sequence.phase]] with name = \"press\", duration_s = 0.4 and depth_mm = 0.8";
-        check.missing("sequence.phase", help);
+        let [_, deep] = remedies::USUAL_DEPTHS.map(|share| figure(share * remedies::thinnest_mm(job)));
+        let depth = match job.gripper {
+            None => format!("depth_mm = {deep}"),
+            Some(_) => String::from("force_n = 1.0"),
+        };
+        let help = format!("for example [[sequence.phase]] with name = \"press\", duration_s = 0.4 and {depth}");
+        check.missing("sequence.phase", &help);
     }
     if sequence.phase.len() > MOST_PHASES {
         let message = format!("{} phases are too many", sequence.phase.len());
@@ -67,11 +79,14 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
     }
     let [thickness, _] = support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
     let known = sensor_known && check.sound("sensor.gelpad_thickness_mm") && check.sound("sensor.unit");
-    let most = if known { thickness } else { 1e3 };
     for (k, phase) in sequence.phase.iter().enumerate().take(MOST_PHASES) {
         let path = |key: &str| format!("sequence.phase.{k}.{key}");
         match &phase.name {
-            None => check.missing(&path("name"), "for example name = \"press\""),
+            None if check.document.get(&path("name")).is_none() && !check.misspelt(&path("name")) => {
+                let message = format!("missing key `name` in [[sequence.phase]] number {}", k + 1);
+                check.error_of(&path("name"), "phases have no `name`", message, "for example name = \"press\"");
+            }
+            None => {}
             Some(name) if name.is_empty() => {
                 check.error(&path("name"), "the phase's name is empty", "for example name = \"press\"");
             }
@@ -79,10 +94,10 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
         }
         check.quantity(&path("duration_s"), &phase.duration_s, 0.0..=3600.0, "s");
         if let Some(depth) = &phase.depth_mm {
-            check.quantity(&path("depth_mm"), depth, -1e3..=most, "mm, the thickness of the gelpad");
-            if depth.support().1 == most && check.sound(&path("depth_mm")) {
-                let message = format!("depth_mm may be {most}, which presses the pad flat to the shell");
-                check.error(&path("depth_mm"), message, format!("stay below the pad's thickness, {most} mm"));
+            match known {
+                true => check.depth(&path("depth_mm"), depth, -1e3, thickness, "the gelpad is as thick as"),
+                // The thickness is not known.
+                false => check.quantity(&path("depth_mm"), depth, -1e3..=1e3, "mm"),
             }
         }
         if let Some(force) = &phase.force_n {
@@ -94,7 +109,7 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
         for (key, closing) in [("width_mm", &phase.width_mm), ("squeeze_mm", &phase.squeeze_mm)] {
             if closing.is_some() && job.gripper.is_none() {
                 let message = format!("`{key}` is of two fingers, and this job has one");
-                check.error(&path(key), message, "write depth_mm or force_n; or add a [gripper] table");
+                check.error(&path(key), message, "write depth_mm or force_n in its place");
             }
         }
         check.quantity(&path("x_mm"), &phase.x_mm, -1e3..=1e3, "mm");
@@ -109,7 +124,10 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
         check.error(
             "sequence.phase",
             message,
-            format!("allowed: up to {MOST_FRAMES}; shorten phases, or lower frame_rate_hz"),
+            format!(
+                "allowed: up to {MOST_FRAMES}; write frame_rate_hz = {}, or shorten phases",
+                tidy(MOST_FRAMES / longest, true)
+            ),
         );
     }
 }

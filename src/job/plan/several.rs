@@ -2,6 +2,7 @@
 
 use super::check::Check;
 use crate::core::pose::Anchor;
+use crate::files::figures::figure;
 use crate::job::config::Job;
 use crate::job::config::scene::{At, Count};
 
@@ -29,43 +30,55 @@ pub fn check(check: &mut Check<'_>, job: &Job) {
     }
     let one = "or write objects_per_sample = 1";
     if job.sequence.is_some() {
-        check.error(
-            "sequence",
-            "a sequence moves one object, and [scene] wants several",
-            format!("leave it out, {one}"),
-        );
+        check.error("sequence", "a sequence moves one object, and [scene] wants several", "leave [scene] out");
     }
     if job.gripper.is_some() {
-        check.error("gripper", "a gripper holds one object, and [scene] wants several", format!("leave it out, {one}"));
+        check.error("gripper", "a gripper holds one object, and [scene] wants several", "leave [scene] out");
     }
     if job.indentation.at == At::Axis {
         let message = "the depth is measured on the sensor's axis, where only one of several objects can be";
-        check.error("indentation.at", message, format!("leave it out, {one}"));
+        check.error("indentation.at", message, format!("leave it out; {one}"));
     }
     let spread = job.pose.x_mm.varies() || job.pose.y_mm.varies();
     // Origins of meshes may lie beside them.
     if !spread && job.pose.anchor != Anchor::Origin && check.sound("pose") {
         let path = if check.document.get("pose.x_mm").is_some() { "pose.x_mm" } else { at };
         let message = "all objects of a press would be at the same place: pose.x_mm and pose.y_mm are constant";
+        let [x, y] = job.sensor.field_of_view_mm.map(|mm| figure(0.5 * mm));
         check.error(
             path,
             message,
-            format!("spread them, such as x_mm = [-6.0, 6.0] and y_mm = [-4.0, 4.0] under [pose], {one}"),
+            format!("spread them over the view: x_mm = [-{x}, {x}] and y_mm = [-{y}, {y}] under [pose]; {one}"),
         );
     }
     for (i, object) in job.object.iter().enumerate() {
         let own = [
-            ("youngs_modulus_kpa", object.youngs_modulus_kpa.is_some(), "the objects of one press are one rigid body"),
-            ("friction", object.friction.is_some(), "the objects of one press are one body with one friction"),
-            ("texture", object.texture.is_some(), "one texture lies over all objects of a press"),
+            (
+                "youngs_modulus_kpa",
+                object.youngs_modulus_kpa.is_some(),
+                "the objects of one press are one rigid body",
+                "keys say how objects of one press give way, which are one rigid body",
+            ),
+            (
+                "friction",
+                object.friction.is_some(),
+                "the objects of one press are one body with one friction",
+                "keys say a friction of their own, and the objects of one press are one body",
+            ),
+            (
+                "texture",
+                object.texture.is_some(),
+                "one texture lies over all objects of a press",
+                "textures are those of one object, and one lies over all objects of a press",
+            ),
         ];
-        for (key, _, message) in own.into_iter().filter(|(_, written, _)| *written) {
+        for (key, _, message, cause) in own.into_iter().filter(|(_, written, ..)| *written) {
             let help = match key {
                 "youngs_modulus_kpa" => "leave it out",
                 "friction" => "leave it out for that of [shear] or gelpad.elastic",
                 _ => "leave it out for [texture]",
             };
-            check.error(&format!("object.{i}.{key}"), message, format!("{help}, {one}"));
+            check.error_of(&format!("object.{i}.{key}"), cause, message, format!("{help}; {one}"));
         }
     }
 }

@@ -25,7 +25,11 @@ impl Plan {
         let mut models = fidelity.models(self.simulator.sensor().light_source());
         models.gelpad = models.gelpad.with_friction(self.simulator.models().gelpad.friction());
         if self.optics_named {
-            models.optics = self.simulator.models().optics.clone();
+            let mut own = self.simulator.models().optics.clone();
+            if let (Some(own), Some(of_level), false) = (own.phong_mut(), models.optics.phong(), self.shadows_named) {
+                own.shadows = of_level.shadows;
+            }
+            models.optics = own;
         }
         let mut job = self.job.clone();
         job.fidelity = Some(fidelity.into());

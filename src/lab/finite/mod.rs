@@ -103,7 +103,7 @@ pub struct Compared {
     /// 95th percentile.
     pub ring_normal_p95_deg: f64,
     /// The error that a label states, um.
-    pub stated_um: f64,
+    pub stated_um: Option<f64>,
     /// Force of the finite elements, N.
     pub force_n: f64,
     /// Force of the linear layer, N.

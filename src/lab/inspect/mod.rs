@@ -147,7 +147,7 @@ impl MeshFacts {
         let mut found = findings::of_mesh(&self.size, &self.cleaned, pad);
         found.extend(findings::slow(self.rows_per_capture));
         // Of another size than the true one, sides tell nothing.
-        if is_plausible(self.largest_mm(), pad.field_of_view_mm) || self.size.states_its_unit {
+        if is_plausible(self.largest_mm(), pad.field_of_view_mm) || self.size.known_from.is_some() {
             found.extend(findings::captured(&self.sides, pad));
         }
         found

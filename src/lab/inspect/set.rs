@@ -71,7 +71,7 @@ fn row(facts: &MeshFacts, pad: &SensorPad) -> [String; 4] {
 
 /// The unit that a mesh's values are in or look like; `?` if none fits.
 fn looks(facts: &MeshFacts, pad: &SensorPad) -> String {
-    if facts.size.states_its_unit || is_plausible(facts.largest_mm(), pad.field_of_view_mm) {
+    if facts.size.known_from.is_some() || is_plausible(facts.largest_mm(), pad.field_of_view_mm) {
         return facts.unit.map_or_else(|| figure(facts.mm_per_unit), |unit| unit.name().to_owned());
     }
     facts.size.likely_unit(pad).map_or(String::from("?"), |(unit, _)| unit.name().to_owned())

@@ -18,9 +18,9 @@ pub struct Errors {
     area: Option<f64>,
     force: Option<f64>,
     /// What the reference's own theory is expected to be off by within 2 mm of the contact, um: largest; and as a root mean
-    /// square over the view.
-    model_um: f64,
-    model_rms_um: f64,
+    /// square over the view. None where it is not known.
+    model_um: Option<f64>,
+    model_rms_um: Option<f64>,
     /// None where neither touches.
     contact_iou: Option<f64>,
 }
@@ -37,11 +37,12 @@ impl Errors {
             &exact.impression.contact.mask,
             sample.label.sensor.mm_per_px,
         );
-        let model_um = exact.label.numerics.model_error_um.unwrap_or(0.0);
+        let model_um = exact.label.numerics.model_error_um;
         Self {
             surface,
             model_um,
-            model_rms_um: ring_rms_mm(model_um, 1e3 * exact.label.deepest_mm()) * surface.ring_share.sqrt(),
+            model_rms_um: model_um
+                .map(|um| ring_rms_mm(um, 1e3 * exact.label.deepest_mm()) * surface.ring_share.sqrt()),
             image_mae: image::mae(&image.rgb, &exact_image.rgb),
             image_square: image::psnr_db(&image.rgb, &exact_image.rgb)
                 .map_or(0.0, |db| 255.0 * 255.0 / 10.0_f64.powf(db / 10.0)),
@@ -62,7 +63,7 @@ pub struct Mean {
     /// Largest height error, um.
     pub height_max_um: f64,
     /// What the theory of the reference itself is expected to be off by, um: the largest error within 2 mm of the contact,
-    /// mean over the samples.
+    /// mean over the samples of which it is known.
     pub model_error_um: f64,
     /// The same as a root mean square over the view.
     pub model_rms_um: f64,
@@ -108,22 +109,22 @@ impl Mean {
             (count > 0.0).then(|| sum / count)
         };
         let all = |of: &dyn Fn(&Errors) -> f64| some(&|error| Some(of(error))).unwrap_or(0.0);
-        let angle = |of: &dyn Fn(&Errors) -> Option<f64>| some(of).unwrap_or(0.0);
+        let known = |of: &dyn Fn(&Errors) -> Option<f64>| some(of).unwrap_or(0.0);
         let square = all(&|error| error.image_square);
         let height_square = all(&|error| error.surface.height_rms_um * error.surface.height_rms_um);
-        let model_square = all(&|error| error.model_rms_um * error.model_rms_um);
+        let model_square = known(&|error| Some(error.model_rms_um? * error.model_rms_um?));
         Self {
             height_rms_um: height_square.sqrt(),
-            model_error_um: all(&|error| error.model_um),
+            model_error_um: known(&|error| error.model_um),
             model_rms_um: model_square.sqrt(),
             total_rms_um: (height_square + model_square).sqrt(),
             height_max_um: errors.clone().map(|error| error.surface.height_max_um).fold(0.0, f64::max),
-            normal_mean_deg: angle(&|error| Some(error.surface.near?.mean_deg)),
-            normal_p95_deg: angle(&|error| Some(error.surface.near?.p95_deg)),
-            contact_normal_mean_deg: angle(&|error| Some(error.surface.contact?.mean_deg)),
-            contact_normal_p95_deg: angle(&|error| Some(error.surface.contact?.p95_deg)),
-            ring_normal_mean_deg: angle(&|error| Some(error.surface.ring?.mean_deg)),
-            ring_normal_p95_deg: angle(&|error| Some(error.surface.ring?.p95_deg)),
+            normal_mean_deg: known(&|error| Some(error.surface.near?.mean_deg)),
+            normal_p95_deg: known(&|error| Some(error.surface.near?.p95_deg)),
+            contact_normal_mean_deg: known(&|error| Some(error.surface.contact?.mean_deg)),
+            contact_normal_p95_deg: known(&|error| Some(error.surface.contact?.p95_deg)),
+            ring_normal_mean_deg: known(&|error| Some(error.surface.ring?.mean_deg)),
+            ring_normal_p95_deg: known(&|error| Some(error.surface.ring?.p95_deg)),
             image_mae: all(&|error| error.image_mae),
             image_psnr_db: (square > 0.0).then(|| 10.0 * (255.0 * 255.0 / square).log10()),
             image_ssim: all(&|error| error.image_ssim),

@@ -215,7 +215,8 @@ impl Pad {
     pub fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
-        let solved = Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), ..Numerics::DIRECT };
+        let solved =
+            Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), model_error_unknown: "", ..Numerics::DIRECT };
         let mut contact = untouched(width, height, Some(0.0), solved);
         if depth.touching.is_empty() && given.beyond.is_none() {
             return contact;
@@ -248,7 +249,8 @@ impl Pad {
         self.fill(&solution, depth, (object, cut), seen, lattice, contact);
         let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
         let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
-        let error_mm = edge.map_or(0.0, |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
+        let error_mm =
+            edge.map_or(Ok(0.0), |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
         if let Some(drag) = given.drag {
             drag.stiffen(contact, thickness_mm, edge);
         }
@@ -256,7 +258,8 @@ impl Pad {
             converged: solution.converged,
             iterations: solution.iterations,
             residual_um: Some(f64::from(solution.residual_mm) * 1e3),
-            model_error_um: Some(1e3 * error_mm),
+            model_error_um: error_mm.ok().map(|mm| 1e3 * mm),
+            model_error_unknown: error_mm.err().unwrap_or_default(),
         };
         contact.load = self.load(&mut solution, depth, lattice);
     }

@@ -15,6 +15,7 @@
 //! with other numbers, and the last term C u^3: under wide contacts points stick where they were moved to before they touched,
 //! at any strain. Its force is too small: by [`force_over_linear`].
 
+use super::LARGEST_STRAIN;
 use super::shear::Friction;
 use crate::core::base::grid::Grid;
 use crate::core::base::simd::{count, largest, simd_dispatch};
@@ -121,15 +122,40 @@ impl Law {
     }
 }
 
+/// u of the widest contact that the law is used for: the widest of the finite elements' tables is 1.92, as it is measured here.
+const WIDEST_KNOWN: f64 = 2.0;
+
+/// Why the error of a contact is not known.
+pub const TOO_DEEP: &str =
+    "the object is pressed deeper than half of the pad's thickness, where the law for this error ends";
+/// The same.
+pub const TOO_WIDE: &str = "the contact, as far as it is in view, is wider beside the pad's thickness than those that the law for this error was fitted to";
+
 /// Largest error expected of the surface within 2 mm of the contact, mm: of an object `depth_mm` deep whose contact ends so.
 /// Where the contact slips in parts, the larger one of what is expected without friction and of what is if nothing slips.
-pub fn model_error_mm(depth_mm: f64, thickness_mm: f64, edge: ContactEdge, friction: Option<Friction>) -> f64 {
+///
+/// # Errors
+///
+/// [`TOO_DEEP`] and [`TOO_WIDE`], outside of what the law was fitted to: it grows with the square of the width, and a contact of
+/// which hardly an edge is in view would be off by metres.
+pub fn model_error_mm(
+    depth_mm: f64,
+    thickness_mm: f64,
+    edge: ContactEdge,
+    friction: Option<Friction>,
+) -> Result<f64, &'static str> {
+    if depth_mm > LARGEST_STRAIN * thickness_mm {
+        return Err(TOO_DEEP);
+    }
+    if edge.area_over_perimeter_mm > WIDEST_KNOWN * thickness_mm {
+        return Err(TOO_WIDE);
+    }
     let of = |law: Law| law.error_mm(depth_mm, thickness_mm, edge);
-    match friction {
+    Ok(match friction {
         None => of(FRICTIONLESS),
         Some(Friction::Stick) => of(STICKING),
         Some(Friction::Coulomb { .. }) => of(FRICTIONLESS).max(of(STICKING)),
-    }
+    })
 }
 
 /// Force of a contact that sticks over that of the linear layer: 1 + 10.6 e^2 u / (u + 1.72), with the mean displacement in the
@@ -247,23 +273,28 @@ mod tests {
     }
 
     #[test]
-    fn the_error_grows_with_depth_slope_and_width_and_is_finite() {
-        let of = |depth_mm, slope, area_over_perimeter_mm| {
+    fn the_error_grows_with_depth_slope_and_width_and_is_not_known_beyond_what_was_fitted() {
+        let known = |depth_mm, slope, area_over_perimeter_mm| {
             model_error_mm(depth_mm, 3.0, ContactEdge { slope, area_over_perimeter_mm }, None)
         };
+        let of = |depth_mm, slope, width_mm| known(depth_mm, slope, width_mm).expect("within what was fitted");
         assert_eq!(of(0.0, 1.0, 1.0), 0.0);
         assert_eq!(of(1.0, 0.0, 0.0), 0.0);
         let errors = [0.0, 0.1, 1.0, 10.0, 1e3, 1e30].map(|slope| of(0.6, slope, 0.5));
         assert!(errors.is_sorted() && errors[0] > 0.0 && errors[5] < 0.6, "{errors:?}");
-        let errors = [1e-30, 0.1, 0.5, 1.5, 3.0].map(|depth_mm| of(depth_mm, 2.0, 1.0));
+        let errors = [1e-30, 0.1, 0.5, 1.0, 1.5].map(|depth_mm| of(depth_mm, 2.0, 1.0));
         assert!(errors.is_sorted() && errors.iter().all(|mm| mm.is_finite()), "{errors:?}");
         assert!(of(0.6, 0.5, 3.0) > of(0.6, 0.5, 1.0));
+        assert_eq!(known(1.51, 0.5, 1.0), Err(TOO_DEEP));
+        // A contact that fills the view but for a few pixels.
+        assert_eq!(known(0.6, 0.5, 50.0), Err(TOO_WIDE));
     }
 
     #[test]
     fn the_error_of_a_contact_that_slips_in_parts_is_the_larger_one() {
-        for (slope, area_over_perimeter_mm) in [(0.3, 0.5), (100.0, 0.5), (0.3, 4.0), (100.0, 40.0)] {
-            let of = |friction| model_error_mm(0.6, 3.0, ContactEdge { slope, area_over_perimeter_mm }, friction);
+        for (slope, area_over_perimeter_mm) in [(0.3, 0.5), (100.0, 0.5), (0.3, 4.0), (100.0, 4.8)] {
+            let edge = ContactEdge { slope, area_over_perimeter_mm };
+            let of = |friction| model_error_mm(0.6, 3.0, edge, friction).expect("within what was fitted");
             let [slides, sticks] = [of(None), of(Some(Friction::Stick))];
             assert_eq!(of(Some(Friction::Coulomb { coefficient: 0.5 })), slides.max(sticks));
             assert!(slides > 0.0 && sticks > 0.0 && sticks < 0.6, "{slides}, {sticks}");

@@ -1,0 +1,133 @@
+//! A fidelity level chooses numerics: grids, tolerances, iterations. What a job says of physics stays under every level, and
+//! what it says of numerics is not dropped for a level without a word.
+
+use super::Job;
+use super::document::Document;
+use crate::core::fidelity::{Fidelity, Models};
+use crate::core::gelpad;
+use crate::core::optics;
+use crate::core::optics::phong::Shadows;
+use crate::files::diagnostic::{Diagnostic, Diagnostics};
+
+/// Fills the numerics that a job leaves open with those of the level that it names. What it writes itself stays.
+pub fn fill(job: &mut Job, document: &Document) {
+    let named = document.get("fidelity").is_some();
+    let Some(level) = job.fidelity.and_then(super::fidelity::FidelityChoice::level).filter(|_| named) else { return };
+    let models = level.models(job.sensor.light_source());
+    if let (Some(gelpad::Model::Elastic(own)), gelpad::Model::Elastic(of_level)) = (&mut job.gelpad, models.gelpad) {
+        let is_open = |key: &str| document.get(&format!("gelpad.elastic.{key}")).is_none();
+        if is_open("resolution") {
+            own.resolution = of_level.resolution;
+        }
+        if is_open("tolerance_um") {
+            own.tolerance_um = of_level.tolerance_um;
+        }
+        if is_open("max_iterations") {
+            own.max_iterations = of_level.max_iterations;
+        }
+    }
+    if let (Some(own), Some(of_level)) = (&mut job.optics, models.optics.phong()) {
+        let is_open = document.get(&format!("optics.{}.shadows", own.name())).is_none();
+        if let Some(own) = own.phong_mut().filter(|_| is_open) {
+            own.shadows = of_level.shadows;
+        }
+    }
+}
+
+/// Puts a level of the command line in place of the job's: what is not part of a level stays, what contradicts it is a mistake.
+pub fn replace(job: &mut Job, document: &Document, level: Fidelity, problems: &mut Diagnostics) {
+    let light = job.sensor.light_source();
+    let before = job.fidelity.and_then(super::fidelity::FidelityChoice::level).unwrap_or_default().models(light);
+    let after = level.models(light);
+    let mut change = Change { document, level, problems };
+    job.fidelity = Some(level.into());
+    job.gelpad = job.gelpad.take().and_then(|own| change.gelpad(own, &before, &after));
+    job.optics = job.optics.take().map(|own| change.optics(own, &before, &after));
+}
+
+struct Change<'a> {
+    document: &'a Document,
+    level: Fidelity,
+    problems: &'a mut Diagnostics,
+}
+
+impl Change<'_> {
+    /// Says that a key contradicts the level.
+    fn refuse(&mut self, key: &str, own: &str, of_level: &str) {
+        let level = self.level.name();
+        let message = format!("--fidelity {level} stands for {of_level}, and `{key}` says {own}");
+        let help = format!("leave `{key}` out, or --fidelity; `gelsim list levels` says what each level stands for");
+        self.problems.push(Diagnostic::new(message).at(self.document.place(key)).help(help));
+    }
+
+    /// Whether a key is the user's own choice: written, and not what the job's level stands for anyway, as in the job of a dataset.
+    fn is_own<T: PartialEq>(&self, key: &str, own: &T, before: Option<&T>) -> bool {
+        self.document.get(key).is_some() && before != Some(own)
+    }
+
+    /// What of a job's gelpad stays; `None`: nothing but what the level stands for.
+    fn gelpad(&mut self, own: gelpad::Model, before: &Models, after: &Models) -> Option<gelpad::Model> {
+        use gelpad::Model::{Elastic, MeanBlur};
+        match (own, &before.gelpad, &after.gelpad) {
+            (Elastic(own), before, Elastic(after)) => {
+                let before = if let Elastic(before) = before { Some(before) } else { None };
+                let path = |key: &str| format!("gelpad.elastic.{key}");
+                let name = |resolution| {
+                    format!("{:?}", serde_json::to_value(resolution).unwrap_or_default().as_str().unwrap_or_default())
+                };
+                let key = path("resolution");
+                if own.resolution != after.resolution
+                    && self.is_own(&key, &own.resolution, before.map(|b| &b.resolution))
+                {
+                    self.refuse(&key, &name(own.resolution), &name(after.resolution));
+                }
+                let key = path("tolerance_um");
+                if own.tolerance_um != after.tolerance_um
+                    && self.is_own(&key, &own.tolerance_um, before.map(|b| &b.tolerance_um))
+                {
+                    self.refuse(&key, &own.tolerance_um.to_string(), &after.tolerance_um.to_string());
+                }
+                let key = path("max_iterations");
+                if own.max_iterations != after.max_iterations
+                    && self.is_own(&key, &own.max_iterations, before.map(|b| &b.max_iterations))
+                {
+                    self.refuse(&key, &own.max_iterations.to_string(), &after.max_iterations.to_string());
+                }
+                Some(Elastic(gelpad::elastic::Elastic { friction: own.friction, ..*after }))
+            }
+            (Elastic(own), Elastic(_), after) => {
+                // Its pad knows no tractions.
+                if own.friction.is_some() {
+                    let of_level = format!("the gelpad model {}, which knows no friction", after.name());
+                    self.refuse("gelpad.elastic.friction", "that the pad is held", &of_level);
+                }
+                None
+            }
+            (MeanBlur(own), before, MeanBlur(after)) if own != *after && MeanBlur(own.clone()) != *before => {
+                self.refuse("gelpad.mean_blur", "another blur", "that of the paper");
+                None
+            }
+            (own, before, after) if own.name() == before.name() || own.name() == after.name() => None,
+            (own, _, after) => {
+                let models = [own.name(), after.name()].map(|name| format!("the model {name}"));
+                self.refuse("gelpad", &models[0], &models[1]);
+                None
+            }
+        }
+    }
+
+    fn optics(&mut self, mut own: optics::Model, before: &Models, after: &Models) -> optics::Model {
+        let key = format!("optics.{}.shadows", own.name());
+        let (Some(light), Some(after)) = (own.phong_mut(), after.optics.phong()) else { return own };
+        let before = before.optics.phong().map(|before| before.shadows);
+        match (light.shadows, after.shadows) {
+            (own, _) if !self.is_own(&key, &own, before.as_ref()) => light.shadows = after.shadows,
+            (Shadows::Soft(own), Shadows::Soft(after)) if own != after => {
+                self.refuse(&key, "another grid", "shadows on its own grid");
+            }
+            // Whether there are shadows is physics.
+            _ => {}
+        }
+        own
+    }
+}

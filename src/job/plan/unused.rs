@@ -1,0 +1,101 @@
+//! Keys that a job gives and that change nothing in it: what its user wanted does not happen, and nothing else would say so.
+
+use super::chosen_models;
+use crate::core::gelpad;
+use crate::core::optics;
+use crate::files::diagnostic::Diagnostic;
+use crate::files::mesh::Format;
+use crate::job::config::Job;
+use crate::job::config::dataset::{ObjectOrder, SplitBy};
+use crate::job::config::document::{Document, RESOLVED};
+use crate::job::layers::{Coding, OutputLayer};
+
+/// A note for each key without effect. The job of a dataset has all keys written, which says nothing of what somebody wants.
+pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {
+    if document.sources.first().is_some_and(|job| job.text.contains(RESOLVED)) {
+        return Vec::new();
+    }
+    let given = |key: &str| {
+        let place = document.get(key)?.place;
+        let source = document.sources.get(place.source)?;
+        // In the job or on the command line; a sensor's file serves other jobs, too.
+        (place.source == 0 || source.name.starts_with("--")).then_some(place)
+    };
+    let mut notes = Vec::new();
+    let mut note = |key: &str, unless: bool, why: &str, help: &str| {
+        if let Some(place) = given(key).filter(|_| !unless) {
+            notes.push(Diagnostic::note(format!("`{key}` has no effect: {why}")).help(help).at(place));
+        }
+    };
+    let models = chosen_models(job);
+    let splits = [job.dataset.splits.train, job.dataset.splits.val, job.dataset.splits.test];
+    let is_split = splits.iter().filter(|share| **share > 0.0).count() > 1;
+    note(
+        "dataset.split_by",
+        is_split || job.dataset.split_by == SplitBy::Sample,
+        "all samples are in one split",
+        "add splits, such as splits = { train = 0.8, val = 0.1, test = 0.1 }",
+    );
+    let is_tilted = job.pose.tilt_deg.support() != (0.0, 0.0);
+    note("pose.tilt_azimuth_deg", is_tilted, "objects are not tilted", "add tilt_deg, or leave it out");
+    let layers = job.output.layers_in_order();
+    let writes_exr = layers.iter().any(|layer| layer.coding(job.output.depth_format) == Coding::Exr);
+    note("output.exr", writes_exr, "no layer is written as EXR", "leave it out");
+    let shows_motion = job.markers.is_some()
+        || job.sensor.pins.is_some()
+        || layers.contains(&OutputLayer::Flow)
+        || job.gripper.as_ref().is_some_and(|gripper| gripper.right.is_some());
+    note(
+        "shear",
+        shows_motion || !job.shear.any(),
+        "only markers, pins and the layer `flow` show how the pad moves in its own plane",
+        "add a [markers] table or the layer flow",
+    );
+    let has_leds = models.optics.phong().is_some();
+    let light = format!("the light is `{}`, which LEDs are no part of", models.optics.name());
+    note("sensor.led", has_leds, &light, "leave it out, or choose optics = \"phong\"");
+    let is_rendered = job.sensor.background.is_none() && !matches!(models.optics, optics::Model::Lamps(_));
+    note(
+        "sensor.rendered_background",
+        is_rendered,
+        "the image of the untouched pad is a photograph",
+        "leave it out, or leave `background` out",
+    );
+    let is_elastic = matches!(models.gelpad, gelpad::Model::Elastic(_));
+    let model = format!("the gelpad model `{}` knows no elasticity", models.gelpad.name());
+    for key in ["sensor.gelpad_youngs_modulus_kpa", "sensor.gelpad_poisson_ratio"] {
+        note(key, is_elastic, &model, "choose fidelity = \"draft\" or better, or leave it out");
+    }
+    let has_texture = job.texture.amplitude_mm.support().1 > 0.0;
+    note("texture", has_texture, "its amplitude is 0", "add amplitude_mm = [0.01, 0.05]");
+    notes
+}
+
+/// The same of the tables of objects, before each becomes a table of its own.
+pub fn of_objects(job: &Job, document: &Document) -> Vec<Diagnostic> {
+    if document.sources.first().is_some_and(|job| job.text.contains(RESOLVED)) {
+        return Vec::new();
+    }
+    let mut notes = Vec::new();
+    for (i, object) in job.object.iter().enumerate() {
+        let mut note = |key: &str, unless: bool, why: &str, help: &str| {
+            if let Some(node) = document.get(&format!("object.{i}.{key}")).filter(|_| !unless) {
+                let message = format!("`{key}` has no effect: {why}");
+                let cause = format!("tables [[object]] have a `{key}` without effect: {why}");
+                notes.push(Diagnostic::note(message).help(help).at(node.place).of(format!("number {}", i + 1), cause));
+            }
+        };
+        let in_turn = job.dataset.object_order == ObjectOrder::InTurn;
+        note(
+            "weight",
+            !in_turn || object.weight == 0.0,
+            "object_order = \"in_turn\" takes one object after the other",
+            "leave it out",
+        );
+        note("class_from", object.class.is_none(), "`class` names the class", "keep one of the two");
+        let path = std::path::Path::new(object.path.as_deref().unwrap_or_default());
+        let is_robot = Format::from_path(path).is_none_or(|format| format == Format::Urdf);
+        note("urdf", is_robot, "it is for robots (.urdf)", "leave it out");
+    }
+    notes
+}
