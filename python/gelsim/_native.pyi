@@ -113,14 +113,14 @@ class Sensor:
         along: Optional[Literal["axis", "ray"]] = None,
         fov_y_deg: Optional[float] = None,
     ) -> dict[str, Any]:
-        """Presses what a depth map (H, W) shows into the pad: a `Sample` with `tactile`, `layers` and `label`.
+        """Presses what a depth map (H, W) or (H, W, 1) shows into the pad: a `Sample` with `tactile`, `layers` and `label`.
 
         `depth_mm` is how far the object reaches below the undeformed pad, mm, as the layer `depth`: 0 where it does not.
         Negative values are heights above the pad, which matter where the pad bulges up to them; -inf is nothing there.
-        Several maps (N, H, W) give a `Batch`, rendered on the sensor's threads. The map's resolution wins; the field of
+        Several maps (N, H, W) or (N, H, W, 1) give a `Batch`, rendered on the sensor's threads. The map's resolution wins; the field of
         view is the sensor's. `index` and `seed` address what is random in the camera: map k is sample `index` + k.
         Raises UsageError for values that cannot be right, TypeError for other types; warns of depth that seems to be in
-        metres.
+        metres or micrometres, that goes through the pad, and of maps whose pixels are out of proportion.
 
         On a sensor whose gel has a shape `depth_mm` is a depth frame of a camera where the sensor's lens is: distance from it,
         mm, above 0, inf where nothing is, along the optical axis or, with `along="ray"`, along each pixel's ray. The camera

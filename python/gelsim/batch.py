@@ -24,13 +24,16 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     there. Layers of different sizes stay lists.
     """
     if len(samples) == 0:
-        raise UsageError("no samples: a batch needs at least one")
-    numpy = need("numpy", "load")
+        raise UsageError("samples is empty: a batch needs at least one")
+    numpy = need("numpy")
     tensor = converter()
     names = list(samples[0])
     for sample in samples:
         if set(sample) != set(names):
-            raise UsageError(f"samples of one batch have the same layers: one has {sorted(names)}, one {sorted(sample)}")
+            raise UsageError(
+                f"samples have different layers: one has {sorted(names)}, one {sorted(sample)}; give those of one dataset, "
+                "or keep the layers that all have"
+            )
     each: list[dict[str, Any]] = [dict(sample) for sample in samples]
     rows = [vectors.parts(sample["label"]) for sample in each]
     batch: dict[str, Any]
@@ -65,15 +68,23 @@ def of_finger(grip: dict[str, Any], finger: str) -> Any:
 def converter() -> Callable[[Any], Any]:
     """`torch.from_numpy`, or what leaves arrays as they are where there is no torch."""
     try:
-        made: Callable[[Any], Any] = import_module("torch").from_numpy
+        torch = import_module("torch")
     except ImportError:
         return lambda array: array
+    made: Callable[[Any], Any] = torch.from_numpy
+    numpy = need("numpy")
+    try:
+        made(numpy.zeros(1))
+    except RuntimeError as error:  # one that was built for another numpy can be imported, and then does not find it
+        raise ImportError(
+            f"torch {torch.__version__} cannot use numpy {numpy.__version__} ({error}): pip install 'numpy<2', or a newer torch"
+        ) from error
     return made
 
 
 def stacked(values: list[Any], tensor: Callable[[Any], Any]) -> Any:
     """One array of several of a shape; markers, pins and other shapes as a list."""
-    numpy = need("numpy", "load")
+    numpy = need("numpy")
     arrays = all(isinstance(value, numpy.ndarray) for value in values)
     if arrays and len({value.shape for value in values}) == 1:
         return tensor(numpy.stack(values))
@@ -82,7 +93,7 @@ def stacked(values: list[Any], tensor: Callable[[Any], Any]) -> Any:
 
 def sequences(each: list[list[dict[str, Any]]], tensor: Callable[[Any], Any]) -> dict[str, Any]:
     """Layers of sequences, padded, and `mask`."""
-    numpy = need("numpy", "load")
+    numpy = need("numpy")
     batch: dict[str, Any] = {}
     for name in each[0][0]:
         frames = [[frame[name] for frame in one] for one in each]
@@ -98,7 +109,7 @@ def sequences(each: list[list[dict[str, Any]]], tensor: Callable[[Any], Any]) ->
 
 def padded(arrays: list[Any]) -> Any:
     """Arrays of different lengths as one, with zeros after their ends."""
-    numpy = need("numpy", "load")
+    numpy = need("numpy")
     whole = numpy.zeros((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), arrays[0].dtype)
     for row, array in zip(whole, arrays):
         row[: len(array)] = array

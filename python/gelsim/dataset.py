@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Optional, SupportsIndex, Unio
 
 from gelsim import shards, vectors
 from gelsim._native import UsageError
-from gelsim.needed import need
+from gelsim.needed import need_all
 from gelsim.shards import Entry, Files, Index, damaged
 
 if TYPE_CHECKING:
@@ -40,8 +40,7 @@ class Dataset:
     """
 
     def __init__(self, path: Union[str, PathLike[str]], split: Optional[str] = None) -> None:
-        for library in ["numpy", "PIL.Image"]:
-            need(library, "load")
+        need_all(["numpy", "PIL.Image"])
         self.path = Path(path)
         manifest = read_manifest(self.path)
         self.manifest: dict[str, Any] = manifest
@@ -198,16 +197,17 @@ def read_manifest(path: Path) -> dict[str, Any]:
         return cast("dict[str, Any]", manifest)
     except FileNotFoundError:
         if (path / "job.toml").is_file() and (path / "stats").is_dir():
-            finish = f"`gelsim generate {path / 'job.toml'} --out {path}` finishes it"
+            finish = f"`{shards.generate(path)}` finishes it"
             raise UsageError(f"{path} is not complete, it has no dataset.json: {finish}") from None
         what = "is no dataset of gelsim: it has no dataset.json" if path.is_dir() else "is no folder"
         raise UsageError(f"{path} {what}; `gelsim generate JOB --out FOLDER` writes one") from None
     except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from None
+        help = "; make it readable, as with `chmod a+r`" if isinstance(error, PermissionError) else ""
+        raise UsageError(f"{file}: {error.strerror}{help}") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         if isinstance(error, UsageError):
             raise
-        verify = f"`gelsim verify {path}` says what is wrong"
+        verify = f"`gelsim verify {shards.word(path)}` says what is wrong"
         raise UsageError(f"{file} is no manifest of a dataset ({error!r}): {verify}") from None
 
 

@@ -27,7 +27,7 @@ def decode(name: str, suffix: str, data: bytes, label: dict[str, Any]) -> Any:
     steps = partial(png16, name, label["png16"])
     decoders: dict[str, Callable[[bytes], Any]] = {"png": png, "npy": npy, "exr": exr, "png16": steps}
     if ending not in decoders:
-        raise ValueError(f"layers that end in .{ending} are of another version of gelsim")
+        raise ValueError(f"layers that end in .{ending} are of another version of gelsim: install that")
     found = decoders[ending](data)
     if found.shape != shape or found.dtype != ("uint8" if ending == "png" else "float32"):
         raise ValueError(f"is {found.dtype} of shape {found.shape}; its label says {shape}")
@@ -36,7 +36,7 @@ def decode(name: str, suffix: str, data: bytes, label: dict[str, Any]) -> Any:
 
 def positions(data: bytes) -> dict[str, NDArray[Any]]:
     """Markers or pins."""
-    numpy = need("numpy", "load")
+    numpy = need("numpy")
     found = {}
     for name, points in json.loads(data).items():
         axes = 3 if name.endswith("_mm") else 2
@@ -46,14 +46,14 @@ def positions(data: bytes) -> dict[str, NDArray[Any]]:
 
 def png(data: bytes) -> NDArray[Any]:
     """8-bit grey or RGB."""
-    numpy, image = need("numpy", "load"), need("PIL.Image", "load")
+    numpy, image = need("numpy"), need("PIL.Image")
     found: NDArray[Any] = numpy.array(image.open(io.BytesIO(data), formats=["PNG"]))
     return found
 
 
 def png16(name: str, steps: dict[str, float], data: bytes) -> NDArray[Any]:
     """Depth or surface in mm, from 16-bit steps."""
-    numpy = need("numpy", "load")
+    numpy = need("numpy")
     zero = steps["surface_zero"] if name == "surface" else 0
     found = (png(data).astype("float64") - zero) * steps[f"{name}_mm_per_step"]
     return found.astype(numpy.float32)
@@ -61,15 +61,15 @@ def png16(name: str, steps: dict[str, float], data: bytes) -> NDArray[Any]:
 
 def npy(data: bytes) -> NDArray[Any]:
     """Float32."""
-    found: NDArray[Any] = need("numpy", "load").load(io.BytesIO(data), allow_pickle=False)
+    found: NDArray[Any] = need("numpy").load(io.BytesIO(data), allow_pickle=False)
     return found
 
 
 def exr(data: bytes) -> NDArray[Any]:
     """Halves or floats as float32; several channels in the order of their names."""
-    numpy = need("numpy", "load")
+    numpy = need("numpy")
     try:
-        channels = need("OpenEXR", "load").File(io.BytesIO(data), separate_channels=True).channels()
+        channels = need("OpenEXR").File(io.BytesIO(data), separate_channels=True).channels()
     except (RuntimeError, TypeError) as error:
         raise ValueError(f"is no EXR: {error}") from None
     planes = [channels[name].pixels.astype(numpy.float32) for name in sorted(channels)]

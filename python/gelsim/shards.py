@@ -6,6 +6,7 @@ import os
 import tarfile
 from array import array
 from pathlib import Path
+from shlex import quote
 from typing import NamedTuple, Protocol
 
 from gelsim._native import RunError
@@ -43,9 +44,18 @@ def damaged(path: Path, reason: str) -> RunError:
     """What to raise where a dataset is not as it was written; `path` is a shard or a file in one."""
     root = next((parent.parent for parent in path.parents if parent.name == "data"), path.parent)
     return RunError(
-        f"{path}: {reason}\n`gelsim verify {root}` names all that is wrong; "
-        f"`gelsim generate {root / 'job.toml'} --out {root}` makes such shards again"
+        f"{path}: {reason}\n`gelsim verify {word(root)}` names all that is wrong; `{generate(root)}` makes such shards again"
     )
+
+
+def generate(root: Path) -> str:
+    """The command that makes what is wanting of the dataset at `root`."""
+    return f"gelsim generate {word(root / 'job.toml')} --out {word(root)}"
+
+
+def word(path: Path) -> str:
+    """A path as a shell takes it, and no option."""
+    return quote(f"./{path}" if str(path).startswith("-") else str(path))
 
 
 def index(entry: Entry) -> Index:

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyUnicodeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyByteArray, PyBytes, PyString};
+use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString, PyTuple};
 
-use crate::errors::mistake;
+use crate::errors::{LONGEST_NAME, mistake};
 
 /// Longest path that Linux takes, bytes.
 const LONGEST_PATH: usize = 4096;
@@ -18,12 +18,16 @@ const BLOCK: usize = 1 << 16;
 /// An argument that may be left out.
 pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
 
-/// A whole number of 0 or more.
-pub fn whole(name: &str, given: Given<'_, '_>) -> PyResult<Option<u64>> {
+/// A whole number of 0 or more; `allowed` says which ones this argument takes, to whoever gave none.
+pub fn whole(name: &str, given: Given<'_, '_>, allowed: &str) -> PyResult<Option<u64>> {
     let Some(given) = given else { return Ok(None) };
-    match integer(name, given, "a whole number")?.map(u64::try_from) {
+    let number = integer(name, given, "a whole number")?;
+    match number.map(u64::try_from) {
         Some(Ok(number)) => Ok(Some(number)),
-        _ => Err(mistake(format!("{name} is below 0 or above {}", u64::MAX), "give a whole number between")),
+        _ => {
+            let value = number.map_or_else(String::new, |number| format!("={number}"));
+            Err(mistake(format!("{name}{value} is out of range"), allowed))
+        }
     }
 }
 
@@ -100,6 +104,13 @@ pub fn each<T>(
         }
     }
     Ok(items)
+}
+
+/// The text or path that somebody gave first to what takes no arguments, if it is as short as a name or a path.
+pub fn first(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> Option<String> {
+    let by_name = || named?.values().get_item(0).ok();
+    let path = given.get_item(0).ok().or_else(by_name)?.extract::<PathBuf>().ok()?;
+    path.into_os_string().into_string().ok().filter(|text| !text.is_empty() && text.len() <= LONGEST_NAME)
 }
 
 /// What to raise where an argument could not be read: an error of the argument's own is passed on.

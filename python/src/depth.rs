@@ -31,7 +31,7 @@ pub enum Depth<'a> {
 pub struct Seen {
     nan: Option<(usize, [usize; 3])>,
     infinite: Option<(usize, [usize; 3])>,
-    /// Nothing of it lies in the pad or above it.
+    /// Nothing of it that is a number lies in the pad or above it.
     all_through: Option<usize>,
     deepest_mm: f64,
 }
@@ -46,8 +46,8 @@ const LABEL_PX: usize = 1 << 12;
 const BLOCK_PX: usize = 1 << 26;
 
 impl<'a> Depth<'a> {
-    /// Takes an array of float32 or float64, of one map or several.
-    pub fn array<'py>(given: &Bound<'py, PyAny>) -> PyResult<Input<'py>> {
+    /// Takes an array of float32 or float64, of one map or several; `is_distance` of frames from inside a gel.
+    pub fn array<'py>(given: &Bound<'py, PyAny>, is_distance: bool) -> PyResult<Input<'py>> {
         let Ok(array) = given.cast::<PyUntypedArray>() else {
             let message =
                 format!("depth_mm is {}; give an array of numpy: np.asarray(depth_mm, np.float32)", kind(given));
@@ -82,8 +82,10 @@ impl<'a> Depth<'a> {
         // numpy loads this module when somebody first needs it: before, no array is masked.
         let masked = |ma: Bound<'py, PyAny>| given.is_instance(&ma.getattr("MaskedArray")?);
         if py.import("sys")?.getattr("modules")?.get_item("numpy.ma").and_then(masked).unwrap_or(false) {
-            let message = "depth_mm is a masked array; say what is where it is masked: depth_mm.filled(-np.inf)";
-            return Err(PyTypeError::new_err(message));
+            let nothing = if is_distance { "np.inf" } else { "-np.inf" };
+            return Err(PyTypeError::new_err(format!(
+                "depth_mm is a masked array; say what is where it is masked: depth_mm.filled({nothing})"
+            )));
         }
         // As numpy knows it, whatever a subclass says.
         let flags = py.get_type::<PyUntypedArray>().getattr("flags")?.call_method1("__get__", (given,))?;
@@ -187,22 +189,30 @@ impl<'a> Depth<'a> {
             Some(_) => format!("map {map}, row {row}, column {column}"),
             None => format!("row {row}, column {column}"),
         };
-        if let Some((count, first)) = wrong.nan {
-            let message = format!("depth_mm has {count} values that are not a number, the first in {}", place(first));
-            add(message, "where nothing is, write -inf");
-        }
-        if let Some((count, first)) = wrong.infinite {
-            let message = format!("depth_mm is infinite at {count} places, the first in {}", place(first));
-            add(message, "depths are positive into the pad: where nothing is, write -inf");
-        }
+        // Of a camera's distances it is no mistake that they are infinite where nothing is.
         if let Some(map) = wrong.all_through {
             let which = self.batch().map_or(String::from("depth_mm"), |_| format!("map {map} of depth_mm"));
             let message = format!("all of {which} goes through the pad, which is {thickness_mm} mm thick");
-            add(message, "depth_mm is mm below the undeformed pad, not distance from a camera: plane_mm - distance_mm");
+            let holes = if wrong.nan.is_some() { ", with inf in place of nan" } else { "" };
+            let help = "depth_mm is mm below the undeformed pad, not distance from a camera: plane_mm - distance_mm";
+            add(message, &format!("{help}{holes}"));
+        } else {
+            if let Some((count, first)) = wrong.nan {
+                let message =
+                    format!("depth_mm has {count} values that are not a number, the first in {}", place(first));
+                add(message, "where nothing is, write -inf");
+            }
+            if let Some((count, first)) = wrong.infinite {
+                let message = format!("depth_mm is infinite at {count} places, the first in {}", place(first));
+                let help = "of a camera's distances give plane_mm - distance_mm; of depths into the pad write -inf where \
+                            nothing is";
+                add(message, help);
+            }
         }
         // Words without the depth itself: whoever renders frame after frame is warned once.
         let shallow = wrong.deepest_mm > 0.0 && wrong.deepest_mm < thickness_mm * 1e-3;
         let deep = wrong.deepest_mm > thickness_mm * 50.0;
+        let through = wrong.deepest_mm > thickness_mm && !deep;
         let mut notes = Diagnostics::default();
         if shallow {
             let message =
@@ -212,6 +222,13 @@ impl<'a> Depth<'a> {
         if deep {
             let message = format!("depth_mm goes fifty times as deep as the pad is thick, {thickness_mm} mm");
             notes.push(Diagnostic::warning(message).help("if it is in micrometres, give depth_mm / 1000"));
+        }
+        if through {
+            let message = format!("depth_mm goes through the pad and is cut off at its thickness, {thickness_mm} mm");
+            notes.push(
+                Diagnostic::warning(message)
+                    .help("press less deep, or of a camera's distances give plane_mm - distance_mm"),
+            );
         }
         report.map_or_else(|| Ok(Report::new(&notes, &[])), Err)
     }
@@ -239,14 +256,15 @@ impl Seen {
 
     fn of<T: Copy + Into<f64>>(plane: &ArrayView2<'_, T>, map: usize, thickness_mm: f64) -> Self {
         let mut wrong = Self::NOTHING;
-        let (mut all_through, mut all_numbers) = (true, true);
+        let (mut none_above, mut any_through, mut all_numbers) = (true, false, true);
         for value in plane {
             let mm: f64 = (*value).into();
             wrong.deepest_mm = if mm > wrong.deepest_mm { mm } else { wrong.deepest_mm };
-            all_through &= mm >= thickness_mm;
+            none_above &= mm.is_nan() || mm >= thickness_mm;
+            any_through |= mm >= thickness_mm;
             all_numbers &= mm < f64::INFINITY;
         }
-        wrong.all_through = all_through.then_some(map);
+        wrong.all_through = (none_above && any_through).then_some(map);
         if all_numbers {
             return wrong;
         }

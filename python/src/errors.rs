@@ -6,8 +6,8 @@ use gelsim::core::fidelity::Fidelity;
 use gelsim::dataset::generate;
 use gelsim::files::diagnostic::user_error;
 use gelsim::files::diagnostic::{Display, Report};
-use gelsim::files::spelling::nearest;
 use gelsim::files::spelling::one_of;
+use gelsim::job::config::of_choice;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use crate::arguments::text;
 
 /// Longer than every name there is.
-const LONGEST_NAME: usize = 200;
+pub const LONGEST_NAME: usize = 200;
 
 create_exception!(
     gelsim,
@@ -49,13 +49,12 @@ pub fn named<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'stati
         }
         names.push(candidate);
     }
-    let known = one_of(&names);
     // Whoever gives a file's text in place of its name shall not read it again.
     if name.chars().nth(LONGEST_NAME).is_some() {
-        return Err(mistake(format!("no {what} has a name of {} bytes", name.len()), format!("one of {known}")));
+        let help = format!("one of {}", one_of(&names));
+        return Err(mistake(format!("no {what} has a name of {} bytes", name.len()), help));
     }
-    let near = nearest(name, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
-    Err(mistake(format!("no {what} is called `{name}`"), format!("{near}one of {known}")))
+    Err(mistake(format!("no {what} is called `{name}`"), of_choice(name, &names)))
 }
 
 /// A rung by its name.

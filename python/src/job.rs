@@ -7,6 +7,7 @@ use std::sync::Arc;
 use gelsim::dataset::encode::json;
 use gelsim::files::diagnostic::{Diagnostic, Report};
 use gelsim::job::config::Overrides;
+use gelsim::job::config::output::OnUnhealthy;
 use gelsim::job::gripper::{self, FINGERS};
 use gelsim::job::label::key;
 use gelsim::job::layout::Split;
@@ -15,18 +16,24 @@ use gelsim::job::probe::foresee;
 use gelsim::job::sample::{Accepted, Sample, Unfit, accept};
 use gelsim::job::sequence::{self, Shown};
 use gelsim::lab::tradeoff::choose::choose;
-use pyo3::exceptions::PyIndexError;
+use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyDict, PyList, PyTuple};
 use rayon::prelude::*;
 
-use crate::arguments::{self, Given, each, flag, texts, whole};
+use crate::arguments::{self, Given, each, first, flag, texts, whole};
 use crate::arrays::{Arrays, need_numpy, parsed};
 use crate::errors::{named, panicked, rung, running, usage, warn};
 use crate::threads::{checked, pool};
 
 /// Samples that each thread renders before Python may look at signals.
 const BLOCK: usize = 8;
+
+/// What a job takes, to whoever gives what is no such number at all; the rest is said with all other mistakes of the job.
+const MOST_SAMPLES: &str = "give 1 to 1000000000";
+
+/// JSON's readers take larger ones for floats.
+pub const LARGEST_SEED: &str = "give 0 to 9007199254740991";
 
 /// A job, read and resolved.
 #[pyclass(frozen, module = "gelsim")]
@@ -166,10 +173,21 @@ impl Job {
         }));
         match rendered {
             Ok(Ok(arrays)) => Ok(arrays),
-            Ok(Err(unfit)) => Err(running(unfit.to_string())),
+            Ok(Err(unfit)) => Err(unhealthy(plan, &unfit)),
             Err(panic) => Err(panicked(&format!("sample {} (seed {})", key(index), plan.seed()), &*panic)),
         }
     }
+}
+
+/// What to raise for a sample that the job does not take.
+fn unhealthy(plan: &Plan, unfit: &Unfit) -> PyErr {
+    let help = match plan.output().on_unhealthy {
+        OnUnhealthy::Reject => "set=['output.on_unhealthy=\"keep\"'] takes it as it was drawn last",
+        OnUnhealthy::Keep | OnUnhealthy::Fail => {
+            "set=['output.on_unhealthy=\"keep\"'] takes it as it is, \"reject\" draws it again"
+        }
+    };
+    running(format!("{unfit}; {help}"))
 }
 
 /// The plan at the rung that keeps the bound which the job gives instead of one.
@@ -182,6 +200,16 @@ fn settled(mut plan: Plan) -> Result<Plan, Report> {
 
 #[pymethods]
 impl Job {
+    /// Whoever calls the class itself is told what makes a job.
+    #[new]
+    #[pyo3(signature = (*given, **named), text_signature = None)]
+    fn itself(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let path = first(given, named).unwrap_or_else(|| String::from("job.toml"));
+        Err(PyTypeError::new_err(format!(
+            "gelsim.Job is not made by calling it: gelsim.Job.load({path:?}) reads a job"
+        )))
+    }
+
     #[staticmethod]
     #[pyo3(
         signature = (path, *, samples=None, seed=None, fidelity=None, all_effects=None, set=None, threads=None),
@@ -200,8 +228,8 @@ impl Job {
     ) -> PyResult<Self> {
         let path = arguments::path("path", path)?;
         let overrides = Overrides::of_flags(
-            whole("samples", samples)?,
-            whole("seed", seed)?,
+            whole("samples", samples, MOST_SAMPLES)?,
+            whole("seed", seed, LARGEST_SEED)?,
             fidelity.map(rung).transpose()?,
             flag("all_effects", all_effects)?,
             &texts("set", set)?,

@@ -2,6 +2,7 @@
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use gelsim::core::camera::projection::LensModel;
@@ -12,9 +13,9 @@ use gelsim::core::pose::Pose;
 use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
 use gelsim::dataset::frames::reader::FrameReader;
 use gelsim::dataset::frames::run::sample;
-use gelsim::files::diagnostic::Diagnostic;
+use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim::files::sensor::PRESETS;
-use gelsim::job::config::Overrides;
+use gelsim::job::config::{Overrides, choice};
 use gelsim::job::layers::OutputLayer;
 use gelsim::job::layout::Split;
 use gelsim::job::plan::Plan;
@@ -22,19 +23,23 @@ use gelsim::job::plan::frames::Frames;
 use gelsim::job::plan::standalone::sensor;
 use gelsim::job::sample::press;
 use gelsim::job::scene::{Frame, KnownPress, Pressed, Scene};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 use rayon::prelude::*;
 
-use crate::arguments::{self, Given, texts, whole};
+use crate::arguments::{self, Given, first, texts, whole};
 use crate::arrays::{Arrays, need_numpy};
 use crate::depth::{Depth, Seen};
 use crate::errors::{mistake, named, panicked, rung, running, usage, warn};
-use crate::job::Pickled;
+use crate::job::{LARGEST_SEED, Pickled};
 use crate::threads::{checked, pool};
 
 /// Maps that each thread renders before Python may look at signals.
 const BLOCK: usize = 8;
+
+/// What a sample's number may be.
+const LARGEST_INDEX: &str = "give 0 to 18446744073709551615";
 
 /// Simulators that are kept: who changes resolution or fidelity with every call waits every time.
 const MOST_SIMULATORS: usize = 8;
@@ -47,6 +52,8 @@ pub struct Sensor {
     set: Vec<String>,
     threads: Option<usize>,
     itself: gelsim::core::sensor::Sensor,
+    /// What is not meant of it, perhaps, at its own resolution.
+    notes: Report,
     /// The simulators that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.
     simulators: Mutex<Vec<(Choice, Ready)>>,
 }
@@ -83,25 +90,34 @@ pub fn sensor_of_source(
     set: Given<'_, '_>,
     threads: Given<'_, '_>,
 ) -> PyResult<Sensor> {
-    Ok(Sensor::new(py, arguments::text("source", source)?, set, threads)?.0)
+    Sensor::new(py, arguments::text("source", source)?, set, threads)
 }
 
 impl Sensor {
-    /// Reads it; with the plan of its own resolution, in which its mistakes and notes are.
-    fn new(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<(Self, Plan)> {
+    /// Reads it, and makes the plan of its own resolution, in which its mistakes and notes are.
+    fn new(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
         need_numpy(py)?;
         let (set, threads) = (texts("set", set)?, checked(threads)?);
         let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?.sensor;
-        let sensor = Self { source, set, threads, itself, simulators: Mutex::default() };
+        let sensor = Self { source, set, threads, itself, notes: Report::default(), simulators: Mutex::default() };
         let resolution_px = sensor.itself.resolution_px;
         let (ready, _) = sensor.ready(py, Choice { resolution_px, fidelity: None, frames: None })?;
-        Ok((sensor, ready.plan))
+        Ok(Self { notes: ready.plan.notes, ..sensor })
     }
 
     fn noted(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
-        let (sensor, plan) = Self::new(py, source, set, threads)?;
-        warn(py, &plan.notes)?;
+        let sensor = Self::new(py, source, set, threads)?;
+        warn(py, &sensor.notes)?;
         Ok(sensor)
+    }
+
+    /// What a plan for maps of another resolution has to say that has not been said of the sensor itself.
+    fn news(&self, plan: &Plan) -> Report {
+        let is_said = |note: &Diagnostic| self.notes.problems().iter().any(|said| said.message == note.message);
+        let mut news = Diagnostics::default();
+        news.extend(plan.notes.problems().iter().filter(|note| !is_said(note)).cloned());
+        // The resolution is the map's.
+        Report::new(&news, &[]).saying("`sensor.resolution_px = ", "a map of `[columns, rows] = ")
     }
 
     /// A plan over the simulator of a choice, which is made where it is not one of those that were used last; true with it if it
@@ -137,23 +153,30 @@ impl Sensor {
                 format!("depth_mm has {rows} rows and {columns} columns, `set` makes them {height} and {width}");
             return Err(mistake(message, "leave sensor.resolution_px out: a map brings its own"));
         }
+        // `set` may have changed the lens.
+        let has_fov = choice.frames.is_some_and(|(_, rays)| rays.fov_y_deg.is_some());
+        if has_fov && plan.simulator.sensor().lens == LensModel::Orthographic {
+            let message = "the sensor's lens has parallel rays, and so no place for a perspective camera";
+            return Err(mistake(message, "leave fov_y_deg out"));
+        }
         let reader = match choice.frames {
             None => None,
             Some((size_px, Rays { along, fov_y_deg })) => {
                 let projection =
                     fov_y_deg.map_or(Projection::Orthographic, |fov_y_deg| Projection::Perspective { fov_y_deg });
                 let camera = DepthCamera { projection, along, ..FROM_LENS };
-                let reader = py.detach(|| FrameReader::new(camera, &plan.simulator, size_px));
+                let reader = |camera| py.detach(|| FrameReader::new(camera, &plan.simulator, size_px));
                 let refused = |problem: Diagnostic| {
-                    let help = match along {
-                        Along::Axis if fov_y_deg.is_none() => {
-                            "give distances along each pixel's own ray: along=\"ray\""
-                        }
-                        _ => "give smaller frames, of the sensor's own lens",
+                    // What is too large is so along rays, too.
+                    let is_for_axis =
+                        along == Along::Axis && reader(DepthCamera { along: Along::Ray, ..camera }).is_ok();
+                    let help = match is_for_axis {
+                        true => "give distances along each pixel's own ray: along=\"ray\"",
+                        false => "give smaller frames",
                     };
-                    mistake(problem.message, help)
+                    mistake(format!("depth_mm: {}", problem.message), help)
                 };
-                Some(Arc::new(reader.map_err(refused)?))
+                Some(Arc::new(reader(camera).map_err(refused)?))
             }
         };
         let ready = Ready { plan, reader };
@@ -182,10 +205,6 @@ impl Sensor {
         let fov_y_deg = fov_y_deg.map(|fov| arguments::number("fov_y_deg", fov)).transpose()?;
         if fov_y_deg.is_some_and(|fov| !(fov > 0.0 && fov <= 170.0)) {
             return Err(mistake("fov_y_deg is out of range", "allowed: above 0, up to 170 degrees"));
-        }
-        if fov_y_deg.is_some() && self.itself.lens == LensModel::Orthographic {
-            let message = "the sensor's lens has parallel rays, and so no place for a perspective camera";
-            return Err(mistake(message, "leave fov_y_deg out"));
         }
         Ok(Some(Rays { along: along.unwrap_or_default(), fov_y_deg }))
     }
@@ -246,12 +265,35 @@ fn render(plan: &Plan, depth: &Depth<'_>, number: usize, index: u64) -> PyResult
     rendered.unwrap_or_else(|panic| Err(bug(plan, number, index, &*panic)))
 }
 
+/// The preset that is meant by what is none.
+fn preset_of(name: &str) -> Option<&'static str> {
+    choice(name, &PRESETS.map(|(name, _)| name))
+}
+
 #[pymethods]
 impl Sensor {
+    /// Whoever calls the class itself is told what makes a sensor.
+    #[new]
+    #[pyo3(signature = (*given, **named), text_signature = None)]
+    fn itself(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let what = first(given, named);
+        let preset = what.as_deref().and_then(preset_of);
+        let file = what.as_deref().filter(|_| preset.is_none()).unwrap_or("my.toml");
+        let preset = preset.unwrap_or("digit");
+        Err(PyTypeError::new_err(format!(
+            "gelsim.Sensor is not made by calling it: gelsim.Sensor.preset({preset:?}) makes one that comes with gelsim, \
+             gelsim.Sensor.load({file:?}) one of a file"
+        )))
+    }
+
     #[staticmethod]
     #[pyo3(signature = (name, *, set=None, threads=None), text_signature = "(name, *, set=(), threads=None)")]
     fn preset(py: Python<'_>, name: &Bound<'_, PyAny>, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
         let name = arguments::text("name", name)?;
+        if Path::new(&name).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+            let help = format!("gelsim.Sensor.load({name:?}) reads a sensor file");
+            return Err(mistake(format!("no sensor preset is called `{name}`"), help));
+        }
         named("sensor preset", &name, PRESETS)?;
         Self::noted(py, name, set, threads)
     }
@@ -260,6 +302,10 @@ impl Sensor {
     #[pyo3(signature = (path, *, set=None, threads=None), text_signature = "(path, *, set=(), threads=None)")]
     fn load(py: Python<'_>, path: &Bound<'_, PyAny>, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
         let path = arguments::path("path", path)?;
+        if let Some(preset) = path.to_str().filter(|_| !path.exists()).and_then(preset_of) {
+            let help = format!("gelsim.Sensor.preset({preset:?}) is one that comes with gelsim");
+            return Err(mistake(format!("there is no file {}", path.display()), help));
+        }
         let absolute = std::path::absolute(&path).map_err(|error| running(format!("{}: {error}", path.display())))?;
         let source = absolute.into_os_string().into_string();
         let source = source.map_err(|path| {
@@ -288,13 +334,13 @@ impl Sensor {
         along: Given<'_, 'py>,
         fov_y_deg: Given<'_, 'py>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let input = Depth::array(depth_mm)?;
+        let input = Depth::array(depth_mm, self.itself.shape.is_some())?;
         let depth = Depth::new(&input);
         let wanted = |name: &String| named("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)));
         let layers = texts("layers", layers)?.iter().map(wanted).collect::<PyResult<Vec<_>>>()?;
         let fidelity = fidelity.map(rung).transpose()?;
-        let index = whole("index", index)?.unwrap_or(0);
-        let seed = whole("seed", seed)?.unwrap_or(0);
+        let index = whole("index", index, LARGEST_INDEX)?.unwrap_or(0);
+        let seed = whole("seed", seed, LARGEST_SEED)?.unwrap_or(0);
         let rays = self.rays(along, fov_y_deg)?;
         let size_px = depth.resolution_px();
         let resolution_px = match rays {
@@ -304,7 +350,7 @@ impl Sensor {
         let choice = Choice { resolution_px, fidelity, frames: rays.map(|rays| (size_px, rays)) };
         let (mut ready, is_new) = self.ready(py, choice)?;
         if is_new {
-            warn(py, &ready.plan.notes)?;
+            warn(py, &self.news(&ready.plan))?;
         }
         ready.plan = ready.plan.with_samples(seed, &layers).map_err(|report| usage(&report))?;
         let (plan, inside) = (&ready.plan, ready.reader.as_deref());

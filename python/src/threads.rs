@@ -26,13 +26,12 @@ static LAST: Mutex<Option<Pool>> = Mutex::new(None);
 
 /// A number of threads that a user gave.
 pub fn checked(threads: Given<'_, '_>) -> PyResult<Option<usize>> {
-    let help = "or leave it out for all cores";
-    match whole("threads", threads)? {
-        Some(0) => Err(mistake("threads=0 cannot work", format!("give 1 or more, {help}"))),
-        Some(count) if count > MOST_THREADS as u64 => Err(mistake(
-            format!("threads={count} are more than any machine has cores"),
-            format!("give at most {MOST_THREADS}, {help}"),
-        )),
+    let allowed = format!("give 1 to {MOST_THREADS}, or leave it out for all cores");
+    match whole("threads", threads, &allowed)? {
+        Some(0) => Err(mistake("threads=0 cannot work", allowed)),
+        Some(count) if count > MOST_THREADS as u64 => {
+            Err(mistake(format!("threads={count} are more than any machine has cores"), allowed))
+        }
         threads => Ok(threads.map(|count| count as usize)),
     }
 }

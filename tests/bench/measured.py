@@ -1600,6 +1600,7 @@ NOT_RERUN = {
     "python tests/bench/inspect_set.py GELSIM": TIMES,
     "python tests/pipeline/attack.py": "the wheel; .ci/run",
     "python tests/pipeline/combinations.py GELSIM": "minutes; .ci/run",
+    "python tests/pipeline/extras.py FOLDER": "the wheel; .ci/run",
     "python tests/pipeline/formats.py target/release/gelsim": "the wheel; .ci/run",
     "python tests/pipeline/formats.py target/release/gelsim --speed out/quickstart": f"{TIMES}; the wheel",
     "python tests/pipeline/notebook.py": "the wheel; .ci/run",

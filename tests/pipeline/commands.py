@@ -69,6 +69,7 @@ ELSEWHERE = {
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot --check": ("the wheel", "tests/pipeline/formats.py"),
     "python tests/pipeline/formats.py target/release/gelsim": ("the wheel", ".ci/run"),
     "python tests/pipeline/formats.py target/release/gelsim --speed out/quickstart": ("minutes", "docs/formats.md"),
+    "python tests/pipeline/extras.py FOLDER": ("the wheel", ".ci/run"),
     "python tests/pipeline/notebook.py": ("the wheel", ".ci/run"),
     "python tests/pipeline/attack.py": ("the wheel", ".ci/run"),
     "python tests/pipeline/workers.py target/release/gelsim --speed": ("the wheel", ".ci/run"),

@@ -5,10 +5,13 @@ import fcntl
 import io
 import json
 import os
+import pty
 import shutil
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -161,14 +164,21 @@ def lerobot(dataset, out):
 
 
 def datasets_of_hugging_face(out, every):
-    """The same files without LeRobot: images come as images."""
+    """The copy without LeRobot, by what its card says of it: images come as images; each split by itself, too."""
     from datasets import load_dataset
 
-    files = sorted(map(str, out.glob("data/*/*.parquet")))
-    rows = load_dataset("parquet", data_files=files, split="train", cache_dir=str(out.parent / "cache"))
-    for row, (_, _, pads) in zip(rows, every, strict=True):
-        for finger, frame, _ in pads:
+    cache = {"cache_dir": str(out.parent / "cache")}
+    whole = load_dataset(str(out), **cache)
+    assert list(whole) == ["train"]
+    for row, (_, _, pads) in zip(whole["train"], every, strict=True):
+        for finger, frame, part in pads:
             assert np.array_equal(np.asarray(row[f"{dotted('images', finger)}.tactile"]), frame["tactile"])
+            assert row[dotted("state", finger)] == np.array(pose(part), "float32").tolist()
+    parts = load_dataset(str(out), "splits", **cache)
+    ours = {}
+    for index, (sample, _, _) in enumerate(every):
+        ours.setdefault(sample["label"]["split"], []).append(index)
+    assert {split: part["index"][:] for split, part in parts.items()} == ours
 
 
 def zarr_copy(dataset, out):
@@ -323,6 +333,8 @@ def changed(dataset, kind, out, finger=""):
         assert f"sample {key}: {tactile} differs" in export(dataset.path, kind, out, "--check", status=1)
         (out / f"data/{tactile}/1.0.0.0").write_bytes(b"no chunk")
         assert f"sample {key}: it cannot be read" in export(dataset.path, kind, out, "--check", status=1)
+        (out / f"data/{tactile}/1.0.0.0").unlink()
+        assert f"sample {key}: {tactile} differs" in export(dataset.path, kind, out, "--check", status=1)
     elif kind == "zip":
         out.write_bytes(out.read_bytes()[:-30])
         export(dataset.path, kind, out, "--check", status=2)
@@ -366,12 +378,15 @@ def refused(dataset, other, folder):
     shutil.copy(folder / "taken.hdf5", left / "export.json")
     assert "move it away" in export(dataset.path, "hdf5", folder / "left.hdf5", status=2)
     assert "no dataset" in export(folder, "hdf5", folder / "none.hdf5", status=2)
-    assert "invalid choice" in subprocess.run([*COMMAND, "x", "--to", "xml", "--out", "y"], capture_output=True, text=True).stderr
-    for module, kind in [("h5py", "hdf5"), ("zarr", "zarr"), ("pyarrow", "lerobot")]:
-        program = f"import sys; sys.modules[{module!r}] = None; from gelsim.export.command import main; sys.exit(main())"
+    guesses(dataset, folder)
+    for modules, kind in [(["h5py"], "hdf5"), (["pyarrow"], "zarr"), (["pyarrow", "PIL"], "lerobot"), (["OpenEXR"], "zarr")]:
+        program = f"import sys; sys.modules |= dict.fromkeys({modules!r}); from gelsim.export.command import main; sys.exit(main())"
         arguments = [sys.executable, "-c", program, dataset.path, "--to", kind, "--out", folder / "none"]
         done = subprocess.run(list(map(str, arguments)), capture_output=True, text=True)
-        assert done.returncode == 2 and done.stderr.count("\n") == 1 and "pip install 'gelsim[export]'" in done.stderr, done
+        assert done.returncode == 2 and done.stderr.count("\n") == 1 and "not installed: " in done.stderr, done
+        wanted = [{"PIL": "pillow"}.get(module, module) for module in modules]
+        assert all(f" '{name}>=" in done.stderr for name in wanted) and "pip install '" in done.stderr, done.stderr
+        assert not (folder / "none").exists()
 
     # A damaged source ends the export with status 1; once it is whole again the export goes on.
     source = folder / "source"
@@ -386,6 +401,60 @@ def refused(dataset, other, folder):
         out = place(folder, "stopped", kind)
         export(source, kind, out)
         assert content(out) == content(place(folder, dataset.path.name, kind))
+
+
+def guesses(dataset, folder):
+    """Formats, places and flags as people guess them."""
+
+    def said(*words, status=2, **more):
+        done = subprocess.run([*map(str, COMMAND), *map(str, words)], capture_output=True, text=True, cwd=folder, **more)
+        assert done.returncode == status and "Traceback" not in done.stderr, (words, done)
+        return done.stderr
+
+    for name, part in [("h5", "did you mean hdf5?"), ("HDF5", "did you mean hdf5?"), ("parquet", "did you mean lerobot?"),
+                       ("le-robot", "did you mean lerobot?"), ("zar", "did you mean zarr?"), ("rlds", "no such copy"),
+                       ("webdataset", "`gelsim generate` writes it"), ("npz", "gelsim.load"), ("xml", "one of lerobot, zarr or hdf5")]:
+        assert part in said("x", "--to", name, "--out", "y"), name
+    before = set(folder.iterdir())
+    for address in ["s3://b/x", "s3:/b/x", "gs:/b/x", "S3://b/x", "https://example.org/x"]:
+        assert "is an address: name a folder" in said(dataset.path, "--to", "hdf5", "--out", address)
+        assert "is an address" in said(address, "--to", "hdf5", "--out", "y")
+    for address in ["file:/data/x", "file:///data/x"]:
+        assert "write the path alone, /data/x" in said(dataset.path, "--to", "hdf5", "--out", address)
+    assert "write ./~nobody-of-this-name/x" in said(dataset.path, "--to", "hdf5", "--out", "~nobody-of-this-name/x")
+    assert set(folder.iterdir()) == before, "no folder is called after an address"
+    home = folder / "home"
+    home.mkdir()
+    arguments = [dataset.path, "--to", "hdf5", "-q", "-o", "~/x.h5"]
+    assert said(*arguments, status=0, env={**os.environ, "HOME": str(home)}) == "" and (home / "x.h5").is_file()
+    (folder / "afile").write_text("")
+    assert "afile: File exists; it is a file" in said(dataset.path, "--to", "hdf5", "--out", "afile/x", status=1)
+    assert "without --check" in said(dataset.path, "--to", "hdf5", "--out", "absent", "--check")
+    narrow(dataset, folder)
+
+
+def narrow(dataset, folder):
+    """Progress stays within the terminal, and one that is dumb has none."""
+    program = (
+        "import sys, time; from gelsim.dataset import Dataset; from gelsim.export.command import Progress\n"
+        "progress = Progress(Dataset(sys.argv[1]), False); progress.told -= 1; progress.begun -= 1e-9; progress.tell(1)\n"
+        "progress.clear(); print('end', file=sys.stderr, flush=True)"
+    )
+    for columns, term in [(80, "xterm"), (12, "xterm"), (80, "dumb")]:
+        ours, theirs = pty.openpty()
+        termios.tcsetwinsize(theirs, (24, columns)) if hasattr(termios, "tcsetwinsize") else fcntl.ioctl(
+            theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0)
+        )
+        environment = {**os.environ, "TERM": term}
+        subprocess.run([sys.executable, "-c", program, dataset.path], stderr=theirs, env=environment, check=True)
+        os.close(theirs)
+        shown = os.read(ours, 1 << 16).decode()
+        os.close(ours)
+        if term == "dumb":
+            assert shown.strip() == "end", repr(shown)
+        else:
+            line = shown.split("\x1b[K")[1]
+            assert "2/11" in line and len(line.strip("\r")) < columns, repr(shown)
 
 
 LEROBOT = """

@@ -11,11 +11,14 @@ import multiprocessing
 import os
 import pickle
 import random
+import re
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+import types
 from pathlib import Path
 
 import exports
@@ -190,8 +193,24 @@ def batches(presses, forceless, curved, sequences):
         assert not np.asarray(batch["tactile"][row][counts[row] :]).any()
         assert batch["markers"][row][0] is its["frames"][0]["markers"]
     assert batch["pose"].shape == (len(each), max(counts), 7)
-    raises(gelsim.UsageError, lambda: gelsim.collate([]))
+    assert "samples is empty" in raises(gelsim.UsageError, lambda: gelsim.collate([]))
     assert "depth" in raises(gelsim.UsageError, lambda: gelsim.collate([presses[0], curved[0]]))
+
+
+def of_another_numpy(presses):
+    """A torch that was built for another numpy: it can be imported, and finds none."""
+
+    def from_numpy(array):
+        raise RuntimeError("Numpy is not available")
+
+    before, torch = sys.modules.get("torch"), types.ModuleType("torch")
+    torch.__version__, torch.from_numpy = "1.13.1", from_numpy
+    sys.modules["torch"] = torch
+    said = raises(ImportError, lambda: gelsim.collate([presses[0]]))
+    assert f"torch 1.13.1 cannot use numpy {np.__version__}" in said and "pip install 'numpy<2'" in said, said
+    del sys.modules["torch"]
+    if before is not None:
+        sys.modules["torch"] = before
 
 
 TORCH = """
@@ -220,7 +239,7 @@ def raises(kind, call):
 
 def damage(tars, folders):
     """Every damage is a RunError that names the file and the way out; a folder that is no dataset a UsageError."""
-    copy = Path(root) / "damaged"
+    copy = Path(root) / "damaged 'one'"
 
     def damaged(source, change, kind=gelsim.RunError):
         shutil.rmtree(copy, ignore_errors=True)
@@ -228,6 +247,10 @@ def damage(tars, folders):
         change(copy)
         said = raises(kind, lambda: list(gelsim.load(copy)))
         assert "gelsim verify" in said if kind is gelsim.RunError else "gelsim " in said, said
+        # Commands that a shell takes: quotes and a blank are in the path.
+        for command in re.findall("`(gelsim [^`]*)`", said):
+            words = shlex.split(command)
+            assert str(copy) in words or str(copy / "job.toml") in words or "FOLDER" in words, words
         return said
 
     tar, folder = "data/train-000001.tar", "data/train-000001"
@@ -288,15 +311,19 @@ def docs(python):
     for line in lines:
         subprocess.run([*exports.COMMAND, *line.split()[1:], "--quiet"], cwd=folder, check=True)
     ran = 0
+    environment = {**os.environ, "HF_HOME": str(folder / "cache"), "HF_HUB_OFFLINE": "1"}
+    for code in snippets(folder / "quickstart.lerobot/README.md"):
+        subprocess.run([sys.executable, "-c", code], cwd=folder / "quickstart.lerobot", env=environment, check=True, capture_output=True)
+        ran += 1
     for code in snippets(page):
         needed = "lerobot" if "import LeRobot" in code else "torch" if "import DataLoader" in code else None
         with_it = python if needed else sys.executable
         if with_it and subprocess.run([with_it, "-c", f"import {needed or 'gelsim'}"], capture_output=True).returncode == 0:
-            subprocess.run([with_it, "-c", code], cwd=folder, check=True, capture_output=True)
+            subprocess.run([with_it, "-c", code], cwd=folder, env=environment, check=True, capture_output=True)
             ran += 1
         else:
             print(f"no {needed}: its snippet is not tried")
-    assert ran >= 3
+    assert ran >= 6
     print(f"docs: {len(lines)} commands, {ran} snippets", flush=True)
 
 
@@ -337,6 +364,7 @@ if __name__ == "__main__":
         processes(made["halves"])
         processes(made["frames"])
         batches(made["npy"], made["forceless"], made["tactip"], made["sequences"])
+        of_another_numpy(made["npy"])
         if torch:
             folders = [made["npy"].path, Path(root) / "presses.toml", made["sequences"].path]
             subprocess.run([torch, "-c", TORCH, *folders], check=True)

@@ -115,6 +115,14 @@ def raises(kind, call):
     raise AssertionError(f"no {kind.__name__}")
 
 
+def warned(call):
+    """What a call gives, and what it warns of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        given = call()
+    return given, [str(warning.message) for warning in caught]
+
+
 def jobs(mixed):
     """A job's samples are those that the command writes: with every layer, at every rung, with every flag."""
     written, manifest = generated(mixed, "--set", EVERY_LAYER)
@@ -145,10 +153,8 @@ def jobs(mixed):
 
     # A rung that a bound chooses; the command says which.
     bound = "fidelity={ max_error_um = 40.0 }"
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        job = gelsim.Job.load(mixed, samples=2, set=[bound])
-    assert any(f"fidelity {job.fidelity} chosen" in str(warning.message) for warning in caught)
+    job, said = warned(lambda: gelsim.Job.load(mixed, samples=2, set=[bound]))
+    assert any(f"fidelity {job.fidelity} chosen" in text for text in said)
     written, _ = generated(mixed, "--samples", 2, "--set", bound)
     same_sample(job[1], written[1], ["depth"])
     same_sample(pickle.loads(pickle.dumps(job))[1], written[1], ["depth"])
@@ -163,6 +169,9 @@ def jobs(mixed):
     flags[1] = 'output.on_unhealthy="fail"'
     said = raises(gelsim.RunError, lambda: gelsim.Job.load(mixed, set=flags).sample(again[0]))
     assert said.startswith(f"sample {again[0]:09} (seed 5, drawn 1 time) is not healthy: the contact"), said
+    # What it advises, as it stands there.
+    advised = said.split("set=['", 1)[1].split("']", 1)[0]
+    assert not gelsim.Job.load(mixed, set=[*flags[:1], advised, flags[2]])[again[0]]["label"]["health"]["healthy"]
 
 
 def sequences(mixed):
@@ -239,7 +248,9 @@ def sensors(punch):
 
     deep = np.zeros((160, 120), np.float32)
     deep[80, 60] = 25.0
-    assert bare.render(deep)["label"]["health"]["over_thickness_px"] == 1
+    pressed, said = warned(lambda: bare.render(deep))
+    assert pressed["label"]["health"]["over_thickness_px"] == 1
+    assert len(said) == 1 and "goes through the pad and is cut off at its thickness, 4 mm" in said[0], said
 
     # A batch is its maps one by one, whatever the threads.
     maps = np.stack([depth - lift for lift in [0.0, 0.1, 5.0, 0.05, 0.15]])
@@ -256,6 +267,113 @@ def sensors(punch):
     path = Path(root) / "mine.toml"
     path.write_text('preset = "digit"\ngelpad_thickness_mm = 1.5\n')
     assert gelsim.Sensor.load(path).gelpad_thickness_mm == 1.5
+
+
+def odd_maps():
+    """Maps that are taken for what is meant, warned of or refused; what is advised is done, and nothing more is said."""
+    ball = ball_mm(160, 120)
+    digit = gelsim.Sensor.preset("digit")
+    alone, said = warned(lambda: digit.render(ball))
+    assert not said
+    # A picture with an axis for its one channel, as `gelsim render` takes it.
+    same(digit.render(ball[..., None]), alone)
+    batch, single = digit.render(np.stack([ball, ball])[..., None]), digit.render(np.stack([ball, ball]))
+    assert batch["tactile"].shape == (2, 160, 120, 3) and np.array_equal(batch["tactile"], single["tactile"])
+    assert "4 axes" in raises(gelsim.UsageError, lambda: digit.render(ball[None, None]))
+
+    # A landscape map on a sensor that stands upright: said once, and of what is the map's.
+    _, said = warned(lambda: digit.render(ball.T))
+    assert len(said) == 1 and "out of proportion" in said[0] and "`[columns, rows] = [120, 160]`" in said[0], said
+    assert warned(lambda: digit.render(ball.T))[1] == []
+
+    for factor, word, fix in [(1e-3, "metres", lambda mm: mm * 1000), (1e3, "micrometres", lambda mm: mm / 1000)]:
+        _, said = warned(lambda: digit.render(ball * factor))
+        assert len(said) == 1 and word in said[0], said
+        advised = said[0].rsplit("give ", 1)[1]
+        fixed, said = warned(lambda: digit.render(eval(advised, {"depth_mm": ball * factor})))
+        assert not said and np.array_equal(fixed["tactile"], alone["tactile"])
+
+    # A camera's distances: with or without a background, which no remedy for depths is given for.
+    distance_mm = np.where(np.isfinite(ball), 10.0 - ball, np.inf)
+    hollow = np.where(np.isfinite(ball), distance_mm, np.nan)
+    for frame in [distance_mm, np.where(np.isfinite(ball), distance_mm, 13.0), hollow, np.full_like(ball, np.inf)]:
+        said = raises(gelsim.UsageError, lambda: digit.render(frame))
+        assert "goes through the pad" in said and said.count("error: ") == 1 and "write -inf" not in said, said
+        assert ("with inf in place of nan" in said) == np.isnan(frame).any(), said
+        whole = np.where(np.isnan(frame), np.inf, frame)
+        advised = said.split("camera: ", 1)[1].split(",")[0]
+        pressed, said = warned(lambda: digit.render(eval(advised, {"plane_mm": 10.0, "distance_mm": whole})))
+        assert not said
+        if np.isinf(whole).any() and np.isfinite(whole).any():
+            assert np.array_equal(pressed["tactile"], alone["tactile"])
+    said = raises(gelsim.UsageError, lambda: digit.render(np.where(np.isfinite(ball), ball, np.inf)))
+    assert "is infinite at" in said and "write -inf" in said and "plane_mm - distance_mm" in said, said
+
+    # Masks: nothing is -inf for depths, and inf for distances.
+    geltip = gelsim.Sensor.preset("geltip")
+    away = np.full((120, 160), np.inf)
+    away[40:80, 60:100] = 45.0
+    for sensor, depth in [(digit, ball), (geltip, away)]:
+        masked = np.ma.masked_array(depth, ~np.isfinite(depth))
+        said = raises(TypeError, lambda: sensor.render(masked))
+        filled = eval(said.rsplit(": ", 1)[1], {"depth_mm": masked, "np": np})
+        assert np.array_equal(sensor.render(filled)["tactile"], sensor.render(depth)["tactile"])
+
+    # What frames from inside a gel cannot be: the cause, and not another one's remedy.
+    parallel = gelsim.Sensor.preset("geltip", set=['sensor.lens="orthographic"'])
+    said = raises(gelsim.UsageError, lambda: parallel.render(away, fov_y_deg=60.0))
+    assert "parallel rays" in said and "leave fov_y_deg out" in said, said
+    large = raises(gelsim.UsageError, lambda: geltip.render(np.full((2100, 2100), 45.0)))
+    assert "2100x2100 px" in large and "smaller frames" in large and "along" not in large, large
+
+
+def ball_mm(rows, columns):
+    """Depth below the pad of a ball, -inf where it is not."""
+    row, column = np.mgrid[:rows, :columns]
+    across2 = ((row - rows / 2) ** 2 + (column - columns / 2) ** 2) * (16.0 / 120) ** 2
+    with np.errstate(invalid="ignore"):
+        return np.where(across2 < BALL_MM**2, 0.8 - BALL_MM + np.sqrt(BALL_MM**2 - across2), -np.inf)
+
+
+def guesses(mixed):
+    """What people write who have not read the docs is answered with what they mean."""
+    for call, names in [
+        (lambda: gelsim.Sensor("digit"), ['gelsim.Sensor.preset("digit")', 'gelsim.Sensor.load("my.toml")']),
+        (lambda: gelsim.Sensor("Mini", threads=2), ['gelsim.Sensor.preset("gelsight-mini")']),
+        (lambda: gelsim.Sensor(preset="DIGIT"), ['gelsim.Sensor.preset("digit")']),
+        (lambda: gelsim.Sensor(Path("a/b.toml")), ['gelsim.Sensor.load("a/b.toml")']),
+        (lambda: gelsim.Sensor(), ['gelsim.Sensor.preset("digit")']),
+        (lambda: gelsim.Sensor({}, 5), ['gelsim.Sensor.preset("digit")']),
+        (lambda: gelsim.Job("mine.toml"), ['gelsim.Job.load("mine.toml")']),
+        (lambda: gelsim.Job(path=Path("mine.toml")), ['gelsim.Job.load("mine.toml")']),
+        (lambda: gelsim.Job(), ['gelsim.Job.load("job.toml")']),
+    ]:
+        said = raises(TypeError, call)
+        assert all(name in said for name in names), said
+    for name, meant in [("DIGIT", "digit"), ("gelsight", "gelsight-mini"), ("mini", "gelsight-mini"), ("GelSight Mini", "gelsight-mini"),
+                        ("wedge", "gelsight-2017"), ("digti", "digit")]:
+        assert f"did you mean `{meant}`?" in raises(gelsim.UsageError, lambda: gelsim.Sensor.preset(name)), name
+    assert 'gelsim.Sensor.load("my.toml")' in raises(gelsim.UsageError, lambda: gelsim.Sensor.preset("my.toml"))
+    assert 'gelsim.Sensor.preset("digit")' in raises(gelsim.UsageError, lambda: gelsim.Sensor.load("digit"))
+    assert "did you mean `draft`?" in raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, fidelity="fast"))
+    digit = gelsim.Sensor.preset("digit")
+    for layer, part in [("heightmap", "did you mean `surface`?"), ("rgb", "the tactile image is always written")]:
+        assert part in raises(gelsim.UsageError, lambda: digit.render(ball_mm(160, 120), layers=[layer]))
+
+    # Numbers that nothing takes: what is advised is taken.
+    for name in ["threads", "samples", "seed"]:
+        for wrong in [-1, 2**70, 2**200]:
+            said = raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, **{name: wrong}))
+            low, high = (int(word.strip(",")) for word in said.split("give ", 1)[1].split()[:3:2])
+            assert said.count("error: ") == 1 and low in (0, 1) and high > 1000, said
+            gelsim.Job.load(mixed, **{name: low})
+            if name != "threads":
+                gelsim.Job.load(mixed, **{name: high}, set=["dataset.samples_per_shard=1000000"])
+    said = {raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, threads=wrong)).split("help: ")[1] for wrong in [-1, 0, 5000]}
+    assert said == {"give 1 to 1024, or leave it out for all cores"}, said
+    said = raises(gelsim.UsageError, lambda: digit.render(ball_mm(160, 120), index=-1))
+    assert "give 0 to 18446744073709551615" in said
+    digit.render(ball_mm(160, 120), index=18446744073709551615)
 
 
 def frames():
@@ -405,6 +523,8 @@ if __name__ == "__main__":
         jobs(mixed)
         sequences(mixed)
         sensors(punch)
+        odd_maps()
+        guesses(mixed)
         mistakes(mixed)
         frames()
         inside()

@@ -69,13 +69,13 @@ def layers(raw: Raw, pad: Pad, number: int) -> Arrays:
 
 def poses(pad: Pad) -> NDArray[Any]:
     """Float64 (T, 7), `gelsim.vectors.POSE`."""
-    found: NDArray[Any] = need("numpy", "export").array([vectors.pose(part) for part in pad.parts])
+    found: NDArray[Any] = need("numpy").array([vectors.pose(part) for part in pad.parts])
     return found
 
 
 def wrenches(pad: Pad) -> NDArray[Any]:
     """Float64 (T, 6), `gelsim.vectors.WRENCH`."""
-    found: NDArray[Any] = need("numpy", "export").array([vectors.wrench(part) for part in pad.parts])
+    found: NDArray[Any] = need("numpy").array([vectors.wrench(part) for part in pad.parts])
     return found
 
 

@@ -19,20 +19,18 @@ from gelsim.export.parts import Place
 from gelsim.needed import need
 from gelsim.vectors import FINGERS, POSE, WRENCH
 
+LIBRARIES = ["numpy", "PIL.Image", "h5py"]
+HAS_FLOATS = True
+"""Layers of floats are read for it."""
 VERSIONS = ("v110", "v110")
 """HDF5 1.10 or later: before it each array, also one of a single chunk, had a tree of chunks, which takes 18 kB of memory."""
 POSE_UNIT = "mm (x, y, z) and quaternion (x, y, z, w): p = R q + t takes a point of the mesh to the sensor's frame"
 
 
-def libraries() -> None:
-    """Raises ImportError with a way out if one is missing."""
-    need("h5py", "export")
-
-
 def source(out: Path) -> Any:
     """The identity of a finished copy; None if `out` is none."""
     try:
-        with need("h5py", "export").File(out, "r") as file:
+        with need("h5py").File(out, "r") as file:
             return json.loads(file.attrs["gelsim"])
     except (OSError, KeyError, TypeError, ValueError):
         return None
@@ -78,7 +76,7 @@ def created(path: Path) -> Iterator[tuple[Any, Lenient]]:
     """A new HDF5 file, and the file that it is written to."""
     with Lenient(path, "w+") as file:
         try:
-            with need("h5py", "export").File(file, "w", libver=VERSIONS) as group:
+            with need("h5py").File(file, "w", libver=VERSIONS) as group:
                 yield group, file
         except Exception:
             # Whatever HDF5 makes of it, that comes first.
@@ -92,7 +90,7 @@ class Writer:
 
     def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
         self.dataset, self.folder, self.identity = dataset, folder, identity
-        self.h5py = need("h5py", "export")
+        self.h5py = need("h5py")
 
     def part(self, number: int, samples: Iterator[Raw], at: Place) -> dict[str, Any]:
         """Writes shard `number`."""
@@ -130,7 +128,7 @@ def write(group: Any, raw: Raw) -> None:
     group.attrs["object"] = raw.label["object"]["id"]
     if "sequence" in raw.label:
         group.attrs["frame_rate_hz"] = content.frame_rate_hz(raw)
-    text = need("h5py", "export").string_dtype("utf-8", len(raw.label_json))
+    text = need("h5py").string_dtype("utf-8", len(raw.label_json))
     group.create_dataset("label", data=raw.label_json, dtype=text).attrs["unit"] = "JSON"
     for pad in raw.pads:
         write_pad(group if pad.finger is None else group.create_group(pad.finger), raw, pad)
@@ -138,7 +136,7 @@ def write(group: Any, raw: Raw) -> None:
 
 def write_pad(group: Any, raw: Raw, pad: Pad) -> None:
     """Writes what one sensor has; arrays of a sequence have the frames as their first axis."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     sequence, count = "sequence" in raw.label, len(raw)
     for name, rows, parts, unit in [
         ("pose", content.poses(pad), POSE, POSE_UNIT),
@@ -186,7 +184,7 @@ def expectation(dataset: Dataset) -> Any:
 
 def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
     """Label and frames of each sample."""
-    with need("h5py", "export").File(out, "r") as file:
+    with need("h5py").File(out, "r") as file:
         splits = {split: number for number, split in enumerate(json.loads(file.attrs["splits"]))}
         for key in sorted(file, key=lambda key: (splits[file[key].attrs["split"]], key)):
             yield bytes(file[key]["label"][()]), frames(file[key])
@@ -211,7 +209,7 @@ def frames(group: Any) -> Iterator[Arrays]:
 
 def frames_of_pad(group: Any, sequence: bool) -> Iterator[Arrays]:
     """The frames of one sensor."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     for number in range(len(group["pose"]) if sequence else 1):
         found: Arrays = {}
         for name, value in group.items():

@@ -18,17 +18,14 @@ from gelsim.export.content import Arrays
 from gelsim.export.parts import Place, write
 from gelsim.needed import need
 
+LIBRARIES = ["numpy", "PIL.Image", "pyarrow.parquet"]
+HAS_FLOATS = False
+"""Layers of floats are not read for it."""
 VERSION = "v3.0"
 FILES_IN_CHUNK = 1000
 ROWS_IN_GROUP = 100
 PIXELS = ["tactile", "reference", "untouched", "contact", "instance", "slip"]
 """Layers of 8 bits; the others are in the label or left out."""
-
-
-def libraries() -> None:
-    """Raises ImportError with a way out if one is missing."""
-    for library in ["pyarrow.parquet", "PIL.Image", "numpy"]:
-        need(library, "export")
 
 
 def source(out: Path) -> Any:
@@ -37,6 +34,51 @@ def source(out: Path) -> Any:
         return json.loads((out / "meta/gelsim.json").read_bytes())
     except (OSError, ValueError):
         return None
+
+
+CARD = """---
+pretty_name: "{name}"
+tags:
+- LeRobot
+- tactile
+- synthetic
+configs:
+- config_name: default
+  data_files: data/*/*.parquet{by_split}
+---
+
+# {name}
+
+Tactile images with labels by gelsim, as a LeRobotDataset v3.0. A press is an episode of one frame, a sequence one of all its frames.
+The dataset's fingerprint is `{fingerprint}`.
+
+```python
+import os
+
+from datasets import load_dataset
+
+frames = load_dataset(os.getcwd(), split="train")
+frame = frames[0]
+image, pose = frame["{image}"], frame["{state}"]
+```
+
+in this folder reads the frames of all episodes, whatever their split is.{splits}
+
+| split | episodes |
+|---|---|
+{episodes}
+
+Each frame has {features}. Units are in `meta/info.json`, labels in `meta/episodes`.
+"""
+BY_SPLIT = """ Those of one split:
+
+```python
+import os
+
+from datasets import load_dataset
+
+frames = load_dataset(os.getcwd(), "splits", split="{first}")
+```"""
 
 
 def place(number: int) -> tuple[int, int]:
@@ -98,7 +140,7 @@ class Features:
 
     def schema(self) -> Any:
         """Of the files of frames; with what Hugging Face's `datasets` reads there."""
-        arrow = need("pyarrow", "export")
+        arrow = need("pyarrow")
         image = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
         fields: list[tuple[str, Any]] = []
         theirs: dict[str, Any] = {}
@@ -123,7 +165,7 @@ class Writer:
         self.dataset, self.identity = dataset, identity
         self.out = folder / "out"
         self.features = Features(dataset)
-        self.arrow, self.parquet = need("pyarrow", "export"), need("pyarrow.parquet", "export")
+        self.arrow, self.parquet = need("pyarrow"), need("pyarrow.parquet")
 
     def part(self, number: int, samples: Iterator[Raw], at: Place) -> dict[str, Any]:
         """Writes shard `number`: its frames, then its episodes."""
@@ -224,12 +266,45 @@ class Writer:
         write(meta / "stats.json", statistics.merged([part["statistics"] for part in parts]))
         self.parquet.write_table(tasks(self.dataset.classes), meta / "tasks.parquet")
         write(meta / "gelsim.json", self.identity)
+        (self.out / "README.md").write_text(self.card(splits), encoding="utf-8")
         return self.out
+
+    def card(self, splits: dict[str, str]) -> str:
+        """The dataset card: without what it says of `data_files` Hugging Face's `datasets` takes `meta` for frames, too."""
+        spans = {split: [int(end) for end in span.split(":")] for split, span in splits.items()}
+        episodes = "\n".join(f"| {split} | {begin} to {end - 1} |" for split, (begin, end) in spans.items())
+        described = self.features.described
+        return CARD.format(
+            name=self.dataset.name,
+            by_split="".join(self.by_split()),
+            fingerprint=self.dataset.fingerprint,
+            episodes=episodes,
+            features=", ".join(f"`{name}`" for name in described),
+            image=next(name for name, its in described.items() if its["dtype"] == "image"),
+            state=next(name for name in described if name.startswith(feature("state", None))),
+            splits=BY_SPLIT.format(first=next(iter(splits))) if self.has_splits() else "",
+        )
+
+    def has_splits(self) -> bool:
+        """True if the card can list the files of each split."""
+        return len(self.dataset.shards) <= FILES_IN_CHUNK
+
+    def by_split(self) -> Iterator[str]:
+        """The card's list of the files of each split, which no pattern tells from each other."""
+        if not self.has_splits():
+            return
+        yield "\n- config_name: splits\n  data_files:"
+        before = None
+        for number, shard in enumerate(self.dataset.shards):
+            if shard.split != before:
+                yield f"\n  - split: {shard.split}\n    path:"
+                before = shard.split
+            yield f"\n    - {file('data', number)}"
 
 
 def numbers(raw: Raw, episode: int, first: int, features: Features) -> Iterator[Arrays]:
     """All but the images, of each frame."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     known: Arrays = {}
     for pad in raw.pads:
         for name, rows in [("state", content.poses(pad)), ("wrench", content.wrenches(pad))]:
@@ -251,18 +326,18 @@ def rgb(data: bytes, pixels: Any) -> tuple[bytes, Any]:
     if pixels.ndim == 3:
         return data, pixels
     file = BytesIO()
-    need("PIL.Image", "export").fromarray(coloured(pixels)).save(file, "PNG", compress_level=1)
+    need("PIL.Image").fromarray(coloured(pixels)).save(file, "PNG", compress_level=1)
     return file.getvalue(), coloured(pixels)
 
 
 def coloured(pixels: Any) -> Any:
     """Grey as RGB: LeRobot's statistics and networks have three channels."""
-    return pixels if pixels.ndim == 3 else need("numpy", "export").repeat(pixels[..., None], 3, axis=2)
+    return pixels if pixels.ndim == 3 else need("numpy").repeat(pixels[..., None], 3, axis=2)
 
 
 def tasks(classes: list[str]) -> Any:
     """The classes, as pandas writes a table with an index of names."""
-    arrow = need("pyarrow", "export")
+    arrow = need("pyarrow")
     index = "__index_level_0__"
 
     def column(name: Any, field: str, kind: str, numpy: str) -> dict[str, Any]:
@@ -292,7 +367,7 @@ def expectation(dataset: Dataset) -> Any:
 
 def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
     """Label and frames of each episode."""
-    parquet = need("pyarrow.parquet", "export")
+    parquet = need("pyarrow.parquet")
     labels = (
         label.as_py().encode()
         for path in sorted(out.glob("meta/episodes/*/*.parquet"))
@@ -311,7 +386,7 @@ def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
 
 def read(row: dict[str, Any]) -> Arrays:
     """A row's arrays."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     found: Arrays = {}
     for name, value in row.items():
         if isinstance(value, dict):

@@ -99,7 +99,7 @@ def held(partial: Path, out: Path, identity: dict[str, Any]) -> Iterator[None]:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise UsageError(f"{partial}: another process is writing it") from None
+                raise UsageError(f"{partial}: another process is writing it; wait for that, or name another --out") from None
             yield
     except (FileNotFoundError, NotADirectoryError, json.JSONDecodeError, UnicodeDecodeError):
         raise UsageError(f"{partial} is in the way and is nothing that an export left: move it away") from None

@@ -23,7 +23,7 @@ class Tally:
 
     def add(self, frame: dict[str, Any]) -> None:
         """Adds a frame; images are pairs of bytes and pixels (H, W, 3)."""
-        numpy = need("numpy", "export")
+        numpy = need("numpy")
         self.frames += 1
         for name, value in frame.items():
             if isinstance(value, tuple):
@@ -35,7 +35,7 @@ class Tally:
 
     def figures(self) -> Figures:
         """Of images in 0 to 1, shaped (3, 1, 1)."""
-        numpy = need("numpy", "export")
+        numpy = need("numpy")
         found = {name: of_histograms(counted, self.frames) for name, counted in self.images.items()}
         found |= {name: of_numbers(numpy.stack(rows)) for name, rows in self.numbers.items()}
         return found
@@ -43,7 +43,7 @@ class Tally:
 
 def of_histograms(counted: Any, frames: int) -> dict[str, Any]:
     """Of pixels, from how many have each level: (3, 256)."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     levels = numpy.arange(LEVELS) / (LEVELS - 1)
     total = counted.sum(axis=1)
     mean = counted @ levels / total
@@ -60,7 +60,7 @@ def of_histograms(counted: Any, frames: int) -> dict[str, Any]:
 
 def of_numbers(rows: Any) -> dict[str, Any]:
     """Of vectors (T, K); of a component that no row knows, NaN."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     if len(rows) == 1:
         same = {name: rows[0].tolist() for name in ["min", "max", "mean", *QUANTILES]}
         return {**same, "std": [0.0] * rows.shape[1], "count": [1]}
@@ -79,7 +79,7 @@ def of_numbers(rows: Any) -> dict[str, Any]:
 
 def merged(each: list[Figures]) -> Figures:
     """Of several as one. Quantiles are means of theirs, weighted by frames, as LeRobot merges them."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     whole: Figures = {}
     for feature in each[0]:
         arrays = {name: numpy.array([its[feature][name] for its in each]) for name in each[0][feature]}

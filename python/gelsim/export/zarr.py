@@ -3,20 +3,24 @@ the parts of an export and is written at its end."""
 
 from __future__ import annotations
 
-import json
 import shutil
 import zipfile
 from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Optional
 
 from gelsim.dataset import Dataset, Pad, Raw
 from gelsim.export import content
 from gelsim.export.content import Arrays
 from gelsim.export.parts import Place, write
+from gelsim.export.zarr_v2 import Read, Store, Written, make_group
 from gelsim.needed import need
 from gelsim.vectors import WRENCH
+
+LIBRARIES = ["numpy", "PIL.Image", "pyarrow"]
+HAS_FLOATS = True
+"""Layers of floats are read for it."""
 
 PAD = "pad"
 """With a number: the only pad, and of a gripper the left one, is pad0, the right one pad1."""
@@ -33,19 +37,10 @@ BYTES_IN_CHUNK = 1 << 18
 """Of arrays of small rows."""
 
 
-def libraries() -> None:
-    """Raises ImportError with a way out if one is missing."""
-    for library in ["zarr", "numcodecs"]:
-        need(library, "export")
-
-
 def source(out: Path) -> Any:
     """The identity of a finished copy; None if `out` is none."""
     try:
-        if out.is_dir():
-            return json.loads((out / ".zattrs").read_bytes())["gelsim"]
-        with zipfile.ZipFile(out) as file:
-            return json.loads(file.read(".zattrs"))["gelsim"]
+        return Store(out).attributes()["gelsim"]
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile):
         return None
 
@@ -56,13 +51,12 @@ class Writer:
     def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
         self.dataset, self.folder, self.identity = dataset, folder, identity
         self.zipped = out.suffix == ".zip"
-        self.numpy, self.zarr = need("numpy", "export"), need("zarr", "export")
+        self.numpy, self.root = need("numpy"), folder / "out"
         created = folder / "parts/arrays.json"
         if not created.exists():
-            shutil.rmtree(folder / "out", ignore_errors=True)
+            shutil.rmtree(self.root, ignore_errors=True)
             self.create()
             write(created, {})
-        self.root = self.zarr.open_group(folder / "out", mode="r+", zarr_format=2)
 
     def create(self) -> None:
         """Makes the arrays of images: of as many frames as the labels name."""
@@ -70,16 +64,17 @@ class Writer:
         lengths = len(self.dataset)
         if "sequence" in first.label:
             lengths = sum(len(self.dataset.raw(index)) for index in range(len(self.dataset)))
-        root = self.zarr.open_group(self.folder / "out", mode="w", zarr_format=2)
+        make_group(self.root)
+        make_group(self.root / "data")
         for name, array in layers(first, 0).items():
             if "/" not in name:
                 path = f"data/{name}"
-                create(root, path, (lengths, *array.shape), array.dtype, (1, *array.shape), unit(path))
+                Written(self.root / path, 1).make((lengths, *array.shape), array.dtype, {"unit": unit(path)})
 
     def part(self, number: int, samples: Iterator[Raw], at: Place) -> dict[str, Any]:
         """Writes the images of shard `number`, and keeps the rest of it."""
         kept: dict[str, list[Any]] = {}
-        images = {name: self.root[f"data/{name}"] for name in self.names()}
+        images = {name: Written(self.root / f"data/{name}", 1) for name in self.names()}
         frames = count(at.frames)
         for raw in samples:
             small = {"data/" + name: rows for name, rows in vectors_of(raw).items()}
@@ -93,7 +88,7 @@ class Writer:
             for number_in, frame in zip(range(len(raw)), frames):
                 for name, array in layers(raw, number_in).items():
                     if name in images:
-                        images[name][frame] = array
+                        images[name].put(frame, array[None])
                     else:
                         kept.setdefault(ragged(name), []).append(array)
                         ends = kept.setdefault(ragged(name.split("/")[0] + "/ends"), [])
@@ -113,12 +108,10 @@ class Writer:
     def finish(self, parts: list[dict[str, Any]]) -> Path:
         """Writes what is small, and the zip."""
         for name in parts[0]["rows"]:
+            make_group(self.root / name.split("/")[0])
             self.join(name, parts)
         first = self.dataset.raw(0)
         pads = pads_of(first)
-        for at in pads:
-            self.root[f"data/{at}_pose"].attrs["components"] = POSE
-            self.root[f"data/{at}_wrench"].attrs["components"] = WRENCH
         about = {
             "gelsim": self.identity,
             "frame": content.FRAME,
@@ -129,42 +122,38 @@ class Writer:
         }
         if fingers := {at: pad.finger for at, pad in pads.items() if pad.finger is not None}:
             about["fingers"] = fingers
-        for name, value in about.items():
-            self.root.attrs[name] = value
-        return packed(self.folder) if self.zipped else self.folder / "out"
+        make_group(self.root, about)
+        return packed(self.folder) if self.zipped else self.root
 
     def join(self, name: str, parts: list[dict[str, Any]]) -> None:
         """Makes one array of those of the parts; ends of parts become ends of the whole."""
-        array, begun, before = None, 0, 0
+        shutil.rmtree(self.root / name, ignore_errors=True)
+        array: Optional[Written] = None
+        left: Any = None
+        number, before = 0, 0
         for part in parts:
             with self.numpy.load(self.folder / "parts" / part["file"]) as file:
                 rows = file[name]
-            if name.endswith("_ends"):
+            if name.endswith("_ends") and len(rows):
                 rows = self.numpy.cumsum(rows) + before
                 before = rows[-1]
             if array is None:
                 shape = sum(each["rows"][name] for each in parts), *rows.shape[1:]
-                chunk = max(1, min(shape[0], BYTES_IN_CHUNK // rows[:1].nbytes if len(rows) else 1))
-                array = create(self.root, name, shape, rows.dtype, (chunk, *rows.shape[1:]), unit(name))
-            array[begun : begun + len(rows)] = rows
-            begun += len(rows)
+                row_bytes = int(self.numpy.prod(rows.shape[1:], dtype="int64")) * rows.itemsize
+                chunk = max(1, min(shape[0], BYTES_IN_CHUNK // row_bytes))
+                array = Written(self.root / name, chunk).make(shape, rows.dtype, attributes(name))
+            left = rows if left is None else self.numpy.concatenate([left, rows])
+            while len(left) >= array.rows_in_chunk:
+                array.put(number, left[: array.rows_in_chunk])
+                left, number = left[array.rows_in_chunk :], number + 1
+        if array is not None and len(left):
+            array.put(number, left)
 
 
-def create(root: Any, name: str, shape: Any, dtype: Any, chunks: Any, meaning: str) -> Any:
-    """Makes an array; every chunk is written, also one of zeros: its sign bits count."""
-    codec = need("numcodecs", "export").Zstd(level=1)
-    array = root.create_array(
-        name,
-        shape=shape,
-        dtype=dtype,
-        chunks=chunks,
-        compressors=codec,
-        fill_value=0,
-        overwrite=True,
-        config={"write_empty_chunks": True},
-    )
-    array.attrs["unit"] = meaning
-    return array
+def attributes(name: str) -> dict[str, Any]:
+    """Those of an array of vectors or counts."""
+    components = {"pose": POSE, "wrench": WRENCH}.get(name.rsplit("_", 1)[-1])
+    return {"unit": unit(name), **({"components": components} if components else {})}
 
 
 def pads_of(raw: Raw) -> dict[str, Pad]:
@@ -208,7 +197,7 @@ def packed(folder: Path) -> Path:
 
 def vectors_of(raw: Raw) -> Arrays:
     """Poses, wrenches and time of each frame."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     found: Arrays = {}
     for at, pad in pads_of(raw).items():
         poses = content.poses(pad)
@@ -220,7 +209,7 @@ def vectors_of(raw: Raw) -> Arrays:
 
 def rotation_vectors(quaternions: Any) -> Any:
     """Axis times angle (radians, 0 to pi) of unit quaternions x, y, z, w (N, 4)."""
-    numpy = need("numpy", "export")
+    numpy = need("numpy")
     quaternions = numpy.where(quaternions[:, 3:] < 0, -quaternions, quaternions)
     axis, w = quaternions[:, :3], quaternions[:, 3]
     length = numpy.sqrt((axis**2).sum(axis=1))
@@ -233,7 +222,7 @@ def expectation(dataset: Dataset) -> Any:
     """What a copy holds of each frame of a sample."""
 
     def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:
-        numpy = need("numpy", "export")
+        numpy = need("numpy")
         small = vectors_of(raw)
         about = {"class_index": raw.label["object"]["class_index"], "index": raw.label["index"]}
         for number in range(len(raw)):
@@ -248,26 +237,24 @@ def expectation(dataset: Dataset) -> Any:
 
 def episodes(out: Path) -> Iterator[tuple[bytes, Iterator[Arrays]]]:
     """Label and frames of each episode."""
-    zarr = need("zarr", "export")
-    store = out if out.is_dir() else zarr.storage.ZipStore(out, mode="r")
-    root = zarr.open_group(store, mode="r", zarr_format=2)
-    meta = {name: root[f"meta/{name}"][:] for name in META if name != "label_json"}
+    store = Store(out)
+    meta = store.arrays("meta")
+    ends, label_ends = (meta[name].rows(0, meta[name].shape[0]) for name in ["episode_ends", "label_ends"])
+    data, dots = store.arrays("data"), store.arrays("ragged")
     begun, label = 0, 0
-    for episode, (end, label_end) in enumerate(zip(meta["episode_ends"], meta["label_ends"])):
-        about = {name: meta[name][episode] for name in ["class_index", "index"]}
-        yield root["meta/label_json"][label:label_end].tobytes(), frames(root, range(begun, end), about)
+    for episode, (end, label_end) in enumerate(zip(ends, label_ends)):
+        about = {name: meta[name].row(episode) for name in ["class_index", "index"]}
+        yield meta["label_json"].rows(label, label_end).tobytes(), frames(data, dots, range(begun, end), about)
         begun, label = int(end), int(label_end)
 
 
-def frames(root: Any, numbers: range, about: Arrays) -> Iterator[Arrays]:
+def frames(data: dict[str, Read], dots: dict[str, Read], numbers: range, about: Arrays) -> Iterator[Arrays]:
     """Some of the frames."""
-    data = dict(root["data"].arrays())
-    dots = dict(root["ragged"].arrays()) if "ragged" in root else {}
     for number in numbers:
-        found: Arrays = {name: array[number] for name, array in data.items()}
+        found: Arrays = {name: array.row(number) for name, array in data.items()}
         for name, array in dots.items():
             at, layer, part = name.split("_", 2)
             if part != "ends":
                 ends = dots[f"{at}_{layer}_ends"]
-                found[name] = array[int(ends[number - 1]) if number else 0 : int(ends[number])]
+                found[name] = array.rows(int(ends.row(number - 1)) if number else 0, int(ends.row(number)))
         yield {**found, **about}
