@@ -11,6 +11,10 @@ use super::long_run::long_run;
 use super::store::{folder_only, local_output};
 use super::terminal::say;
 use super::{Failure, checked_threads};
+use crate::dataset::refused::Refused;
+use crate::files::diagnostic::Severity;
+use crate::files::spelling::visible;
+use crate::lab::augment::report::PerSource;
 use crate::lab::augment::trace::Source;
 use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report};
 
@@ -19,12 +23,13 @@ use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
+  gelsim generate configs/quickstart.toml
   gelsim augment configs/augment.toml
-  gelsim augment augment.toml --out larger --seed 8
-  gelsim augment augment.toml --set mixing.synthetic_per_real=2.0
+  gelsim augment configs/augment.toml --out larger --seed 8 --set mixing.synthetic_per_real=2.0
 
-The input is a folder of images with a CSV or JSON Lines table, WebDataset tars, or a Hugging Face imagefolder. It is not \
-changed. The output appears under its name when it is whole; nothing is left of a run that is stopped.")]
+The input is a folder of images with a CSV or JSON Lines table, with a folder for each class, with COCO annotations, \
+WebDataset tars, or a Hugging Face imagefolder. It is not changed. Samples are added to the split for training alone, unless \
+the file says otherwise. The output appears under its name when it is complete; nothing is left of a run that is stopped.")]
 pub struct Augment {
     /// What to do
     #[arg(value_name = "AUGMENT.toml")]
@@ -57,7 +62,7 @@ impl Augment {
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("seed = {seed}"))));
         let recipe = Recipe::load(&self.file, &set)?;
-        log.notes(&recipe.notes);
+        log.notes(&recipe.notes.at_least(Severity::Note));
         let root = self.out.unwrap_or_else(|| recipe.root.clone());
         folder_only(&root, "augment")?;
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };
@@ -70,6 +75,9 @@ impl Augment {
                 }
                 Ok(())
             }
+            Err(AugmentError::Refused(Refused::Io(path, error))) => {
+                Err(Failure::denied(&format!("{}: {error}", path.display()), &error, "nothing was written"))
+            }
             Err(AugmentError::Refused(refused)) => Err(refused.into()),
             Err(AugmentError::Io(path, error)) => {
                 Err(Failure::denied(&format!("{}: {error}", path.display()), &error, "nothing was written"))
@@ -78,23 +86,53 @@ impl Augment {
                 let left = format!("the new output is in {}; the next run removes the old one", root.display());
                 Err(Failure::denied(&format!("the old output stays in {}: {error}", path.display()), &error, &left))
             }
+            Err(AugmentError::Image(message)) => Err(Failure::running_with(
+                message,
+                "nothing was written; put a sound image there, or take it out of the set",
+            )),
             Err(AugmentError::Sample(message)) => Err(Failure::running_with(message, "nothing was written")),
+            Err(AugmentError::Unhealthy(message)) => Err(Failure::running_with(
+                message,
+                "nothing was written; under [output] in the job, on_unhealthy = \"keep\" takes such samples, \"reject\" draws \
+                 them again",
+            )),
+            Err(AugmentError::Changed(path)) => Err(Failure::running_with(
+                format!("{} has changed since it was looked at", path.display()),
+                "nothing was written; run it again when nothing writes to the input",
+            )),
             Err(AugmentError::Interrupted) => Err(Failure::stopped("stopped; nothing was written", signal)),
         }
     }
 }
 
-fn text(recipe: &Recipe, summary: &Summary, root: &str) -> String {
-    let sources = Source::ALL.iter().filter(|source| summary.samples[**source as usize] > 0);
+/// Splits of which the samples are counted on the terminal.
+const MOST_SPLITS: usize = 12;
+
+/// `140 real, 280 photometric`
+fn by_source(samples: &PerSource) -> String {
+    let sources = Source::ALL.iter().filter(|source| samples[**source as usize] > 0);
     let sources: Vec<String> =
-        sources.map(|source| format!("{} {}", HumanCount(summary.samples[*source as usize]), source.name())).collect();
+        sources.map(|source| format!("{} {}", HumanCount(samples[*source as usize]), source.name())).collect();
+    sources.join(", ")
+}
+
+fn text(recipe: &Recipe, summary: &Summary, root: &str) -> String {
     let mut text = format!(
         "{} samples: {}; {}, {:.1} s -> {root}",
         HumanCount(summary.all()),
-        sources.join(", "),
+        by_source(&summary.samples),
         HumanBytes(summary.bytes),
         summary.seconds
     );
+    if recipe.division.is_divided() {
+        for (name, samples) in summary.splits.iter().take(MOST_SPLITS) {
+            let name = if name.is_empty() { "without a split" } else { name };
+            text += &format!("\n  {}: {}", visible(name), by_source(samples));
+        }
+        if summary.splits.len() > MOST_SPLITS {
+            text += &format!("\n  and {} more splits, which augment.json has", summary.splits.len() - MOST_SPLITS);
+        }
+    }
     if let Some(([x, y], correlation)) = summary.pairs() {
         text +=
             &format!("\nsimulated counterparts: median offset {x:.2}, {y:.2} px, median correlation {correlation:.3}");

@@ -61,7 +61,7 @@ fn tables_are_read_up_to_limits_and_lines_are_named() {
     let long_line = format!("{{\"file\":\"0.png\"}}\n{{\"file\":\"1.png\",\"note\":\"{}\"}}\n", "x".repeat(1 << 20));
     for (name, table, words) in [
         ("labels.csv", million, vec!["labels.csv:1:1", "more than 1 MB"]),
-        ("labels.csv", unclosed, vec!["labels.csv:2:1", "more than 1 MB", "a quote that nothing closes"]),
+        ("labels.csv", unclosed, vec!["labels.csv:2:7", "a quote is opened and never closed"]),
         ("labels.csv", twice, vec!["labels.csv:1:", "the column `c7` is there twice"]),
         ("labels.jsonl", long_line, vec!["labels.jsonl:2:1", "more than 1 MB"]),
     ] {

@@ -22,7 +22,7 @@ from PIL import Image
 
 gelsim, project = Path(sys.argv[1]).resolve(), Path.cwd()
 SPLITS = {"train": 18, "test": 6}
-EXPECTED = {"real": 1, "photometric": 2, "twin": 1, "synthetic": 1}
+EXPECTED = {"train": {"real": 1, "photometric": 2, "twin": 1, "synthetic": 1}, "test": {"real": 1}}
 
 JOB = """
 sensor.resolution_px = [96, 72]
@@ -62,12 +62,12 @@ def augment(root, real):
 
 
 def check(what, labels, split):
-    """As many of each source as asked for, and each traced to a real one of the same split."""
+    """As many of each source as asked for, for training alone, and each traced to a real one of the same split."""
     labels = list(labels)
     counts = collections.Counter(label["source"] for label in labels)
-    assert counts == {source: times * SPLITS[split] for source, times in EXPECTED.items()}, (what, split, counts)
+    assert counts == {source: times * SPLITS[split] for source, times in EXPECTED[split].items()}, (what, split, counts)
     keys = {label["source_key"] for label in labels if label["source"] in ("photometric", "twin")}
-    assert len(keys) == SPLITS[split], (what, split, keys)
+    assert len(keys) == (SPLITS[split] if split == "train" else 0), (what, split, keys)
     for label in labels:
         assert (label["augmentation"] == "") == (label["source"] == "real")
         assert label["source"] == "real" or json.loads(label["augmentation"])
@@ -129,6 +129,107 @@ def table(root):
         assert (out / row["file"]).read_bytes() == (real / row["file"]).read_bytes()
 
 
+def samples(root):
+    """Split, class, key and PNG of each sample of the tars."""
+    for split in SPLITS:
+        files = sorted(str(path) for path in (root / "tars/data").glob(f"{split}-*.tar"))
+        for sample in wds.WebDataset(files, shardshuffle=False):
+            label = json.loads(sample["json"])
+            yield split, label["object"]["class"], label["key"], sample["tactile.png"]
+
+
+def photometric(root, real):
+    (root / "copies.toml").write_text(f'[input]\npath = "{real}"\n[[photometric]]\ncopies = 2\nexposure_ev = [-0.3, 0.3]\n')
+    out = root / f"larger-{real}"
+    run(root, "augment", "copies.toml", "--out", out)
+    return out
+
+
+def jpeg(png):
+    out = io.BytesIO()
+    Image.open(io.BytesIO(png)).save(out, "JPEG", quality=95)
+    return out.getvalue()
+
+
+def class_folders(root):
+    """A folder for each split and class, JPEG: as the `datasets` library reads them, the class is the folder."""
+    expected = collections.Counter()
+    for split, name, key, png in samples(root):
+        folder = root / "classes" / split / name
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{key}.jpg").write_bytes(jpeg(png))
+        expected[split, name] += 3 if split == "train" else 1
+    out = photometric(root, "classes")
+    dataset = load_dataset(str(out))
+    found = collections.Counter()
+    for split in SPLITS:
+        names = dataset[split].features["label"].names
+        for row in dataset[split]:
+            assert row["image"].size == (96, 72)
+            found[split, names[row["label"]]] += 1
+    assert found == expected, (found, expected)
+    rows = list(csv.DictReader(open(out / "augment.csv")))
+    assert collections.Counter((row["split"], row["class"]) for row in rows) == expected
+    for row in rows:
+        real = root / "classes" / row["file_name"]
+        assert (row["source"] == "real") == real.is_file()
+        assert not real.is_file() or real.read_bytes() == (out / row["file_name"]).read_bytes()
+
+
+def flat_class_folders(root):
+    """A folder for each class and no splits."""
+    for _, name, key, png in samples(root):
+        folder = root / "flat" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{key}.png").write_bytes(png)
+    dataset = load_dataset(str(photometric(root, "flat")))
+    assert len(dataset["train"]) == 72 and dataset["train"].features["label"].names == ["gear", "sphere"]
+
+
+def jpeg_tars(root):
+    """Tars of JPEG, as many public sets are: all samples have the same fields, and what is made is JPEG too."""
+    (root / "jpegs").mkdir()
+    for split in SPLITS:
+        with wds.TarWriter(str(root / f"jpegs/{split}-000000.tar")) as tar:
+            for of, name, key, png in samples(root):
+                if of == split:
+                    tar.write({"__key__": key, "jpg": jpeg(png), "json": {"class": name}})
+    out = photometric(root, "jpegs")
+    dataset = load_dataset(str(out))
+    for split in SPLITS:
+        assert len(dataset[split]) == SPLITS[split] * (3 if split == "train" else 1)
+        assert all(row["jpg"].format == "JPEG" for row in dataset[split])
+
+
+def coco(root):
+    """COCO annotations beside their images: every image has the boxes of the one that it comes from."""
+    for split in SPLITS:
+        folder = root / "coco" / split
+        folder.mkdir(parents=True)
+        images, annotations = [], []
+        for of, _, key, png in samples(root):
+            if of == split:
+                (folder / f"{key}.png").write_bytes(png)
+                images.append({"id": len(images), "file_name": f"{key}.png", "width": 96, "height": 72})
+                annotations.append({"id": len(annotations) + 1, "image_id": images[-1]["id"], "category_id": 1,
+                                    "bbox": [len(images), 2, 30, 40.5], "area": 1215.0, "iscrowd": 0})
+        whole = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": "press"}]}
+        (folder / "_annotations.coco.json").write_text(json.dumps(whole))
+    out = photometric(root, "coco")
+    for split in SPLITS:
+        whole = json.loads((out / split / "_annotations.coco.json").read_text())
+        assert len(whole["images"]) == SPLITS[split] * (3 if split == "train" else 1)
+        for kind in ["images", "annotations"]:
+            assert len({one["id"] for one in whole[kind]}) == len(whole["images"])
+        boxes = {annotation["image_id"]: annotation["bbox"] for annotation in whole["annotations"]}
+        real = {f"{split}/{image['file_name']}": image["id"] for image in whole["images"] if image["source"] == "real"}
+        for image in whole["images"]:
+            with Image.open(out / split / image["file_name"]) as picture:
+                assert picture.size == (image["width"], image["height"])
+            if image["source"] != "real":
+                assert boxes[image["id"]] == boxes[real[image["source_key"]]]
+
+
 with tempfile.TemporaryDirectory() as root:
     root = Path(root)
     (root / "real.toml").write_text(REAL)
@@ -136,4 +237,8 @@ with tempfile.TemporaryDirectory() as root:
     tars(root)
     folders(root)
     table(root)
+    class_folders(root)
+    flat_class_folders(root)
+    jpeg_tars(root)
+    coco(root)
 print("augmented sets of every layout are read by webdataset, datasets and csv")

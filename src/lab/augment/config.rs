@@ -59,14 +59,18 @@ pub struct Augment {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Input {
-    /// A folder of images with a table of labels, of WebDataset tars, or in the layout of Hugging Face's imagefolder.
+    /// A folder of images with a table of labels, with COCO annotations, with a folder for each class, of WebDataset tars, or
+    /// in the layout of Hugging Face's imagefolder.
     #[schemars(required)]
     pub path: Option<String>,
-    /// The table of labels in it, CSV or JSON Lines; found by its usual names where it is left out. Of tars: the end of
-    /// the label's name, `json`.
+    /// The table of labels in it, CSV or JSON Lines, or its COCO annotations; found by their usual names where it is left
+    /// out. `"folders"`: the folders' names are the classes. Of tars: the end of the label's name, `json`.
     pub labels: Option<String>,
     /// The column with the image's file. Of tars: the end of the image's name, such as `tactile.png`.
     pub image: Option<String>,
+    /// The folder that the images' names in the table start from, in the input's folder or the table's; the table's own
+    /// where it is left out.
+    pub images: Option<String>,
     /// A background image (the untouched pad), taken as the images were; or `"rendered"`, if the images are gelsim's
     /// own, for the one that the sensor renders.
     pub background: Option<String>,
@@ -135,7 +139,7 @@ pub struct Mixing {
     pub total: Option<u64>,
     /// Which samples of the job are taken.
     pub toward: Toward,
-    /// The splits that get synthetic samples; all of them where it is left out.
+    /// The splits that get synthetic samples; those for training where it is left out.
     pub splits: Option<Vec<String>>,
     /// Parts into which the range of depths is cut when coverage is counted, 1 to 100.
     pub depth_bins: u32,

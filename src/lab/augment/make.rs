@@ -4,17 +4,20 @@
 //! that is random is addressed by the sample's number: the order of work decides nothing.
 
 use std::collections::HashSet;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use rayon::prelude::*;
 use serde::Serialize;
+use serde_json::{Map, Value};
 
 use super::counterpart::{Alignment, Counterpart};
 use super::image_stats::ImageStats;
+use super::input::images::{inside, with_slashes};
 use super::input::{Form, Real};
 use super::output::labels::{Labels, cells, object};
-use super::output::{Piece, Units};
+use super::output::pictures::{encode_as, is_of_format};
+use super::output::{Piece, Placed, Units};
 use super::photometric::Applied;
 use super::report::{SampleEntry, tile};
 use super::trace::{Source, Trace};
@@ -29,6 +32,8 @@ mod synthetic;
 
 /// Real samples that the page shows.
 const MOST_ON_PAGE: usize = 6;
+/// Synthetic samples that the page shows.
+const MOST_SYNTHETIC_ON_PAGE: usize = 12;
 
 /// A real sample's files.
 pub struct Raw {
@@ -47,7 +52,18 @@ enum Task {
     Real,
     Copy { recipe: usize, copy: u32, slot: u64 },
     Counterpart,
-    Synthetic { index: u64 },
+    Synthetic { index: u64, on_page: bool },
+}
+
+/// An image that was made of a real one.
+struct Made<'a> {
+    /// What is put behind the real one's key.
+    tag: String,
+    /// Its number among all that is made of the real one.
+    slot: u64,
+    image: &'a Image,
+    /// True if it has the real one's pixels.
+    unchanged: bool,
 }
 
 /// What was done for a photometric copy.
@@ -79,6 +95,8 @@ pub struct Maker<'a> {
     after: Vec<std::ops::Range<usize>>,
     /// Real samples that the page shows.
     on_page: HashSet<usize>,
+    /// Synthetic samples that the page shows, by their numbers in the order of splits.
+    synthetic_on_page: HashSet<usize>,
     /// Names of columns and ends of names that a synthetic sample's layers may fill.
     columns: HashSet<String>,
 }
@@ -88,7 +106,27 @@ impl<'a> Maker<'a> {
     pub fn new(recipe: &'a Recipe, labels: &'a Labels<'a>, units: &'a Units<'a>) -> Self {
         let set = &recipe.set;
         let columns = set.example.keys().cloned().chain(set.suffixes.iter().cloned()).collect();
-        Self { recipe, labels, units, after: dealt(recipe), on_page: on_page(set.reals.len()), columns }
+        let mut maker = Self {
+            recipe,
+            labels,
+            units,
+            after: dealt(recipe),
+            on_page: HashSet::new(),
+            synthetic_on_page: HashSet::new(),
+            columns,
+        };
+        // Real samples of which something is made, if there are any.
+        let is_made_of = |number: &usize| {
+            let mut tasks = maker.tasks(*number);
+            tasks.any(|task| matches!(task, Task::Copy { .. } | Task::Counterpart))
+        };
+        let all: Vec<usize> = (0..set.reals.len()).collect();
+        let made_of: Vec<usize> = all.iter().copied().filter(is_made_of).collect();
+        let shown = if made_of.is_empty() { all } else { made_of };
+        maker.on_page = spread(shown.len(), MOST_ON_PAGE).map(|at| shown[at]).collect();
+        let synthetic = recipe.mix.as_ref().map_or(0, |mix| mix.chosen.iter().map(Vec::len).sum());
+        maker.synthetic_on_page = spread(synthetic, MOST_SYNTHETIC_ON_PAGE).collect();
+        maker
     }
 
     /// Everything that comes of some real samples, in order. `tick` is called before each sample and says whether to
@@ -100,7 +138,7 @@ impl<'a> Maker<'a> {
     ) -> Result<Vec<(Piece, SampleEntry)>, AugmentError> {
         let decode = |raw: &Raw| {
             let name = || self.recipe.set.name(&self.recipe.set.reals[raw.number]);
-            image_file::decode_rgb(&raw.image).map_err(|reason| AugmentError::Sample(format!("{}: {reason}", name())))
+            image_file::decode_rgb(&raw.image).map_err(|reason| AugmentError::Image(format!("{}: {reason}", name())))
         };
         let images: Vec<RgbImage> = raws.par_iter().map(decode).collect::<Result<_, _>>()?;
         let tasks: Vec<(usize, Task)> =
@@ -114,18 +152,24 @@ impl<'a> Maker<'a> {
 
     fn tasks(&self, number: usize) -> impl Iterator<Item = Task> {
         let mut tasks = vec![Task::Real];
+        let split = self.recipe.division.of_reals[number];
         let mut slot = 0;
         for (recipe, made) in self.recipe.photometric.iter().enumerate() {
             for copy in 0..made.copies() {
-                tasks.push(Task::Copy { recipe, copy, slot });
+                if self.recipe.recipients.photometric[recipe][split] {
+                    tasks.push(Task::Copy { recipe, copy, slot });
+                }
                 slot += 1;
             }
         }
         tasks
             .extend(self.recipe.metadata[number].map(|_| Task::Counterpart).filter(|_| self.recipe.renderer.is_some()));
         if let Some(mix) = &self.recipe.mix {
-            let chosen = &mix.chosen[self.recipe.division.of_reals[number]];
-            tasks.extend(chosen[self.after[number].clone()].iter().map(|index| Task::Synthetic { index: *index }));
+            let before: usize = mix.chosen[..split].iter().map(Vec::len).sum();
+            tasks.extend(self.after[number].clone().map(|at| Task::Synthetic {
+                index: mix.chosen[split][at],
+                on_page: self.synthetic_on_page.contains(&(before + at)),
+            }));
         }
         tasks.into_iter()
     }
@@ -138,22 +182,21 @@ impl<'a> Maker<'a> {
             Task::Real => {
                 let trace = Trace { source_key: String::new(), ..trace(Source::Real, String::new()) };
                 let image_stats = ImageStats::from_rgb(image.width() as usize, image.as_raw());
-                let (piece, mut entry) = self.of_real(raw, real, "", None, &trace, image_stats)?;
-                entry.tile = self.on_page.contains(&raw.number).then(|| tile(image));
+                let (piece, mut entry) = self.of_real(raw, real, None, &trace, image_stats)?;
+                entry.tile = self.on_page.contains(&raw.number).then(|| (tile(image), self.caption(real, raw.number)));
                 Ok((piece, entry))
             }
             Task::Copy { recipe, copy, slot } => {
-                let (made, applied) = photometric[*recipe].apply(image, *seed, raw.number as u64 | slot << 32);
+                let (pixels, applied) = photometric[*recipe].apply(image, *seed, raw.number as u64 | slot << 32);
                 let done = json(&PhotometricTrace { recipe: *recipe, copy: *copy, applied: &applied });
                 let trace = trace(Source::Photometric, text(done));
-                self.of_real(
-                    raw,
-                    real,
-                    &format!("-photometric-{recipe}-{copy}"),
-                    Some(&made),
-                    &trace,
-                    image_stats(&made),
-                )
+                let made = Made {
+                    tag: format!("-photometric-{recipe}-{copy}"),
+                    slot: *slot,
+                    image: &pixels,
+                    unchanged: pixels.rgb == *image.as_raw(),
+                };
+                self.of_real(raw, real, Some(&made), &trace, image_stats(&pixels))
             }
             Task::Counterpart => {
                 let (Some(renderer), Some(metadata)) = (renderer, &metadata[raw.number]) else {
@@ -170,18 +213,14 @@ impl<'a> Maker<'a> {
                     position_mm: metadata.position_mm,
                 };
                 let trace = trace(Source::Counterpart, text(json(&done)));
-                let (piece, mut entry) = self.of_real(
-                    raw,
-                    real,
-                    "-twin",
-                    Some(&sample.impression.image),
-                    &trace,
-                    image_stats(&sample.impression.image),
-                )?;
+                let pixels = &sample.impression.image;
+                let slot = photometric.iter().map(|recipe| u64::from(recipe.copies())).sum();
+                let made = Made { tag: String::from("-twin"), slot, image: pixels, unchanged: false };
+                let (piece, mut entry) = self.of_real(raw, real, Some(&made), &trace, image_stats(pixels))?;
                 entry.pair = Some((offset_px, correlation, alignment));
                 Ok((piece, entry))
             }
-            Task::Synthetic { index } => self.synthetic(real, raw.number, *index),
+            Task::Synthetic { index, on_page } => self.synthetic(real, raw.number, *index, *on_page),
         }
     }
 
@@ -190,25 +229,18 @@ impl<'a> Maker<'a> {
         &self,
         raw: &Raw,
         real: &Real,
-        tag: &str,
-        image: Option<&Image>,
+        made: Option<&Made<'_>>,
         trace: &Trace,
         image_stats: ImageStats,
     ) -> Result<(Piece, SampleEntry), AugmentError> {
         let (set, division) = (&self.recipe.set, &self.recipe.division);
         let split = division.of_reals[raw.number];
         let (form, split_name) = (&set.units[real.unit].form, &division.names[split]);
-        let bytes = image.map(|image| png::encode_rgb(image.width, image.height, &image.rgb));
-        let mut piece = Piece {
-            unit: real.unit,
-            split,
-            key: String::new(),
-            tar_files: Vec::new(),
-            files: Vec::new(),
-            row: Vec::new(),
-        };
+        let tag = made.map_or("", |made| &made.tag);
+        let mut piece = Piece { unit: real.unit, split, ..Piece::default() };
         if *form == Form::Tar {
-            let label = self.labels.real(form, &raw.label, split_name, None, trace);
+            let bytes = made.map(|made| self.encoded(raw, real, made)).transpose()?;
+            let label = self.labels.real(form, &raw.label, split_name, &[], trace);
             piece.key = format!("{}{tag}", real.image);
             let replaced = |(suffix, there): &(String, Vec<u8>)| {
                 let bytes = match &bytes {
@@ -223,14 +255,30 @@ impl<'a> Maker<'a> {
                 piece.tar_files.push(Member::new(set.label.as_str(), label));
             }
         } else {
-            let folder = self.units.folder(real.unit, split);
-            let name = renamed(&real.image, tag);
-            let other = (!tag.is_empty()).then_some(name.as_str());
-            piece.row = self.labels.real(form, &raw.label, split_name, other, trace);
-            if tag.is_empty() {
-                piece.files = self.named(real, &raw.label, &folder)?;
+            let Placed { file, name } = self.units.image(real, split, tag);
+            let own = self.units.image(real, split, "").name;
+            let as_written = if real.has_backslashes { real.image.replace('/', "\\") } else { real.image.clone() };
+            let mut changes = Vec::new();
+            if name != as_written {
+                changes.push((set.image.as_str(), Value::from(name)));
             }
-            piece.files.push((folder.join(&name), bytes.unwrap_or_else(|| raw.image.clone())));
+            if *form == Form::Coco {
+                let (id, annotations) = self.annotations(raw, real, made);
+                changes.extend(id.map(|id| ("id", id)));
+                piece.annotations = annotations.iter().map(json).collect();
+            }
+            let key = if set.in_class_folders() && made.is_some() { own } else { trace.source_key.clone() };
+            let trace = Trace { source_key: key, ..trace.clone() };
+            piece.row = self.labels.real(form, &raw.label, split_name, &changes, &trace);
+            match made {
+                None => {
+                    piece.files = self.named(real, &raw.label, split)?;
+                    piece.files.push((file, raw.image.clone()));
+                }
+                Some(made) => {
+                    piece.files.push((file, png::encode_rgb(made.image.width, made.image.height, &made.image.rgb)));
+                }
+            }
         }
         let facts = &real.facts;
         let entry = SampleEntry {
@@ -240,51 +288,84 @@ impl<'a> Maker<'a> {
             depth_mm: facts.depth_mm,
             image_stats,
             number: raw.number,
-            tile: image.and_then(|image| self.tile(raw.number, image)),
+            tile: made.filter(|_| self.on_page.contains(&raw.number)).map(|made| (small(made.image), String::new())),
             pair: None,
         };
         Ok((piece, entry))
     }
 
-    /// A picture of what was made, if the page shows it.
-    fn tile(&self, number: usize, image: &Image) -> Option<RgbImage> {
-        self.on_page.contains(&number).then_some(())?;
-        RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb.clone()).as_ref().map(tile)
+    /// What stands below a real image on the page.
+    fn caption(&self, real: &Real, number: usize) -> String {
+        let division = &self.recipe.division;
+        let split = &division.names[division.of_reals[number]];
+        let file = real.key.rsplit(['/', '\\']).next().unwrap_or(&real.key);
+        if split.is_empty() { file.to_owned() } else { format!("{file}\n{split}") }
     }
 
-    /// Files beside the image that a real sample's row names, where they go, and their contents.
-    fn named(&self, real: &Real, row: &str, folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, AugmentError> {
+    /// The id and the annotations of an entry among COCO's images; no id of the real one, which keeps its own.
+    fn annotations(&self, raw: &Raw, real: &Real, made: Option<&Made<'_>>) -> (Option<Value>, Vec<Map<String, Value>>) {
+        let set = &self.recipe.set;
+        let (annotations, number) = (&set.annotations[real.unit], raw.number - set.units[real.unit].reals.start);
+        match made {
+            None => (None, annotations.of_real(number).to_vec()),
+            Some(made) => {
+                let id = object(&raw.label).get("id").cloned().unwrap_or_default();
+                let (id, annotations) = annotations.of_made(number, &id, made.slot, &made.tag);
+                (Some(id), annotations)
+            }
+        }
+    }
+
+    /// The image as a file of the format that the tar's names say; the real one's bytes where no pixel was changed.
+    fn encoded(&self, raw: &Raw, real: &Real, made: &Made<'_>) -> Result<Vec<u8>, AugmentError> {
+        let set = &self.recipe.set;
+        let failed = |reason: String| AugmentError::Sample(format!("{}: {reason}", set.name(real)));
+        let is_as_named = is_of_format(&raw.image, &set.image);
+        if is_as_named && made.unchanged {
+            return Ok(raw.image.clone());
+        }
+        encode_as(&set.image, made.image).map_err(failed)
+    }
+
+    /// Files beside the image that a real sample's label names, where they go, and their contents.
+    fn named(&self, real: &Real, row: &str, split: usize) -> Result<Vec<(PathBuf, Vec<u8>)>, AugmentError> {
         let set = &self.recipe.set;
         let unit = &set.units[real.unit];
         let values: Vec<String> = match &unit.form {
             Form::Csv(_) => cells(row),
             _ => object(row).into_iter().filter_map(|(_, value)| value.as_str().map(str::to_owned)).collect(),
         };
-        let own = |path: &Path| path.components().all(|step| matches!(step, Component::Normal(_)));
         let read = |from: &Path| {
             let path = set.root.join(from);
             read_if_there(&path, MOST_IMAGE_BYTES).map_err(|error| AugmentError::Io(path, error))
         };
+        let folder = self.units.folder(real.unit, split);
         let mut files = Vec::new();
-        for value in &values {
-            let path = Path::new(value);
-            let number = value.parse::<f64>().is_ok();
-            if *value == real.image || !value.contains('.') || number || !own(path) || self.units.reserved(path) {
-                continue;
-            }
-            match read(&unit.folder().join(path))? {
-                Some(bytes) => files.push((folder.join(path), bytes)),
-                None => files.extend(read(path)?.map(|bytes| (path.to_owned(), bytes))),
+        for value in values.iter().filter(|value| value.contains('.') && value.parse::<f64>().is_err()) {
+            // From the images' folder, from the table's, or from the set's.
+            let bases =
+                [(unit.images.as_path(), folder.as_path()), (unit.folder(), &folder), (Path::new(""), Path::new(""))];
+            for (base, to) in bases {
+                let name = with_slashes(&set.root.join(base), value);
+                let (Some(from), Some(to)) = (inside(base, &name), inside(to, &name)) else { continue };
+                if from == real.path || self.units.reserved(&from) {
+                    break;
+                }
+                if let Some(bytes) = read(&from)? {
+                    let to = if self.recipe.division.apart { to } else { from };
+                    files.push((to, bytes));
+                    break;
+                }
             }
         }
         Ok(files)
     }
 }
 
-/// Some of so many real samples, evenly spread.
-fn on_page(reals: usize) -> HashSet<usize> {
-    let count = reals.min(MOST_ON_PAGE);
-    (0..count).map(|k| (2 * k + 1) * reals / (2 * count)).collect()
+/// Some of so many, at most `most`, evenly spread.
+fn spread(count: usize, most: usize) -> impl Iterator<Item = usize> {
+    let shown = count.min(most);
+    (0..shown).map(move |k| (2 * k + 1) * count / (2 * shown))
 }
 
 /// For each real sample the synthetic ones that follow it, as a range of those of its split.
@@ -303,16 +384,10 @@ fn dealt(recipe: &Recipe) -> Vec<std::ops::Range<usize>> {
     division.of_reals.iter().map(deal).collect()
 }
 
-/// The name of an image made of another one. What is made is a PNG.
-fn renamed(image: &str, tag: &str) -> String {
-    if tag.is_empty() {
-        return image.to_owned();
-    }
-    let path = Path::new(image);
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    // gelsim's own images are called KEY.tactile.png; the key ends at the first dot.
-    let (key, rest) = stem.split_once('.').map_or((&*stem, String::new()), |(key, rest)| (key, format!(".{rest}")));
-    path.with_file_name(format!("{key}{tag}{rest}.png")).to_string_lossy().into_owned()
+/// A picture as the page shows it.
+fn small(image: &Image) -> RgbImage {
+    let picture = RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb.clone());
+    picture.as_ref().map_or_else(RgbImage::default, tile)
 }
 
 fn image_stats(image: &Image) -> ImageStats {
@@ -323,15 +398,10 @@ fn text(json: Vec<u8>) -> String {
     String::from_utf8_lossy(&json).into_owned()
 }
 
-/// A name that an output would use twice: of something made, and of a real sample.
+/// A name that an output would use twice: of something made, and of a real sample or something else that is made.
 pub fn collision(recipe: &Recipe) -> Option<String> {
-    let reals = &recipe.set.reals;
-    let names: HashSet<(usize, &str)> = reals.iter().map(|real| (real.unit, real.image.as_str())).collect();
-    let copies = recipe.photometric.iter().enumerate();
-    let copies = copies.flat_map(|(k, made)| (0..made.copies()).map(move |copy| format!("-photometric-{k}-{copy}")));
-    let tags: Vec<String> = copies.chain([String::from("-twin")]).collect();
-    let tars = recipe.set.in_tars();
-    let made = |real: &Real, tag: &str| if tars { format!("{}{tag}", real.image) } else { renamed(&real.image, tag) };
+    let (set, division) = (&recipe.set, &recipe.division);
+    let reals = &set.reals;
     // Synthetic samples are called by their numbers in the job.
     let synthetic = |real: &&Real| {
         recipe.mix.is_some()
@@ -340,6 +410,27 @@ pub fn collision(recipe: &Recipe) -> Option<String> {
     if let Some(real) = reals.iter().find(synthetic) {
         return Some(real.image.clone());
     }
-    let all = reals.iter().flat_map(|real| tags.iter().map(move |tag| (real.unit, made(real, tag))));
-    all.into_iter().find(|(unit, name)| names.contains(&(*unit, name.as_str()))).map(|(_, name)| name)
+    let units = Units::new(set, division);
+    let name = |(number, real): (usize, &Real), tag: &str| match set.in_tars() {
+        true => set.units[real.unit].file.join(format!("{}{tag}", real.image)),
+        false => units.image(real, division.of_reals[number], tag).file,
+    };
+    let copies = recipe.photometric.iter().enumerate();
+    let copies = copies.flat_map(|(k, made)| (0..made.copies()).map(move |copy| format!("-photometric-{k}-{copy}")));
+    let tags: Vec<String> = copies.chain([String::from("-twin")]).collect();
+    let mut names: HashSet<PathBuf> = HashSet::new();
+    let mut copies = HashSet::new();
+    for (number, real) in reals.iter().enumerate() {
+        let own = name((number, real), "");
+        // One tag tells of all: images of one name and several formats have copies of one name.
+        if !copies.insert(name((number, real), &tags[0])) || names.contains(&own) {
+            return Some(own.display().to_string());
+        }
+        names.insert(own);
+    }
+    let mut all = reals.iter().enumerate().flat_map(|real| tags.iter().map(move |tag| (real, tag)));
+    all.find_map(|(real, tag)| {
+        let made = name(real, tag);
+        names.contains(&made).then(|| made.display().to_string())
+    })
 }

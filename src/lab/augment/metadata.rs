@@ -7,7 +7,7 @@ use super::input::columns::{LabelFacts, Meaning};
 use crate::core::optics::background::BackgroundImage;
 use crate::core::pose::Angles;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::spelling::nearest;
+use crate::files::spelling::{nearest, one_of};
 use crate::job::plan::Plan;
 use crate::job::plan::check::Check;
 
@@ -34,52 +34,130 @@ pub fn check(check: &mut Check<'_>, written: &Augment, set: Option<&Set>, backgr
     }
 }
 
-/// The metadata of each real sample, for its counterpart. A sample whose label names no object or no depth has none; one
-/// that names an object that is not there is a mistake.
-pub fn resolve(set: &Set, plan: &Plan, notes: &mut Diagnostics) -> (Vec<Option<PressMetadata>>, Report) {
+/// The metadata of each real sample that `receives` a counterpart, by its number. A sample whose label names no object or
+/// no depth has none; one that names an object that is not there is a mistake.
+pub fn resolve(
+    set: &Set,
+    plan: &Plan,
+    receives: &dyn Fn(usize) -> bool,
+    notes: &mut Diagnostics,
+) -> (Vec<Option<PressMetadata>>, Report) {
     let mut problems = Diagnostics::default();
-    let object = |name: &str| {
-        let of_class = |class: &str| {
-            let mut all = plan.sampling.objects.iter().enumerate().filter(|(_, object)| object.class == class);
-            all.next().filter(|_| all.next().is_none()).map(|(number, _)| number)
-        };
-        plan.sampling.objects.iter().position(|object| object.id == name).or_else(|| of_class(name))
-    };
-    let names: Vec<&str> = plan.sampling.objects.iter().map(|object| object.id.as_str()).collect();
-    let mut metadata = Vec::with_capacity(set.reals.len());
-    for real in &set.reals {
+    let mut metadata = vec![None; set.reals.len()];
+    let mut without = Vec::new();
+    let mut received = 0;
+    for (number, real) in set.reals.iter().enumerate().filter(|(number, _)| receives(*number)) {
+        received += 1;
         let facts = &real.facts;
         let name = facts.object.as_deref().or(facts.class.as_deref());
-        let number = name.and_then(|name| {
-            let found = object(name);
-            if found.is_none() {
-                let near = nearest(name, names.iter().copied())
-                    .map_or(String::new(), |near| format!("did you mean `{near}`? "));
-                let problem: Diagnostic = set.problem(real, format!("no [[object]] is called `{name}`"));
-                problems.push(problem.help(format!("{near}there are {}", names.join(", "))));
-            }
-            found
-        });
-        if let Some(depth) = facts.depth_mm.filter(|depth| *depth > plan.thickness_mm()) {
-            let problem =
-                set.problem(real, format!("a depth of {depth} mm is more than the pad's {} mm", plan.thickness_mm()));
+        let object = name.map(|name| find_object(plan, name));
+        if let (Some(name), Some(Err((cause, help)))) = (name, &object) {
+            let problem = set.problem(real, cause.message(name)).help(help);
+            problems.push(problem.of(&real.key, cause.of_many(name)));
+        }
+        let thickness = plan.thickness_mm();
+        if let Some(depth) = facts.depth_mm.filter(|depth| *depth > thickness) {
+            let problem = set.problem(real, format!("a depth of {depth} mm is more than the pad's {thickness} mm"));
+            let problem = problem
+                .of(format!("{} ({depth} mm)", real.key), format!("depths are more than the pad's {thickness} mm"));
             problems.push(problem.help("give depths in mm, or the pad's thickness with [sensor] gelpad_thickness_mm"));
         }
-        metadata.push(number.zip(facts.depth_mm).map(|(object, depth_mm)| PressMetadata {
+        let (Some(Ok(object)), Some(depth_mm)) = (object, facts.depth_mm) else {
+            without.push(real.key.as_str());
+            continue;
+        };
+        metadata[number] = Some(PressMetadata {
             object,
-            orientation:
-                facts.quaternion_xyzw.map_or_else(|| Orientation::Angles(angles(facts)), Orientation::Quaternion),
+            orientation: facts
+                .quaternion_xyzw
+                .map_or_else(|| Orientation::Angles(angles(facts)), Orientation::Quaternion),
             position_mm: facts.place_mm.map(|mm| mm.unwrap_or(0.0)),
             depth_mm,
-        }));
+        });
     }
-    let without = metadata.iter().filter(|found| found.is_none()).count();
-    if without > 0 {
-        let message =
-            format!("{without} of {} real samples have no twin: object or depth is not known", metadata.len());
-        notes.push(Diagnostic::note(message).help("fill them in, or leave such rows out"));
+    if !without.is_empty() && problems.is_empty() {
+        let (first, more) = (without.iter().take(NAMED).copied().collect::<Vec<_>>().join(", "), without.len() > NAMED);
+        let message = format!(
+            "{} of {received} real samples get no simulated counterpart: their labels name no object or no depth ({first}{})",
+            without.len(),
+            if more { ", .." } else { "" }
+        );
+        let object = set.columns.name(Meaning::Object).or_else(|| set.columns.name(Meaning::Class));
+        let columns: Vec<&str> = object.into_iter().chain(set.columns.name(Meaning::Depth)).collect();
+        let help = format!("fill {} in for them", and_list(&columns));
+        notes.push(Diagnostic::note(message).help(help));
     }
     (metadata, Report::new(&problems, &set.sources))
+}
+
+/// Samples that a message names.
+const NAMED: usize = 3;
+
+/// Why it is not known which object a label names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unknown {
+    /// No object is called so.
+    NoSuch,
+    /// Several are of this class.
+    Several,
+}
+
+impl Unknown {
+    fn message(self, name: &str) -> String {
+        match self {
+            Self::NoSuch => format!("no [[object]] is called `{name}`"),
+            Self::Several => format!("several [[object]]s are of the class `{name}`"),
+        }
+    }
+
+    fn of_many(self, name: &str) -> String {
+        match self {
+            Self::NoSuch => format!("labels name `{name}`, and no [[object]] is called so"),
+            Self::Several => format!("labels name `{name}`, and several [[object]]s are of this class"),
+        }
+    }
+}
+
+/// The object that a label names by its id or its class; else why it is not known, and what to do.
+fn find_object(plan: &Plan, name: &str) -> Result<usize, (Unknown, String)> {
+    let objects = &plan.sampling.objects;
+    if let Some(number) = objects.iter().position(|object| object.id == name) {
+        return Ok(number);
+    }
+    let of_class: Vec<usize> = (0..objects.len()).filter(|&number| objects[number].class == name).collect();
+    if let [only] = of_class.as_slice() {
+        return Ok(*only);
+    }
+    let ids = |numbers: &mut dyn Iterator<Item = usize>| numbers.map(|k| objects[k].id.as_str()).collect::<Vec<_>>();
+    if of_class.is_empty() {
+        let ids = ids(&mut (0..objects.len()));
+        let near =
+            nearest(name, ids.iter().copied()).map_or(String::new(), |near| format!("; or did you mean `{near}`?"));
+        let help = format!(
+            "call the object so that it is: class = {name:?} under its [[object]] (there are {}){near}",
+            and_list(&ids)
+        );
+        return Err((Unknown::NoSuch, help));
+    }
+    let help = format!(
+        "give each a class of its own, or name them in a column, which input.columns.object names: {}",
+        one_of(&ids(&mut of_class.into_iter()))
+    );
+    Err((Unknown::Several, help))
+}
+
+/// `a`, `b` and `c`; of many the first.
+fn and_list(names: &[&str]) -> String {
+    const MOST: usize = 20;
+    let mut quoted: Vec<String> = names.iter().take(MOST).map(|name| format!("`{name}`")).collect();
+    if names.len() > MOST {
+        quoted.push(format!("{} more", names.len() - MOST));
+    }
+    match quoted.split_last() {
+        None => String::from("nothing"),
+        Some((only, [])) => only.clone(),
+        Some((last, rest)) => format!("{} and {last}", rest.join(", ")),
+    }
 }
 
 fn angles(facts: &LabelFacts) -> Angles {

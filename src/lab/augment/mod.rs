@@ -66,8 +66,14 @@ pub enum AugmentError {
     Io(PathBuf, io::Error),
     /// The output is written, but the one before it could not be removed from this folder.
     OldStays(PathBuf, io::Error),
-    /// A sample cannot be read or made.
+    /// A real image cannot be unpacked: which and why.
+    Image(String),
+    /// A sample cannot be made.
     Sample(String),
+    /// A sample of the job is not healthy, and the job keeps none such: which and why.
+    Unhealthy(String),
+    /// This part of the input has changed since it was looked at.
+    Changed(PathBuf),
     /// The stop flag was raised.
     Interrupted,
 }
@@ -107,9 +113,8 @@ fn write(recipe: &Recipe, root: &Path, watch: &Watch) -> Result<Summary, Augment
     }
     let Run { mut writer, mut summary, .. } = run;
     let io = |(path, error)| AugmentError::Io(path, error);
-    if let Some(card) = card::card(recipe, &summary, &writer.filled) {
-        writer.file(Path::new("README.md"), card.as_bytes()).map_err(io)?;
-    }
+    let card = card::card(recipe, &summary, &writer.filled);
+    writer.file(Path::new("README.md"), card.as_bytes()).map_err(io)?;
     writer.file(Path::new(SUMMARY), &summary.json(recipe)).map_err(io)?;
     writer.file(Path::new(REPORT), summary.html(recipe).as_bytes()).map_err(io)?;
     writer.finish().map_err(io)?;
@@ -139,7 +144,7 @@ impl Run<'_> {
         for block in numbers.chunks(self.block()) {
             let read = |&number: &usize| {
                 let real = &set.reals[number];
-                let path = set.root.join(set.units[unit].folder()).join(&real.image);
+                let path = set.path(real);
                 let image = crate::files::input::read(&path, MOST_IMAGE_BYTES)
                     .map_err(|error| AugmentError::Io(path, error))?;
                 Ok(Raw { number, image, label: set.text(real).to_owned(), files: Vec::new() })
@@ -164,7 +169,7 @@ impl Run<'_> {
                     raws.push(Raw { number, image, label, files: files.members });
                     if raws.len() == most { self.samples(std::mem::take(&mut raws)) } else { Ok(()) }
                 }
-                _ => Err(AugmentError::Sample(format!("{}: it has changed since it was looked at", path.display()))),
+                _ => Err(AugmentError::Changed(path.clone())),
             };
             match result {
                 Ok(()) => std::ops::ControlFlow::Continue(()),

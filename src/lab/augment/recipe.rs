@@ -1,14 +1,15 @@
 //! From an AUGMENT.toml to a recipe: the set read, sensor, backgrounds, objects and job found, samples chosen; every mistake
 //! found before anything is written.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use super::config::{Augment, SplitBy};
 use super::counterpart::{CounterpartRenderer, PressMetadata};
 use super::input::columns::{Meaning, is_own};
-use super::input::{self, Set};
+use super::input::{self, Layout, Set};
 use super::photometric::PhotometricRecipe;
-use super::split::Division;
+use super::split::{Division, Recipients};
 use super::synthetic_mix::{self, SyntheticMix};
 use super::trace::TraceColumns;
 use super::{make, metadata, photometric, sensor};
@@ -44,6 +45,8 @@ pub struct Recipe {
     pub metadata: Vec<Option<PressMetadata>>,
     /// Splits.
     pub division: Division,
+    /// The splits that get what is made.
+    pub recipients: Recipients,
     /// The column of the split, if that is set anew.
     pub split_column: Option<String>,
     /// New samples, if they are wanted.
@@ -58,9 +61,11 @@ impl Recipe {
     /// Reads and resolves the file at `path`, with the assignments `set` (flag and assignment each) laid over it.
     pub fn load(path: &Path, set: &[(String, String)]) -> Result<Self, Report> {
         let shown = path.display().to_string();
-        let text = files::read(path, MOST_READ)
-            .and_then(|bytes| String::from_utf8(bytes).map_err(std::io::Error::other))
-            .map_err(|error| Report::message(format!("{shown}: cannot read it: {error}")))?;
+        let bytes = files::read(path, MOST_READ).map_err(|error| unreadable(path, &error))?;
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let message = format!("{shown}: not UTF-8 at byte {}", error.utf8_error().valid_up_to());
+            user_error(message, "save it as a text in UTF-8")
+        })?;
         let mut problems = Diagnostics::default();
         let folder = path.parent().unwrap_or(Path::new(""));
         let laid = config::lay::<Augment>(&shown, text.clone(), folder, set, &mut problems);
@@ -73,9 +78,10 @@ impl Recipe {
         resolve(name, text + &laid_over.collect::<String>(), laid, problems)
     }
 
-    /// Images made of each real one by photometric recipes.
-    pub fn copies(&self) -> u64 {
-        self.photometric.iter().map(|recipe| u64::from(recipe.copies())).sum()
+    /// Images made of each real one of a split by photometric recipes.
+    fn copies(&self, split: usize) -> u64 {
+        let recipes = self.photometric.iter().zip(&self.recipients.photometric);
+        recipes.filter(|(_, splits)| splits[split]).map(|(recipe, _)| u64::from(recipe.copies())).sum()
     }
 
     /// Samples of the output.
@@ -87,7 +93,28 @@ impl Recipe {
     /// The same without synthetic ones.
     fn without_synthetic(&self) -> u64 {
         let counterparts = self.metadata.iter().flatten().count() as u64;
-        self.set.reals.len() as u64 * (1 + self.copies()) + counterparts
+        let reals = self.division.counts();
+        let with_copies = reals.iter().enumerate().map(|(split, count)| count * (1 + self.copies(split)));
+        with_copies.sum::<u64>() + counterparts
+    }
+}
+
+/// Why the file cannot be read, and which one may be meant.
+fn unreadable(path: &Path, error: &io::Error) -> Report {
+    let message = format!("{}: cannot read it: {error}", path.display());
+    if path.is_dir() {
+        let help = "name a file that ends in .toml and says what is done with a dataset; configs/augment.toml is one";
+        return user_error(message, help);
+    }
+    let is_toml = |path: &Path| path.extension().is_some_and(|ending| ending == "toml");
+    let near =
+        Some(path).filter(|_| error.kind() == io::ErrorKind::NotFound).and_then(|path| files::meant(path, is_toml));
+    match near {
+        Some(near) => user_error(message, format!("did you mean {}?", path.with_file_name(near).display())),
+        None => user_error(
+            message,
+            "name a file that says what is done with a dataset: configs/augment.toml is one, `gelsim schema augment` has all keys",
+        ),
     }
 }
 
@@ -105,14 +132,15 @@ fn resolve(
         check.error("sensor.preset", "several presets", "name one: real images come from one sensor");
     }
     check_not_empty(&mut check, &written);
-    let (set, mut report) = input::read(&mut check, &written.input);
+    let mut notes = Diagnostics::default();
+    let (set, mut report) = input::read(&mut check, &written.input, &mut notes);
     let size = set.as_ref().map(|set| set.size);
     let trace = TraceColumns::new(&written.output.prefix);
     let division = set.as_ref().map(|set| {
         check_trace_columns(&mut check, set, &trace);
         divide(&mut check, &written, set)
     });
-    let mut notes = Diagnostics::default();
+    let recipients = division.as_ref().map(|division| Recipients::find(&mut check, &written, division));
 
     let mut job = sensor::job(&mut check, &written, size);
     let background = sensor::background(&mut check, &written, &job, size);
@@ -132,7 +160,12 @@ fn resolve(
         written.photometric.iter().enumerate().filter_map(ready).collect::<Vec<_>>()
     });
     if let Some(mixing) = &written.mixing {
-        synthetic_mix::check(&mut check, mixing, division.as_ref());
+        synthetic_mix::check(&mut check, mixing);
+    }
+    if written.mixing.is_some() && set.as_ref().is_some_and(|set| set.layout == Layout::Coco) {
+        let help = "leave [mixing] out: copies and simulated counterparts keep the boxes of their image; `gelsim generate` makes \
+                    a set of its own, whose `contact` layer shows where the press is";
+        check.error("mixing", "a new sample has no boxes as these annotations mean them", help);
     }
     if let Some(paired) = &written.paired {
         paired.check(&mut check, "paired");
@@ -150,8 +183,9 @@ fn resolve(
             Ok(plan) => plan,
             Err(found) => return Err(with_mixing(found.and(report), &document, &written, size)),
         };
-        if let Some(set) = &set {
-            let (found, unknown) = metadata::resolve(set, &plan, &mut notes);
+        if let (Some(set), Some(division), Some(recipients)) = (&set, &division, &recipients) {
+            let receives = |number: usize| recipients.paired[division.of_reals[number]];
+            let (found, unknown) = metadata::resolve(set, &plan, &receives, &mut notes);
             of_reals = found;
             report = report.and(unknown);
         }
@@ -163,7 +197,8 @@ fn resolve(
     let (plan, of_job) =
         mixing.map_or((None, Report::default()), |mixing| synthetic_mix::plan(&mut check, mixing, size));
     report = report.and(of_job);
-    let (Some(set), Some(division), true) = (set, division, check.problems.is_empty() && report.is_empty()) else {
+    let is_sound = check.problems.is_empty() && report.is_empty();
+    let (Some(set), Some(division), Some(recipients), true) = (set, division, recipients, is_sound) else {
         return Err(Report::new(&problems, &document.sources).and(report));
     };
     of_reals.resize(set.reals.len(), None);
@@ -187,12 +222,18 @@ fn resolve(
         trace,
         notes: Report::new(&notes, &document.sources),
         division,
+        recipients,
         set,
     };
     if let (Some(mixing), Some(plan)) = (mixing, plan) {
+        let mut new_classes = Diagnostics::default();
+        synthetic_mix::check_class_folders(&mut check, &recipe.set, &plan, &mut new_classes);
+        recipe.notes = recipe.notes.and(Report::new(&new_classes, &document.sources));
         recipe.notes = recipe.notes.and(plan.notes.clone());
         let without_synthetic = recipe.without_synthetic();
-        recipe.mix = synthetic_mix::choose(&mut check, mixing, plan, &recipe.set, &recipe.division, without_synthetic);
+        let Recipe { set, division, recipients, .. } = &recipe;
+        recipe.mix =
+            synthetic_mix::choose(&mut check, mixing, plan, set, division, &recipients.mixing, without_synthetic);
         if recipe.mix.is_none() {
             return Err(Report::new(&problems, &document.sources));
         }
@@ -200,8 +241,9 @@ fn resolve(
     match make::collision(&recipe) {
         None => Ok(recipe),
         Some(name) => Err(user_error(
-            format!("{name} is a real sample's, and a sample that is made would be called so"),
-            "rename it: images made of KEY are called KEY-photometric-0-0 and KEY-twin, new ones synthetic-NUMBER",
+            format!("{name} would be the name of two samples of the output"),
+            "rename the real one: images made of KEY.png and of KEY.jpg are called KEY-photometric-0-0.png and KEY-twin.png, new \
+             ones synthetic-NUMBER.png",
         )),
     }
 }
@@ -218,7 +260,8 @@ fn check_not_empty(check: &mut Check<'_>, written: &Augment) {
     let nothing = written.photometric.is_empty() && written.paired.is_none() && written.mixing.is_none();
     let misspelt = ["photometric", "paired", "mixing"].iter().any(|table| check.misspelt(table));
     if nothing && !misspelt && written.output.splits.is_none() && check.sound("photometric") {
-        check.error("input", "nothing is asked for", "add [[photometric]], [paired], [mixing] or [output] splits");
+        let help = "add [[photometric]], [paired] with an [[object]], [mixing] with a job, or [output] splits";
+        check.error("input", "nothing is asked for", help);
     }
 }
 

@@ -27,10 +27,12 @@ const MOST_ROWS: usize = 60;
 const KINDS: [(&str, Colour); Source::ALL.len()] =
     [("real", [0, 114, 178]), ("photometric", [230, 159, 0]), ("twin", [0, 158, 115]), ("synthetic", [204, 121, 167])];
 
-/// Pictures in a row.
-const MOST_TILES: usize = 6;
+/// Photometric copies that are shown beside their real image.
+const MOST_COPIES: usize = 4;
 /// Width of a picture, px.
 const TILE_PX: u32 = 150;
+/// Least width of the text below it, px.
+const MIN_CAPTION_PX: u32 = 100;
 
 /// An image as the page shows it.
 pub fn tile(image: &RgbImage) -> RgbImage {
@@ -58,8 +60,8 @@ pub struct SampleEntry {
     pub image_stats: ImageStats,
     /// The real sample it comes from or follows.
     pub number: usize,
-    /// The image, small, if the page shows it.
-    pub tile: Option<RgbImage>,
+    /// The image, small, if the page shows it, and what stands below it.
+    pub tile: Option<(RgbImage, String)>,
     /// Of a counterpart: offset, correlation, and what came of it.
     pub pair: Option<([f64; 2], f64, Alignment)>,
 }
@@ -82,8 +84,18 @@ pub struct Summary {
     offsets_px: Vec<[f64; 2]>,
     correlations: Vec<f64>,
     alignments: BTreeMap<String, u64>,
-    /// Pictures of some real samples and of what follows them.
-    tiles: Vec<(usize, Source, RgbImage)>,
+    /// Pictures of some real samples and of what was made of them, and of some synthetic ones.
+    tiles: Vec<Tile>,
+}
+
+/// A picture on the page.
+#[derive(Clone, Debug)]
+struct Tile {
+    /// The real sample that it is or comes from.
+    number: usize,
+    source: Source,
+    image: RgbImage,
+    caption: String,
 }
 
 impl Summary {
@@ -102,8 +114,11 @@ impl Summary {
         self.depths_mm[k].extend(entry.depth_mm);
         self.brightness[k].push(entry.image_stats.mean.iter().sum::<f64>() / 3.0);
         self.image_stats[k].add(&entry.image_stats);
-        let of_real = self.tiles.iter().filter(|(number, ..)| *number == entry.number).count();
-        self.tiles.extend(entry.tile.filter(|_| of_real < MOST_TILES).map(|tile| (entry.number, entry.source, tile)));
+        let (number, source) = (entry.number, entry.source);
+        let copies =
+            self.tiles.iter().filter(|tile| tile.number == number && tile.source == Source::Photometric).count();
+        let shown = entry.tile.filter(|_| source != Source::Photometric || copies < MOST_COPIES);
+        self.tiles.extend(shown.map(|(image, caption)| Tile { number, source, image, caption }));
         if let Some((offset, correlation, alignment)) = entry.pair {
             *self.alignments.entry(alignment.name().to_owned()).or_default() += 1;
             if alignment == Alignment::Aligned {
@@ -224,21 +239,39 @@ impl Summary {
         html + &page::figures(&drawn.concat())
     }
 
-    /// Some real samples, each with what was made of it or follows it.
+    /// Some real samples, each beside what was made of it; then some synthetic ones, which come of no real sample.
     fn pictures(&self) -> String {
-        let mut html = String::from("<h2>Samples</h2>\n");
-        for tiles in self.tiles.chunk_by(|a, b| a.0 == b.0) {
-            html += "<div>\n";
-            for (_, source, tile) in tiles {
-                let (width, height) = tile.dimensions();
-                let image = format!(
-                    "<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{}\"/>",
-                    page::uri(&encode_small(tile)),
-                    source.name()
-                );
-                html += &page::figure(&image, &keyed(*source as usize));
+        let picture = |tile: &Tile| {
+            let (width, height) = tile.image.dimensions();
+            let image = format!(
+                "<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{}\"/>",
+                page::uri(&encode_small(&tile.image)),
+                tile.source.name()
+            );
+            // Names may be longer than the picture is wide.
+            let caption = escaped_lines(&tile.caption).replace('\n', "<br/>");
+            let style = format!("display: block; max-width: {}px; overflow-wrap: anywhere", width.max(MIN_CAPTION_PX));
+            page::figure(&image, &format!("{}<span style=\"{style}\">{caption}</span>", keyed(tile.source as usize)))
+        };
+        let (synthetic, of_reals): (Vec<&Tile>, Vec<&Tile>) =
+            self.tiles.iter().partition(|tile| tile.source == Source::Synthetic);
+        let groups: Vec<&[&Tile]> = of_reals.chunk_by(|a, b| a.number == b.number).collect();
+        let is_made_of = groups.iter().any(|group| group.len() > 1);
+        let mut html = String::new();
+        if is_made_of {
+            html += "<h2>Real samples and what was made of them</h2>\n";
+            html += "<p class=\"note\">Each row begins with the real image.</p>\n";
+            for group in groups {
+                html += &format!("<div>\n{}</div>\n", group.iter().map(|tile| picture(tile)).collect::<String>());
             }
-            html += "</div>\n";
+        } else if !of_reals.is_empty() {
+            let pictures: String = of_reals.iter().map(|tile| picture(tile)).collect();
+            html += &format!("<h2>Real samples</h2>\n<div>\n{pictures}</div>\n");
+        }
+        if !synthetic.is_empty() {
+            let pictures: String = synthetic.iter().map(|tile| picture(tile)).collect();
+            html += "<h2>Synthetic samples</h2>\n<p class=\"note\">New presses of the job: none is made of a real sample.</p>\n";
+            html += &format!("<div>\n{pictures}</div>\n");
         }
         html
     }

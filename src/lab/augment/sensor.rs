@@ -4,6 +4,7 @@ use image::RgbImage;
 
 use super::config::Augment;
 use super::input::Set;
+use super::photometric::background::picture_help;
 use super::photometric::noise::NoiseLevel;
 use super::photometric::{SensorProfile, rendered};
 use crate::core::base::view::View;
@@ -77,14 +78,16 @@ pub fn background(
             if let Some([width, height]) = size.filter(|size| *size != found) {
                 let message =
                     format!("{} is {}x{} px, the images {width}x{height} px", path.display(), found[0], found[1]);
-                check.error("input.background", message, "a background image of the images' size");
+                let help =
+                    "name a picture that was taken as the images were, or bring it to their size as they were brought";
+                check.error("input.background", message, help);
                 return None;
             }
             Some(BackgroundImage::new(found[0], found[1], picture.into_raw()))
         }
         Err(reason) => {
             let message = format!("cannot read the background {}: {reason}", path.display());
-            check.error("input.background", message, "a PNG of the untouched pad belongs here");
+            check.error("input.background", message, picture_help(&path));
             None
         }
     }

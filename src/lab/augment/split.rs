@@ -1,13 +1,16 @@
-//! Which split a real sample is in: the input's, or one of new ones that keep together what belongs together.
+//! Which split a real sample is in: the input's, or one of new ones that keep together what belongs together; and which
+//! splits get what is made.
 
 use std::collections::HashMap;
 
-use super::config::SplitBy;
-use super::input::Set;
+use super::config::{Augment, SplitBy};
 use super::input::columns::Meaning;
+use super::input::{Layout, Set};
 use crate::core::base::rng::stream;
+use crate::files::spelling::{nearest, one_of};
 use crate::job::config::dataset::Splits;
 use crate::job::layout::Split;
+use crate::job::plan::check::Check;
 
 /// The splits of an output.
 #[derive(Clone, Debug, PartialEq)]
@@ -103,15 +106,102 @@ impl Division {
         }
     }
 
+    /// Objects and classes that are kept together in a split, sorted.
+    pub fn objects_in(&self, split: usize) -> Vec<String> {
+        let homes = self.homes.iter().flatten().filter(|(_, home)| **home == split);
+        let mut names: Vec<String> = homes.map(|(name, _)| name.clone()).collect();
+        names.sort();
+        names
+    }
+
     /// The split for training: the one that is called so, else the first.
     fn training(&self) -> usize {
-        self.names.iter().position(|name| name.starts_with("train")).unwrap_or(0)
+        self.names.iter().position(|name| is_for_training(name)).unwrap_or(0)
+    }
+
+    /// True if the samples are divided at all.
+    pub fn is_divided(&self) -> bool {
+        self.names.iter().any(|name| !name.is_empty())
     }
 }
 
-/// True if new splits of a set are files or folders of their own: of tars, of folders whose names tell their splits, and
-/// of an imagefolder without a column for them.
+fn is_for_training(name: &str) -> bool {
+    name.to_ascii_lowercase().starts_with("train")
+}
+
+/// For each table that makes samples, which splits get them. What is evaluated on stays real unless somebody says otherwise.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recipients {
+    /// Of the copies of each `[[photometric]]` table.
+    pub photometric: Vec<Vec<bool>>,
+    /// Of simulated counterparts.
+    pub paired: Vec<bool>,
+    /// Of synthetic samples.
+    pub mixing: Vec<bool>,
+}
+
+impl Recipients {
+    /// As the tables' `splits` say, else the splits for training; all samples of a set that is not divided.
+    pub fn find(check: &mut Check<'_>, written: &Augment, division: &Division) -> Self {
+        let copies = written.photometric.iter().enumerate();
+        let copies = copies.map(|(k, table)| (format!("photometric.{k}"), table.splits.as_deref()));
+        let paired = written.paired.iter().map(|table| (String::from("paired"), table.splits.as_deref()));
+        let mixing = written.mixing.iter().map(|table| (String::from("mixing"), table.splits.as_deref()));
+        let tables: Vec<(String, Option<&[String]>)> = copies.chain(paired).chain(mixing).collect();
+        let training: Vec<bool> =
+            division.names.iter().map(|name| is_for_training(name) || !division.is_divided()).collect();
+        if let Some((table, _)) = tables.iter().find(|(_, splits)| splits.is_none())
+            && !training.contains(&true)
+        {
+            let names: Vec<&str> = division.names.iter().map(String::as_str).collect();
+            let message = format!("no split is for training, and only there samples are added: {}", there_are(&names));
+            let help = format!(
+                "say in [[photometric]], [paired] and [mixing] which splits get new samples, for example splits = [{:?}]; a \
+                 split for training is called train",
+                names.iter().find(|name| !name.is_empty()).unwrap_or(&"")
+            );
+            check.error(table, message, help);
+        }
+        let mut of_tables = tables.iter().map(|(table, splits)| match splits {
+            Some(splits) => named(check, table, splits, division),
+            None => training.clone(),
+        });
+        let photometric = of_tables.by_ref().take(written.photometric.len()).collect();
+        let mut next = |table: bool| table.then(|| of_tables.next()).flatten().unwrap_or_default();
+        Self { photometric, paired: next(written.paired.is_some()), mixing: next(written.mixing.is_some()) }
+    }
+}
+
+/// What there is, as a clause.
+fn there_are(names: &[&str]) -> String {
+    let known: Vec<String> = names.iter().filter(|name| !name.is_empty()).map(|name| format!("`{name}`")).collect();
+    let without = names.contains(&"").then(|| String::from("samples without a split"));
+    format!("there are {}", known.into_iter().chain(without).collect::<Vec<_>>().join(", "))
+}
+
+/// The splits that the list `splits` of a table names.
+fn named(check: &mut Check<'_>, table: &str, splits: &[String], division: &Division) -> Vec<bool> {
+    let key = format!("{table}.splits");
+    let names: Vec<&str> = division.names.iter().map(String::as_str).collect();
+    if !division.is_divided() {
+        let help = "leave `splits` out, or name the column of the split with input.columns.split";
+        check.error(&key, "no split of the real samples is known", help);
+    } else if splits.is_empty() {
+        check.error(&key, "no split is named", format!("leave the table out, or name one: {}", one_of(&names)));
+    } else {
+        for (k, split) in splits.iter().enumerate().filter(|(_, split)| !names.contains(&split.as_str())) {
+            let near =
+                nearest(split, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
+            let message = format!("no split is called `{split}`");
+            check.error(&format!("{key}.{k}"), message, format!("{near}{}", there_are(&names)));
+        }
+    }
+    division.names.iter().map(|name| splits.contains(name)).collect()
+}
+
+/// True if new splits of a set are files of labels of their own: of tars, of folders whose names tell their splits, and of an
+/// imagefolder or COCO annotations without a column for them.
 fn apart(set: &Set) -> bool {
     let column = set.columns.name(Meaning::Split).is_some();
-    set.in_tars() || set.split_by_unit || set.is_imagefolder() && !column
+    set.in_tars() || set.split_by_unit || (set.is_imagefolder() || set.layout == Layout::Coco) && !column
 }

@@ -1,17 +1,18 @@
 //! Which samples of a job join the real ones: as many as asked for in each split, as the job draws them or toward classes or
 //! cells that the real set lacks. Scenes are drawn and thrown away until one is wanted; only those are rendered.
 
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Component, Path};
 
 use rayon::prelude::*;
 
 use super::config::{Mixing, Toward};
 use super::coverage::{Bins, Cells, PressFeatures};
-use super::input::Set;
 use super::input::columns::Meaning;
+use super::input::folders::FolderKind;
+use super::input::{Layout, Set};
 use super::split::Division;
-use crate::files::diagnostic::Report;
-use crate::files::spelling::nearest;
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use crate::files::spelling::one_of;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
@@ -27,6 +28,8 @@ const BATCH: u64 = 256;
 const MOST_MISSES: u64 = 64;
 /// Scenes in a row of which none may be in a split, before it is said that none ever will.
 const HOPELESS: u64 = 20_000;
+/// Objects that a message names.
+const MOST_NAMED: usize = 8;
 
 /// Synthetic samples that were chosen.
 pub struct SyntheticMix {
@@ -83,8 +86,8 @@ fn loaded(path: &Path, size: Option<[usize; 2]>) -> Result<Plan, Report> {
     }
 }
 
-/// Checks the table's numbers, and the splits that it names.
-pub fn check(check: &mut Check<'_>, mixing: &Mixing, division: Option<&Division>) {
+/// Checks the table's numbers.
+pub fn check(check: &mut Check<'_>, mixing: &Mixing) {
     if let Some(ratio) = mixing.synthetic_per_real {
         check.number("mixing.synthetic_per_real", ratio, 0.0..=1000.0, "");
         if mixing.total.is_some() {
@@ -94,36 +97,57 @@ pub fn check(check: &mut Check<'_>, mixing: &Mixing, division: Option<&Division>
     for (key, bins) in [("depth", mixing.depth_bins), ("place", mixing.place_bins), ("tilt", mixing.tilt_bins)] {
         check.number(&format!("mixing.{key}_bins"), f64::from(bins), 1.0..=100.0, "");
     }
-    let (Some(wanted), Some(division)) = (&mixing.splits, division) else { return };
-    let names: Vec<&str> = division.names.iter().map(String::as_str).collect();
-    if let [""] = names.as_slice() {
-        let help = "leave `splits` out, or name the column of the split with input.columns.split";
-        check.error("mixing.splits", "no split of the real samples is known", help);
-        return;
-    }
-    for (k, split) in wanted.iter().enumerate().filter(|(_, split)| !names.contains(&split.as_str())) {
-        let near =
-            nearest(split, names.iter().copied()).map_or(String::new(), |near| format!("did you mean `{near}`? "));
-        let message = format!("no split is called `{split}`");
-        check.error(&format!("mixing.splits.{k}"), message, format!("{near}there are {}", one_of(&names)));
+}
+
+/// Checks that classes of the job can be folders, of a set in which they are; notes those that are new there.
+pub fn check_class_folders(check: &mut Check<'_>, set: &Set, plan: &Plan, notes: &mut Diagnostics) {
+    let Layout::ClassFolders(FolderKind { are_classes: true, .. }) = set.layout else { return };
+    let known: BTreeSet<&str> = set.reals.iter().filter_map(|real| real.facts.class.as_deref()).collect();
+    let drawn: BTreeSet<&str> = plan.sampling.objects.iter().map(|object| object.class.as_str()).collect();
+    for class in drawn.difference(&known).copied() {
+        if Path::new(class).components().count() != 1
+            || !matches!(Path::new(class).components().next(), Some(Component::Normal(_)))
+        {
+            let message = format!("the class {class:?} of the job is no name for a folder");
+            check.error(
+                "mixing.job",
+                message,
+                "give its [[object]] another `class`: the classes of this set are folders",
+            );
+            continue;
+        }
+        let known: Vec<&str> = known.iter().copied().take(MOST_NAMED).collect();
+        let note = Diagnostic::note(format!("the class {class:?} of the job is new in the set, and becomes a folder"));
+        let help = format!(
+            "if it is one of the set's, say so under its [[object]] in the job: class = {:?} ({})",
+            known.first().unwrap_or(&""),
+            one_of(&known)
+        );
+        notes.push(note.of(class, "classes of the job are new in the set, and become folders").help(help));
     }
 }
 
-/// How many synthetic samples each split gets; `without_synthetic` is how many samples there are without them.
-fn amounts(check: &mut Check<'_>, mixing: &Mixing, division: &Division, without_synthetic: u64) -> Vec<u64> {
-    let takes = |k: usize| mixing.splits.as_ref().is_none_or(|splits| splits.contains(&division.names[k]));
-    let reals: Vec<u64> = (0..division.names.len()).map(|k| if takes(k) { division.counts()[k] } else { 0 }).collect();
+/// How many synthetic samples each split gets of those that are `receiving`; `without_synthetic` is how many samples there
+/// are without them.
+fn amounts(
+    check: &mut Check<'_>,
+    mixing: &Mixing,
+    division: &Division,
+    receiving: &[bool],
+    without_synthetic: u64,
+) -> Vec<u64> {
+    let reals = division.counts().into_iter().zip(receiving);
+    let reals: Vec<u64> = reals.map(|(count, receives)| if *receives { count } else { 0 }).collect();
     let Some(total) = mixing.total else {
         let ratio = mixing.synthetic_per_real.unwrap_or(1.0);
         return reals.iter().map(|count| (ratio * *count as f64).round() as u64).collect();
     };
     let Some(wanted) = total.checked_sub(without_synthetic) else {
         let message = format!("total = {total}, and there are {without_synthetic} samples without any synthetic one");
-        check.error(
-            "mixing.total",
-            message,
-            "total counts all samples: real ones, copies, simulated counterparts and synthetic ones",
+        let help = format!(
+            "write more than {without_synthetic}: total counts real samples, copies, simulated counterparts and synthetic ones"
         );
+        check.error("mixing.total", message, help);
         return vec![0; reals.len()];
     };
     let all: u64 = reals.iter().sum::<u64>().max(1);
@@ -145,9 +169,10 @@ pub fn choose(
     plan: Plan,
     set: &Set,
     division: &Division,
+    receiving: &[bool],
     without_synthetic: u64,
 ) -> Option<SyntheticMix> {
-    let amounts = amounts(check, mixing, division, without_synthetic);
+    let amounts = amounts(check, mixing, division, receiving, without_synthetic);
     if !check.sound("mixing") || !check.sound("input") {
         return None;
     }
@@ -197,7 +222,14 @@ pub fn choose(
         if (picks.len() as u64) < *amount {
             let name = &division.names[split];
             let message = format!("the job draws no object that may be in the split `{name}`");
-            check.error("mixing.job", message, "with split_by = \"object\" it needs the objects of every split");
+            let objects = division.objects_in(split);
+            let objects: Vec<&str> = objects.iter().map(String::as_str).take(MOST_NAMED).collect();
+            let help = format!(
+                "with split_by = \"object\" it may have {}: add one as an [[object]] of the job, with this class, or leave \
+                 the split out of `splits` in [mixing]",
+                one_of(&objects)
+            );
+            check.error("mixing.job", message, help);
             return None;
         }
         for cell in picks.iter().filter_map(|index| cells.index(&sampler.press(&sampler.scene(*index)))) {

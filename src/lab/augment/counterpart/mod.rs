@@ -34,11 +34,14 @@ pub struct Paired {
     pub max_offset_px: u32,
     /// A counterpart whose change correlates less than this with the real one stays where the label says, 0 to 1.
     pub min_correlation: f64,
+    /// The splits that get simulated counterparts; those for training where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub splits: Option<Vec<String>>,
 }
 
 impl Default for Paired {
     fn default() -> Self {
-        Self { max_offset_px: 20, min_correlation: 0.3 }
+        Self { max_offset_px: 20, min_correlation: 0.3, splits: None }
     }
 }
 

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use csv::StringRecord;
 use serde_json::{Map, Value};
 
+use crate::files::diagnostic::Diagnostic;
 use crate::files::spelling::nearest;
 use crate::job::plan::check::Check;
 use crate::lab::augment::config;
@@ -234,7 +235,7 @@ impl SourceLabel<'_> {
         }
     }
 
-    /// The number in a column; an error if there is something else.
+    /// The number in a column; the text of it if there is something else.
     pub fn number(&self, column: &str) -> Result<Option<f64>, String> {
         let Some(value) = self.value(column).filter(|value| value.as_str() != Some("")) else { return Ok(None) };
         let number = match &value {
@@ -242,11 +243,91 @@ impl SourceLabel<'_> {
             Value::String(text) => text.parse().ok(),
             _ => None,
         };
-        let shown = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
-        match number.filter(|number| number.is_finite()) {
-            Some(number) => Ok(Some(number)),
-            None => Err(format!("`{column}`: `{shown}` is no number")),
+        let shown = || value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        number.filter(|number| number.is_finite()).map(Some).ok_or_else(shown)
+    }
+}
+
+/// What is wrong with the value of a column.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mistake {
+    /// The column.
+    pub column: String,
+    message: String,
+    /// What is true of many such, behind their number.
+    cause: String,
+    /// The value, if it tells something.
+    value: Option<String>,
+    help: MistakeHelp,
+}
+
+/// What to do about it, as far as that does not depend on how labels are written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum MistakeHelp {
+    /// A number belongs there.
+    Number,
+    /// A number belongs there, with a point.
+    Point,
+    /// A quaternion needs a column for this part.
+    Column(&'static str),
+    /// Parts of a quaternion that are empty.
+    Parts(Vec<String>),
+    /// All of them are 0.
+    Zero,
+}
+
+impl Mistake {
+    fn number(column: &str, value: String) -> Self {
+        let with_point = value.matches(',').count() == 1 && value.replace(',', ".").trim().parse::<f64>().is_ok();
+        Self {
+            column: column.to_owned(),
+            message: format!("`{column}`: `{value}` is no number"),
+            cause: format!("values of `{column}` are no numbers"),
+            value: Some(value),
+            help: if with_point { MistakeHelp::Point } else { MistakeHelp::Number },
         }
+    }
+
+    fn quaternion(column: &str, columns: &ColumnMap, parts: &[Option<f64>; 4]) -> Self {
+        let absent = Meaning::QUATERNION.into_iter().find(|meaning| columns.name(*meaning).is_none());
+        let empty = Meaning::QUATERNION.into_iter().zip(parts).filter(|(_, part)| part.is_none());
+        let empty: Vec<String> = empty.filter_map(|(meaning, _)| columns.name(meaning)).map(str::to_owned).collect();
+        let help = match (absent, empty.is_empty()) {
+            (Some(absent), _) => MistakeHelp::Column(absent.name()),
+            (None, false) => MistakeHelp::Parts(empty),
+            (None, true) => MistakeHelp::Zero,
+        };
+        let cause = match help {
+            MistakeHelp::Zero => format!("quaternions (`{column}` and others) are 0"),
+            _ => format!("quaternions (`{column}` and others) lack a part"),
+        };
+        let message = format!("`{column}`: a quaternion has four parts, not all of them 0");
+        Self { column: column.to_owned(), message, cause, value: None, help }
+    }
+
+    /// The mistake in the label of `sample`; `nothing` is what is written where there is no value.
+    pub fn of_sample(self, sample: &str, nothing: &str) -> Diagnostic {
+        let help = match self.help {
+            MistakeHelp::Number => format!("write a number without its unit, or {nothing}"),
+            MistakeHelp::Point => String::from("write numbers with a point: 1.5"),
+            MistakeHelp::Column(absent) => format!(
+                "a column for {absent} is needed, too: name it with input.columns.{absent}; without a quaternion rename the \
+                 column `{}`",
+                self.column
+            ),
+            MistakeHelp::Parts(empty) => {
+                let parts = empty.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+                format!("write the parts that are not there ({parts}), or {nothing} in all four")
+            }
+            MistakeHelp::Zero => {
+                format!("write the four parts of the turn (0, 0, 0, 1 for none), or {nothing} in all four")
+            }
+        };
+        let subject = match self.value {
+            Some(value) => format!("{sample} ({value})"),
+            None => sample.to_owned(),
+        };
+        Diagnostic::new(self.message).of(subject, self.cause).help(help)
     }
 }
 
@@ -330,13 +411,13 @@ impl LabelFacts {
     pub fn read(
         columns: &ColumnMap,
         label: &SourceLabel<'_>,
-        mut wrong: impl FnMut(&str, String),
+        mut wrong: impl FnMut(Mistake),
     ) -> (Self, Option<String>) {
         let text = |meaning: Meaning| label.text(columns.name(meaning)?);
         let mut number = |meaning: Meaning| {
             let column = columns.name(meaning)?;
-            label.number(column).unwrap_or_else(|message| {
-                wrong(column, message);
+            label.number(column).unwrap_or_else(|value| {
+                wrong(Mistake::number(column, value));
                 None
             })
         };
@@ -357,7 +438,7 @@ impl LabelFacts {
         };
         let column = Meaning::QUATERNION.into_iter().find_map(|meaning| columns.name(meaning));
         if let Some(column) = column.filter(|_| facts.quaternion_xyzw.is_none() && parts.iter().any(Option::is_some)) {
-            wrong(column, format!("`{column}`: a quaternion has four parts, not all of them 0"));
+            wrong(Mistake::quaternion(column, columns, &parts));
         }
         (facts, text(Meaning::Split))
     }
@@ -398,7 +479,7 @@ mod tests {
         assert_eq!(label.number("b"), Ok(Some(2.0)));
         assert_eq!(label.number("d"), Ok(None));
         assert_eq!((label.number("missing"), label.number("e")), (Ok(None), Ok(None)));
-        assert_eq!(label.number("c"), Err(String::from("`c`: `deep` is no number")));
+        assert_eq!(label.number("c"), Err(String::from("deep")));
         assert_eq!((label.text("b"), label.text("e")), (Some(String::from("2")), None));
     }
 }

@@ -1,9 +1,10 @@
-//! A real dataset: its images by name, and what its labels say of them. Three layouts become one list of samples; images
+//! A real dataset: its images by name, and what its labels say of them. All layouts become one list of samples; images
 //! stay on disk.
 //!
-//! A *unit* is what holds labels: a table (CSV or JSON Lines) beside its images, or a tar.
+//! A *unit* is what holds labels: a table (CSV or JSON Lines), COCO annotations, or a tar; of images in a folder for each
+//! class the table that their folders make.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
@@ -14,12 +15,19 @@ use crate::files::input::MOST_IMAGE_BYTES;
 use crate::files::source::Source;
 use crate::job::plan::check::Check;
 
+pub mod coco;
 pub mod columns;
 mod find;
+pub mod folders;
+pub mod images;
+mod names;
 pub mod table;
 mod tars;
+mod unread;
 
+use coco::Annotations;
 use columns::{ColumnMap, LabelFacts};
+use folders::FolderKind;
 
 /// Largest file of a sample in a tar, bytes.
 pub const MOST_MEMBER_BYTES: u64 = 256 << 20;
@@ -35,6 +43,8 @@ pub fn most_bytes(suffix: &str, label: &str) -> u64 {
 pub struct Set {
     /// Its folder.
     pub root: PathBuf,
+    /// How it is laid out.
+    pub layout: Layout,
     /// What holds its labels.
     pub units: Vec<Unit>,
     /// Its samples: those of the first unit, of the second, and so on.
@@ -57,6 +67,21 @@ pub struct Set {
     pub sources: Vec<Source>,
     /// Ends of the names in a tar that every sample has.
     pub suffixes: Vec<String>,
+    /// The annotations of each unit, of COCO.
+    pub annotations: Vec<Annotations>,
+}
+
+/// How a set is laid out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// Tables that name images.
+    Tables,
+    /// Images in folders that say what they are.
+    ClassFolders(FolderKind),
+    /// COCO annotations that name images.
+    Coco,
+    /// WebDataset tars.
+    Tars,
 }
 
 /// What holds labels.
@@ -70,6 +95,8 @@ pub struct Unit {
     pub reals: Range<usize>,
     /// The split that its name tells.
     pub split: Option<String>,
+    /// The folder that its images' names start from, from the set's.
+    pub images: PathBuf,
 }
 
 /// How a unit holds labels.
@@ -79,12 +106,14 @@ pub enum Form {
     Csv(Vec<String>),
     /// One JSON object a line.
     JsonLines,
+    /// One JSON with a list of images.
+    Coco,
     /// A WebDataset tar.
     Tar,
 }
 
 impl Unit {
-    /// The folder that its images are in, from the set's.
+    /// The folder that it is in, from the set's.
     pub fn folder(&self) -> &Path {
         self.file.parent().unwrap_or(Path::new(""))
     }
@@ -97,14 +126,34 @@ pub struct Real {
     pub key: String,
     /// Its unit.
     pub unit: usize,
-    /// The image's file, from the unit's folder; of tars the key.
+    /// The image's file, from the unit's folder of images, with `/` between folders; of tars the key.
     pub image: String,
+    /// The same from the set's folder; empty for tars.
+    pub path: PathBuf,
+    /// True if its label has `\` between folders.
+    pub has_backslashes: bool,
     /// Where its label stands in the unit's text; empty for tars.
     pub text: Range<usize>,
     /// Number of its split in [`Set::splits`].
     pub split: usize,
     /// What its label says.
     pub facts: LabelFacts,
+}
+
+impl Real {
+    /// One of which nothing but its image is known.
+    fn of_image(unit: usize, image: &str) -> Self {
+        Self {
+            key: image.to_owned(),
+            unit,
+            image: image.to_owned(),
+            path: PathBuf::new(),
+            has_backslashes: false,
+            text: 0..0,
+            split: 0,
+            facts: LabelFacts::default(),
+        }
+    }
 }
 
 impl Set {
@@ -115,28 +164,33 @@ impl Set {
 
     /// A mistake in a sample's label.
     pub fn problem(&self, real: &Real, message: impl Into<String>) -> Diagnostic {
-        match self.units[real.unit].form {
-            Form::Tar => Diagnostic::new(format!("{}: {}", self.name(real), message.into())),
-            _ => Diagnostic::new(message).at(table::place(real.unit, &self.sources[real.unit].text, real.text.start)),
+        match self.layout {
+            Layout::Tables => {
+                Diagnostic::new(message).at(table::place(real.unit, &self.sources[real.unit].text, real.text.start))
+            }
+            _ => Diagnostic::new(format!("{}: {}", self.name(real), message.into())),
         }
     }
 
     /// A sample in messages.
     pub fn name(&self, real: &Real) -> String {
-        let unit = self.root.join(&self.units[real.unit].file);
-        match self.units[real.unit].form {
-            Form::Tar => format!("{}: {}", unit.display(), real.image),
-            _ => unit.with_file_name("").join(&real.image).display().to_string(),
+        match self.layout {
+            Layout::Tars => format!("{}: {}", self.root.join(&self.units[real.unit].file).display(), real.image),
+            _ => self.path(real).display().to_string(),
         }
+    }
+
+    /// A sample's image; not of tars.
+    pub fn path(&self, real: &Real) -> PathBuf {
+        self.root.join(&real.path)
     }
 
     /// The bytes of a sample's image.
     pub fn image(&self, real: &Real) -> Result<Vec<u8>, String> {
-        let unit = self.root.join(&self.units[real.unit].file);
-        if self.units[real.unit].form != Form::Tar {
-            let path = unit.with_file_name("").join(&real.image);
-            return crate::files::input::read(&path, MOST_IMAGE_BYTES).map_err(|error| error.to_string());
+        if !self.in_tars() {
+            return crate::files::input::read(&self.path(real), MOST_IMAGE_BYTES).map_err(|error| error.to_string());
         }
+        let unit = self.root.join(&self.units[real.unit].file);
         let mut found = None;
         let wanted =
             |head: Head<'_>| (head.key == real.image && head.suffix == self.image).then_some(MOST_MEMBER_BYTES);
@@ -150,20 +204,26 @@ impl Set {
         found.ok_or_else(|| String::from("it is not there any more"))
     }
 
-    /// True of a set that Hugging Face reads as an imagefolder.
+    /// True of a set that Hugging Face reads as an imagefolder with metadata.
     pub fn is_imagefolder(&self) -> bool {
         self.units.iter().all(|unit| unit.file.file_stem().is_some_and(|stem| stem == "metadata"))
     }
 
     /// True of a set in tars.
     pub fn in_tars(&self) -> bool {
-        self.units.first().is_some_and(|unit| unit.form == Form::Tar)
+        self.layout == Layout::Tars
+    }
+
+    /// True of images in folders that say what they are.
+    pub fn in_class_folders(&self) -> bool {
+        matches!(self.layout, Layout::ClassFolders(_))
     }
 }
 
 /// What is known while units are read.
 struct Draft<'a> {
     root: &'a Path,
+    layout: Layout,
     written: &'a config::Input,
     units: Vec<Unit>,
     reals: Vec<Real>,
@@ -175,18 +235,26 @@ struct Draft<'a> {
     columns: Option<ColumnMap>,
     example: serde_json::Map<String, serde_json::Value>,
     suffixes: Vec<String>,
+    coco: Vec<Annotations>,
+    /// Images that COCO annotations name.
+    paths: HashSet<PathBuf>,
     /// Size of each image.
     sizes: Vec<Result<[usize; 2], String>>,
     /// Mistakes in the set itself.
     found: Diagnostics,
+    /// What is left out of it.
+    notes: Diagnostics,
 }
 
 /// Reads the real dataset that `written` names; what is wrong in it is the report, what is wrong with the keys goes to
 /// `check`. `None` after a mistake.
-pub fn read(check: &mut Check<'_>, written: &config::Input) -> (Option<Set>, Report) {
-    let Some(find::Found { root, units }) = find::units(check, written) else { return (None, Report::default()) };
+pub fn read(check: &mut Check<'_>, written: &config::Input, notes: &mut Diagnostics) -> (Option<Set>, Report) {
+    let Some(find::Found { root, layout, units, files }) = find::units(check, written) else {
+        return (None, Report::default());
+    };
     let mut draft = Draft {
         root: &root,
+        layout,
         written,
         reals: Vec::new(),
         named: Vec::new(),
@@ -196,24 +264,38 @@ pub fn read(check: &mut Check<'_>, written: &config::Input) -> (Option<Set>, Rep
         columns: None,
         example: serde_json::Map::new(),
         suffixes: Vec::new(),
+        coco: Vec::new(),
+        paths: HashSet::new(),
         sizes: Vec::new(),
         found: Diagnostics::default(),
+        notes: Diagnostics::default(),
         units,
     };
+    if layout == Layout::Tars && written.images.is_some() {
+        check.error("input.images", "images are in the tars", "leave it out; input.image says which files are images");
+    }
+    let mut files = Some(files);
     for unit in 0..draft.units.len() {
         let first = draft.reals.len();
-        let tar = draft.units[unit].form == Form::Tar;
-        let read = if tar { tars::read(check, &mut draft, unit) } else { table::read(check, &mut draft, unit) };
+        let read = match layout {
+            Layout::Tables => table::read(check, &mut draft, unit),
+            Layout::ClassFolders(_) => folders::read(check, &mut draft, files.take().unwrap_or_default()),
+            Layout::Coco => coco::read(check, &mut draft, unit),
+            Layout::Tars => tars::read(check, &mut draft, unit),
+        };
         draft.units[unit].reals = first..draft.reals.len();
         if read.is_none() {
             break;
         }
     }
     qualify(&mut draft);
-    let size = sizes(&mut draft);
+    let size = measure(&mut draft);
     let Draft { units, mut reals, named, sources, image, label, columns, example, suffixes, found, .. } = draft;
+    let (layout, annotations) = (draft.layout, draft.coco);
+    notes.extend(draft.notes);
     if found.is_empty() && check.problems.is_empty() && reals.is_empty() {
-        check.error("input.path", format!("{} holds no sample", root.display()), "name a folder with labelled images");
+        let help = "write a row for each image, or name another folder: one with labelled images";
+        check.error("input.path", format!("{} holds no sample", root.display()), help);
     }
     let report = Report::new(&found, &sources);
     let (Some(columns), Some(image), Some(size), true) = (columns, image, size, found.is_empty()) else {
@@ -229,8 +311,22 @@ pub fn read(check: &mut Check<'_>, written: &config::Input) -> (Option<Set>, Rep
             splits.len() - 1
         });
     }
-    let set =
-        Set { root, units, reals, splits, split_by_unit, size, image, label, columns, example, sources, suffixes };
+    let set = Set {
+        root,
+        layout,
+        units,
+        reals,
+        splits,
+        split_by_unit,
+        size,
+        image,
+        label,
+        columns,
+        example,
+        sources,
+        suffixes,
+        annotations,
+    };
     (Some(set), report)
 }
 
@@ -238,40 +334,48 @@ pub fn read(check: &mut Check<'_>, written: &config::Input) -> (Option<Set>, Rep
 fn qualify(draft: &mut Draft<'_>) {
     let mut known: HashMap<&str, usize> = HashMap::new();
     let shared = draft.reals.iter().any(|real| known.insert(&real.key, real.unit).is_some());
-    let tables = draft.units.first().is_some_and(|unit| unit.form != Form::Tar);
-    let several = tables && draft.units.len() > 1;
+    let in_tars = draft.layout == Layout::Tars;
+    let several = !in_tars && draft.units.len() > 1;
     if !(shared || several) {
         return;
     }
     for real in &mut draft.reals {
         let unit = &draft.units[real.unit];
-        let prefix = if unit.form == Form::Tar { unit.file.with_extension("") } else { unit.folder().to_owned() };
+        let prefix = if in_tars { unit.file.with_extension("") } else { unit.images.clone() };
         real.key = prefix.join(&real.key).to_string_lossy().into_owned();
     }
 }
 
 /// The size that all images have; says which have another one, or cannot be read.
-fn sizes(draft: &mut Draft<'_>) -> Option<[usize; 2]> {
+fn measure(draft: &mut Draft<'_>) -> Option<[usize; 2]> {
     let sizes = std::mem::take(&mut draft.sizes);
     let size = sizes.iter().find_map(|size| size.as_ref().ok()).copied();
-    for (real, found) in draft.reals.iter().zip(sizes) {
-        let (message, help) = match (found, size) {
-            (Err(reason), _) => (
-                format!("cannot read the image {}: {reason}", real.image),
-                "a PNG belongs here; remove the row if there is no image",
-            ),
-            (Ok([width, height]), Some([w, h])) if [width, height] != [w, h] => (
-                format!("{} is {width}x{height} px, the first image {w}x{h} px", real.image),
-                "images of one sensor have one size: divide the set, or leave these out",
-            ),
+    // What to do is found out once for each unit and cause: folders are looked through for it.
+    let mut helps: HashMap<(usize, String), String> = HashMap::new();
+    for (number, found) in sizes.into_iter().enumerate() {
+        let real = &draft.reals[number];
+        let problem = match (found, size) {
+            (Err(reason), _) => {
+                let images::Unreadable { message, cause } = images::unreadable(draft, real, &reason);
+                let help = helps.entry((real.unit, cause.clone())).or_insert_with(|| images::help(draft, real));
+                Diagnostic::new(message).of(&real.key, cause).help(help.clone())
+            }
+            (Ok([width, height]), Some([w, h])) if [width, height] != [w, h] => {
+                let message = format!("{} is {width}x{height} px, the first image {w}x{h} px", real.key);
+                let cause = format!("images have not the first one's size ({w}x{h} px)");
+                let problem = Diagnostic::new(message).of(format!("{} ({width}x{height} px)", real.key), cause);
+                problem.help("images of one sensor have one size: divide the set, or leave these out")
+            }
             _ => continue,
         };
-        let unit = &draft.units[real.unit];
-        let problem = match unit.form {
-            Form::Tar => Diagnostic::new(format!("{}: {message}", draft.root.join(&unit.file).display())),
-            _ => Diagnostic::new(message).at(table::place(real.unit, &draft.sources[real.unit].text, real.text.start)),
+        let place = (draft.layout == Layout::Tables)
+            .then(|| table::place(real.unit, &draft.sources[real.unit].text, real.text.start));
+        let unit = draft.root.join(&draft.units[real.unit].file);
+        let problem = match draft.layout {
+            Layout::Tars => Diagnostic { message: format!("{}: {}", unit.display(), problem.message), ..problem },
+            _ => problem.at(place),
         };
-        draft.found.push(problem.help(help));
+        draft.found.push(problem);
     }
     size
 }

@@ -1,15 +1,16 @@
 //! Labels in a table beside the images: CSV with names of columns in its first line, or JSON Lines.
 
 use std::collections::HashMap;
-use std::path::{Component, Path, PathBuf};
+use std::path::PathBuf;
 
 use csv::StringRecord;
 use rayon::prelude::*;
 use serde_json::{Map, Value};
 
 use super::columns::{ColumnMap, Header, LabelFacts, SourceLabel};
-use super::{Draft, Form, MOST_LABEL_BYTES, Real};
+use super::{Draft, Form, MOST_LABEL_BYTES, Real, images};
 use crate::files::diagnostic::Diagnostic;
+use crate::files::foreign;
 use crate::files::image_file;
 use crate::files::input;
 use crate::files::rows;
@@ -19,7 +20,7 @@ use crate::files::spelling::one_of;
 use crate::job::plan::check::Check;
 
 /// Largest table, bytes.
-const MOST_BYTES: u64 = 1 << 30;
+pub const MOST_BYTES: u64 = 1 << 30;
 /// Names that the column of the image usually has.
 const IMAGES: [&str; 6] = ["file_name", "file", "image", "filename", "image_path", "path"];
 
@@ -41,70 +42,133 @@ struct Row {
 /// Reads the table that is unit `unit` of a draft. `None` if nothing more can be said after a mistake.
 pub(super) fn read(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize) -> Option<()> {
     let path = draft.root.join(&draft.units[unit].file);
-    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    let text = input::read(&path, MOST_BYTES).and_then(|bytes| {
-        String::from_utf8(bytes).map_err(|error| {
-            let at = error.utf8_error().valid_up_to();
-            std::io::Error::other(format!("not UTF-8 at byte {at}"))
-        })
-    });
-    let text = match text {
-        Ok(text) => text,
+    let shown = path.display().to_string();
+    let source = |text: String| Source { name: shown.clone(), text, folder: path.with_file_name("") };
+    let bytes = match input::read(&path, MOST_BYTES) {
+        Ok(bytes) => bytes,
         Err(error) => {
-            draft.found.push(Diagnostic::new(format!("{}: {error}", path.display())));
+            let help = "name a table that can be read with input.labels, or make this one readable";
+            draft.found.push(Diagnostic::new(format!("{shown}: {error}")).help(help));
             return None;
         }
     };
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text).replace("\r\n", "\n").replace('\r', "\n");
+    if let Some(foreign) = foreign::recognise(&bytes) {
+        let what = if bytes.is_empty() { "the table is empty" } else { foreign.what };
+        let help = match bytes.is_empty() {
+            true => "write the names of the columns in its first line, and a row for each image",
+            false => "save the table as CSV or JSON Lines, which are text",
+        };
+        let message =
+            if bytes.is_empty() { format!("{shown}: {what}") } else { format!("{shown} is {what}, no table") };
+        draft.found.push(Diagnostic::new(message).help(help));
+        return None;
+    }
+    let text = match rows::decode(&bytes) {
+        Ok(text) => text,
+        Err((text, problem)) => {
+            draft.sources.push(source(text));
+            draft.found.push(at_source(unit, problem).help("save the table in UTF-8"));
+            return None;
+        }
+    };
     let rows = match draft.units[unit].form {
         Form::JsonLines => json_lines(check, draft, unit, &text),
         _ => csv(check, draft, unit, &text),
     };
-    draft.sources.push(Source { name: path.display().to_string(), text, folder: folder.clone() });
+    draft.sources.push(source(text));
     let rows = rows?;
-    let mut seen: HashMap<PathBuf, u64> = HashMap::new();
-    let kept: Vec<Row> = rows.into_iter().filter_map(|row| once(draft, unit, &mut seen, row)).collect();
-    let sizes: Vec<_> = kept.par_iter().map(|row| image_file::size_of_file(&folder.join(&row.image))).collect();
-    draft.sizes.extend(sizes);
-    for Row { start, end, image, facts, split, .. } in kept {
-        draft.reals.push(Real { key: image.clone(), unit, image, text: start..end, split: 0, facts });
+    let folder = images::folder(check, draft, unit)?;
+    draft.units[unit].images.clone_from(&folder);
+    if rows.is_empty() && draft.found.is_empty() {
+        let message = format!("{shown}: no row follows the names of the columns");
+        draft.found.push(Diagnostic::new(message).help("write a row for each image, with its name"));
+        return None;
+    }
+    let mut known = Known::default();
+    let from = draft.root.join(&folder);
+    let mut kept = Vec::new();
+    for row in rows {
+        let image = images::with_slashes(&from, &row.image);
+        if let Some(path) = once(draft, unit, &mut known, &row, &image) {
+            kept.push((row, image, path));
+        }
+    }
+    let root = draft.root;
+    draft.sizes.par_extend(kept.par_iter().map(|(.., path)| image_file::size_of_file(&root.join(path))));
+    for (Row { start, end, image: written, facts, split, .. }, image, path) in kept {
+        let has_backslashes = image != written;
+        draft.reals.push(Real { key: written, unit, image, path, has_backslashes, text: start..end, split: 0, facts });
         draft.named.push(split);
     }
     Some(())
 }
 
-/// The row, if its image is a file of the set's own that no row before it names.
-fn once(draft: &mut Draft<'_>, unit: usize, seen: &mut HashMap<PathBuf, u64>, row: Row) -> Option<Row> {
-    let wrong = |message: String| {
-        let text = &draft.sources[unit].text;
-        Diagnostic::new(message).at(place(unit, text, row.start))
+/// What is known of the rows before one.
+#[derive(Default)]
+struct Known {
+    /// Lines of images, by their paths.
+    lines: HashMap<PathBuf, u64>,
+    /// What to do about paths that lead out: folders are looked through for it, once.
+    ways_in: HashMap<bool, String>,
+}
+
+/// The image's path from the set's folder, if it is a file of the set's own that no row before it names.
+fn once(draft: &mut Draft<'_>, unit: usize, known: &mut Known, row: &Row, image: &str) -> Option<PathBuf> {
+    let line = format!("line {}", row.line);
+    let text = &draft.sources[unit].text;
+    let wrong = |message: String, subject: String, cause: &str| {
+        Diagnostic::new(message).at(place(unit, text, row.start)).of(subject, cause)
     };
-    let steps: Vec<Component<'_>> = Path::new(&row.image).components().collect();
-    let inside = |step: &Component<'_>| matches!(step, Component::Normal(_) | Component::CurDir);
-    if row.image.is_empty() {
-        let problem = wrong(String::from("the row names no image"));
+    if image.is_empty() {
+        let problem = wrong(String::from("the row names no image"), line, "rows name no image");
         draft.found.push(problem.help("name the image, or remove the row"));
         return None;
     }
-    if !steps.iter().all(inside) {
-        let problem = wrong(format!("{} is not in the table's folder", row.image));
-        draft.found.push(problem.help(
-            "an output with the same names would lie outside its folder: put the table above \
-                                       its images, and name them from there",
-        ));
+    let folder = &draft.units[unit].images;
+    let Some(path) = images::inside(folder, image) else {
+        let is_absolute = images::is_absolute(image);
+        let (message, cause) = match is_absolute {
+            true => (format!("{image} is an absolute path, of another place or machine"), "images have absolute paths"),
+            false => (
+                format!("{image} is not in the folder of input.path", row.image),
+                "images are not in the folder of input.path",
+            ),
+        };
+        let problem = wrong(message, row.image.clone(), cause);
+        let help = known.ways_in.entry(is_absolute).or_insert_with(|| {
+            let real = Real::of_image(unit, image);
+            images::elsewhere(draft, &real).unwrap_or_else(|| match is_absolute {
+                true => String::from("write names from the table's folder, or from one that input.images names"),
+                false => {
+                    String::from("name a folder above both with input.path, and the table from there with input.labels")
+                }
+            })
+        });
+        let help = help.clone();
+        draft.found.push(problem.help(help));
+        return None;
+    };
+    if let Some(first) = known.lines.insert(path.clone(), row.line) {
+        let message = format!("the image {} is on line {first}, too", row.image);
+        let subject = format!("{} (lines {first} and {})", row.image, row.line);
+        draft.found.push(wrong(message, subject, "images are in several rows").help("keep one of the two rows"));
         return None;
     }
-    let path: PathBuf = steps.iter().filter(|step| matches!(step, Component::Normal(_))).collect();
-    if let Some(first) = seen.insert(path, row.line) {
-        let problem = wrong(format!("the image {} is on line {first}, too", row.image));
-        draft.found.push(problem.help("keep one of the two rows"));
-        return None;
-    }
-    Some(row)
+    Some(path)
+}
+
+/// The same mistake in the table of a unit.
+fn at_source(unit: usize, problem: Diagnostic) -> Diagnostic {
+    Diagnostic { place: problem.place.map(|place| Place { source: unit, ..place }), ..problem }
 }
 
 /// The column of the image among those that there are.
-fn image_column(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, label: &SourceLabel<'_>) -> Option<String> {
+pub(super) fn image_column(
+    check: &mut Check<'_>,
+    draft: &mut Draft<'_>,
+    unit: usize,
+    label: &SourceLabel<'_>,
+) -> Option<String> {
     if let Some(known) = &draft.image {
         return Some(known.clone());
     }
@@ -133,7 +197,7 @@ fn image_column(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, label
 }
 
 /// Columns of the first label stand for all.
-fn columns(check: &mut Check<'_>, draft: &mut Draft<'_>, label: &SourceLabel<'_>) -> ColumnMap {
+pub(super) fn columns(check: &mut Check<'_>, draft: &mut Draft<'_>, label: &SourceLabel<'_>) -> ColumnMap {
     let written = &draft.written.columns;
     draft.columns.get_or_insert_with(|| ColumnMap::find(check, written, label)).clone()
 }
@@ -143,18 +207,22 @@ fn too_long(unit: usize, text: &str, start: usize, end: usize) -> Option<Diagnos
     let bytes = end - start;
     (bytes as u64 > MOST_LABEL_BYTES).then(|| {
         let problem = Diagnostic::new(format!("the row has {bytes} bytes, more than 1 MB"));
-        problem.at(place(unit, text, start)).help("look for a quote that nothing closes, or leave columns out")
+        problem.at(place(unit, text, start)).help("leave columns out, or write what is so long into files")
     })
 }
 
 fn csv(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &str) -> Option<Vec<Row>> {
+    if let Some(problem) = rows::check_quotes(text) {
+        draft.found.push(at_source(unit, problem));
+        return None;
+    }
     let mut records = rows::rows(text);
     let Some(header) = records.next() else {
-        draft.found.push(Diagnostic::new(format!("{}: the table is empty", draft.units[unit].file.display())));
+        let message = format!("{}: the table is empty", draft.root.join(&draft.units[unit].file).display());
+        let help = "write the names of the columns in its first line, and a row for each image";
+        draft.found.push(Diagnostic::new(message).help(help));
         return None;
     };
-    let at_source =
-        |problem: Diagnostic| Diagnostic { place: problem.place.map(|p| Place { source: unit, ..p }), ..problem };
     if let Some(problem) = too_long(unit, text, header.start, header.end) {
         draft.found.push(problem);
         return None;
@@ -164,14 +232,14 @@ fn csv(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &str) ->
         && let Some(mark) = [(";", "semicolons"), ("\t", "tabs")].into_iter().find(|(mark, _)| only.contains(mark))
     {
         let problem = header.wrong(0, format!("the cells are separated by {} instead of commas", mark.1));
-        draft.found.push(at_source(problem).help("separate them by commas, and write 1.5 with a point"));
+        draft.found.push(at_source(unit, problem).help("separate them by commas, and write 1.5 with a point"));
         return None;
     }
     let header = match Header::new(names) {
         Ok(known) => known,
         Err(twice) => {
             let problem = header.wrong(twice, format!("the column `{}` is there twice", header.cell(twice)));
-            draft.found.push(at_source(problem).help("rename one"));
+            draft.found.push(at_source(unit, problem).help("rename one"));
             return None;
         }
     };
@@ -191,20 +259,22 @@ fn csv(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &str) ->
         if record.cells.len() != header.names.len() {
             let (cells, names) = (record.cells.len(), header.names.len());
             let message = format!("the row has {cells} cells, and there are {names} columns");
+            let subject = format!("line {} ({cells} cells)", record.line);
             let help = "write a comma for each empty cell, and a cell with a comma in quotes";
-            draft.found.push(Diagnostic::new(message).at(place(unit, text, record.start)).help(help));
+            let problem = Diagnostic::new(message).at(place(unit, text, record.start)).help(help);
+            draft
+                .found
+                .push(problem.of(subject, format!("rows have not as many cells as there are columns ({names})")));
             continue;
         }
         let label = SourceLabel::Cells(&header, &record.cells);
-        let (facts, split) = LabelFacts::read(&columns, &label, |column, message| {
-            let problem = match header.number(column) {
-                Some(index) => at_source(record.wrong(index, message)),
-                None => Diagnostic::new(message).at(place(unit, text, record.start)),
-            };
-            draft.found.push(problem.help("write a number without its unit, or leave the cell empty"));
+        let name = record.cell(image).to_owned();
+        let (facts, split) = LabelFacts::read(&columns, &label, |mistake| {
+            let cell = header.number(&mistake.column).map(|index| rows::cell_place(text, record.start, index));
+            let problem = mistake.of_sample(&name, "leave the cell empty");
+            draft.found.push(at_source(unit, problem.at(cell)));
         });
-        let image = record.cell(image).to_owned();
-        rows.push(Row { start: record.start, end: record.end, line: record.line, image, facts, split });
+        rows.push(Row { start: record.start, end: record.end, line: record.line, image: name, facts, split });
     }
     draft.units[unit].form = Form::Csv(header.names);
     Some(rows)
@@ -232,20 +302,23 @@ fn json_lines(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &
                 let reason = error.to_string();
                 let reason = reason.split(" at line ").next().unwrap_or_default();
                 let problem = Diagnostic::new(format!("no JSON object: {reason}"));
-                draft
-                    .found
-                    .push(problem.at(Place { source: unit, start: at, end: at }).help("one object on each line"));
+                let problem = problem.at(Place { source: unit, start: at, end: at });
+                let problem = problem.of(format!("line {}", number + 1), "lines are no JSON objects");
+                let help = match text.trim_start().starts_with('[') {
+                    true => "write each object on a line of its own, without [ ] around all and commas between them",
+                    false => "write one object on each line",
+                };
+                draft.found.push(problem.help(help));
                 continue;
             }
         };
         let label = SourceLabel::Json(&map);
         let image = image_column(check, draft, unit, &label)?;
         let columns = columns(check, draft, &label);
-        let (facts, split) = LabelFacts::read(&columns, &label, |_, message| {
-            let problem = Diagnostic::new(message).at(place(unit, text, from));
-            draft.found.push(problem.help("write a number without its unit, or null"));
-        });
         let image = label.text(&image).unwrap_or_default();
+        let (facts, split) = LabelFacts::read(&columns, &label, |mistake| {
+            draft.found.push(mistake.of_sample(&image, "null").at(place(unit, text, from)));
+        });
         if draft.example.is_empty() {
             draft.example = map;
         }

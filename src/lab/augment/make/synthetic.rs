@@ -4,9 +4,10 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Maker, image_stats, text};
+use super::{Maker, image_stats, small, text};
 use crate::dataset::archive::Member;
 use crate::dataset::encode::{json, members};
+use crate::files::figures::figure;
 use crate::job::sample::Accepted;
 use crate::job::sample::Unfit;
 use crate::job::sample::accept;
@@ -15,6 +16,7 @@ use crate::lab::augment::AugmentError;
 use crate::lab::augment::input::{Form, Real};
 use crate::lab::augment::output::Piece;
 use crate::lab::augment::output::labels::Synthetic;
+use crate::lab::augment::output::pictures::{encode_as, is_of_format};
 use crate::lab::augment::report::SampleEntry;
 use crate::lab::augment::trace::{Source, Trace};
 
@@ -35,13 +37,14 @@ impl Maker<'_> {
         beside: &Real,
         number: usize,
         index: u64,
+        on_page: bool,
     ) -> Result<(Piece, SampleEntry), AugmentError> {
         let (set, division) = (&self.recipe.set, &self.recipe.division);
         let Some(mix) = &self.recipe.mix else {
             return Err(AugmentError::Sample(String::from("no job is there for a synthetic sample")));
         };
         let Accepted { sample, .. } = accept(&mix.plan, index).map_err(|Unfit(label)| {
-            AugmentError::Sample(format!("sample {} of the job is not healthy: {}", label.key, label.health.reason))
+            AugmentError::Unhealthy(format!("sample {} of the job is not healthy: {}", label.key, label.health.reason))
         })?;
         let split = division.of_reals[number];
         let form = &set.units[beside.unit].form;
@@ -54,57 +57,60 @@ impl Maker<'_> {
         };
         let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
         let key = format!("synthetic-{index:09}");
-        let name = match form {
-            Form::Tar => key.clone(),
-            _ => Path::new(&beside.image).with_file_name(format!("{key}.png")).to_string_lossy().into_owned(),
-        };
+        let placed = self.units.synthetic(beside, split, &sample.label.object.class, &key);
         let mut files = members(&mix.plan, &sample);
         files.retain(|member| member.suffix != "json");
-        let mut piece =
-            Piece { unit: beside.unit, split, key, tar_files: Vec::new(), files: Vec::new(), row: Vec::new() };
-        let folder = self.units.folder(beside.unit, split);
+        let mut piece = Piece { unit: beside.unit, split, key: key.clone(), ..Piece::default() };
         let mut columns = Vec::new();
         for Member { suffix, bytes } in files {
             let bytes = bytes.into_vec().expect("of a press nothing is spooled");
             let tactile = suffix == "tactile.png";
             if *form == Form::Tar {
-                let suffix = if tactile { set.image.clone() } else { suffix };
-                if tactile || self.columns.contains(&suffix) {
+                if tactile {
+                    let failed = |reason: String| AugmentError::Sample(format!("{key}: {reason}"));
+                    let image = match is_of_format(&bytes, &set.image) {
+                        true => bytes,
+                        false => encode_as(&set.image, &sample.impression.image).map_err(failed)?,
+                    };
+                    piece.tar_files.push(Member::new(set.image.as_str(), image));
+                } else if self.columns.contains(&suffix) {
                     piece.tar_files.push(Member::new(suffix, bytes));
                 }
                 continue;
             }
-            let file = Path::new(&name).with_extension(&suffix);
-            let layer = suffix.split('.').next().unwrap_or_default();
-            match tactile {
-                true => piece.files.push((folder.join(&name), bytes)),
-                false => {
-                    let (as_image, as_path) = (format!("{layer}_image_file_name"), format!("{layer}_path"));
-                    let file = match (self.columns.contains(&as_image), self.columns.contains(&as_path)) {
-                        (true, _) => {
-                            columns.push((as_image, file.to_string_lossy().into_owned()));
-                            folder.join(file)
-                        }
-                        (_, true) => {
-                            let file = folder.join(file);
-                            columns.push((as_path, file.to_string_lossy().into_owned()));
-                            file
-                        }
-                        _ => continue,
-                    };
-                    piece.files.push((file, bytes));
-                }
+            if tactile {
+                piece.files.push((placed.file.clone(), bytes));
+                continue;
             }
+            let layer = suffix.split('.').next().unwrap_or_default();
+            let (as_image, as_path) = (format!("{layer}_image_file_name"), format!("{layer}_path"));
+            let file = placed.file.with_extension(&suffix);
+            match (self.columns.contains(&as_image), self.columns.contains(&as_path)) {
+                (true, _) => {
+                    columns.push((
+                        as_image,
+                        Path::new(&placed.name).with_extension(&suffix).to_string_lossy().into_owned(),
+                    ));
+                }
+                (_, true) => columns.push((as_path, file.to_string_lossy().into_owned())),
+                _ => continue,
+            }
+            piece.files.push((file, bytes));
         }
+        let name = if *form == Form::Tar { &key } else { &placed.name };
         let scene = Scene::draw(&mix.plan, index, sample.label.attempt);
         let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
-        let label = self.labels.synthetic(form, &made, &division.names[split], &name, &trace);
+        let label = self.labels.synthetic(form, &made, &division.names[split], name, &trace);
         match form {
             Form::Tar => piece.tar_files.push(Member::new(set.label.as_str(), label)),
             _ => piece.row = label,
         }
         let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
         let object = &sample.label.object;
+        let depth = figure(sample.label.indentation_depth_mm);
+        let split_name = &division.names[split];
+        let comma = if split_name.is_empty() { "" } else { ", " };
+        let caption = format!("{}\n{depth} mm deep{comma}{split_name}", object.class);
         let entry = SampleEntry {
             source: Source::Synthetic,
             split,
@@ -112,7 +118,7 @@ impl Maker<'_> {
             depth_mm: Some(sample.label.indentation_depth_mm),
             image_stats: image_stats(&sample.impression.image),
             number,
-            tile: self.tile(number, &sample.impression.image),
+            tile: on_page.then(|| (small(&sample.impression.image), caption)),
             pair: None,
         };
         Ok((piece, entry))

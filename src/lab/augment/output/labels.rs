@@ -42,9 +42,9 @@ impl Labels<'_> {
         self.split.as_ref().filter(|split| !names.contains(split))
     }
 
-    /// The label of a real sample, or of one made of it. `text` is the real one's; `image` the image's file, if it is
-    /// another one.
-    pub fn real(&self, form: &Form, text: &str, split: &str, image: Option<&str>, trace: &Trace) -> Vec<u8> {
+    /// The label of a real sample, or of one made of it. `text` is the real one's; `changes` are columns that have another
+    /// value.
+    pub fn real(&self, form: &Form, text: &str, split: &str, changes: &[(&str, Value)], trace: &Trace) -> Vec<u8> {
         match form {
             Form::Csv(names) => {
                 let mut cells = cells(text);
@@ -53,17 +53,19 @@ impl Labels<'_> {
                         cells[index] = value.to_owned();
                     }
                 };
-                image.into_iter().for_each(|image| set(&self.set.image, image));
+                for (column, value) in changes {
+                    set(column, value.as_str().unwrap_or_default());
+                }
                 self.split.iter().for_each(|column| set(column, split));
                 self.finished(names, cells, split, trace)
             }
             form => {
-                let mut bytes = match (image, &self.split) {
-                    (None, None) => self.trace.append(text, trace),
+                let mut bytes = match (changes, &self.split) {
+                    ([], None) => self.trace.append(text, trace),
                     _ => {
                         let mut map = object(text);
-                        if let Some(image) = image {
-                            columns::set(&mut map, &self.set.image, Value::from(image));
+                        for (column, value) in changes {
+                            columns::set(&mut map, column, value.clone());
                         }
                         if let Some(column) = &self.split {
                             columns::set(&mut map, column, Value::from(split));

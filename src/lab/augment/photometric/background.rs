@@ -3,9 +3,11 @@
 //! What a press changes in the light is added to the background image in display values, here as in the
 //! simulator; so what is left of the image without its background is that change, as bright as its own LEDs made it.
 
+use std::path::Path;
+
 use crate::core::optics::background::BackgroundImage;
 use crate::files::image_file;
-use crate::files::input;
+use crate::files::input::{self, meant};
 use crate::job::plan::check::Check;
 use crate::lab::augment::photometric::SensorProfile;
 
@@ -41,15 +43,27 @@ pub fn read(check: &mut Check<'_>, at: &str, names: &[String], profile: &SensorP
             Ok(picture) => {
                 let (w, h) = picture.dimensions();
                 let message = format!("{} is {w}x{h} px, the images {width}x{height} px", path.display());
-                check.error(&key, message, "a background image of the images' size belongs here");
+                let help =
+                    "name a picture that was taken as the images were, or bring it to their size as they were brought";
+                check.error(&key, message, help);
             }
             Err(reason) => {
                 let message = format!("cannot read the background {}: {reason}", path.display());
-                check.error(&key, message, "a PNG of an untouched pad belongs here, or \"rendered\"");
+                check.error(&key, message, picture_help(&path));
             }
         }
     }
     swaps
+}
+
+/// What to do about a picture of the untouched pad that could not be read.
+pub fn picture_help(path: &Path) -> String {
+    let near = Some(path).filter(|path| !path.exists()).and_then(|path| meant(path, image_file::is_named_like_one));
+    let near = near.map(|near| format!("did you mean {}? ", path.with_file_name(near).display())).unwrap_or_default();
+    format!(
+        "{near}name a picture of the untouched pad ({}), or \"rendered\" for the one of a simulated sensor",
+        image_file::NAMES
+    )
 }
 
 impl BackgroundSwap {

@@ -34,6 +34,9 @@ pub use recipe::{Applied, PhotometricRecipe};
 pub struct Photometric {
     /// Images made of each real one, 1 to 1000.
     pub copies: u32,
+    /// The splits that get copies; those for training where it is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub splits: Option<Vec<String>>,
     /// Background images, relative to the file this stands in, or `"rendered"` for the one that the sensor
     /// renders: the image gets one of them instead of its own background.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -63,6 +66,7 @@ impl Default for Photometric {
         let (zero, one) = (Quantity::Constant(0.0), Quantity::Constant(1.0));
         Self {
             copies: 1,
+            splits: None,
             background: Vec::new(),
             led_gain: one.clone(),
             white_balance: one,
@@ -135,7 +139,7 @@ impl Photometric {
             let help = "give [sensor.camera] read_noise_levels, or at least two images of one size to measure it from";
             check.error(&key("noise_level"), "nothing is known of this sensor's noise", help);
         }
-        if !self.background.is_empty() && profile.background.is_none() {
+        if !self.background.is_empty() && profile.background.is_none() && profile.sensor.pins.is_none() {
             let help = "name the set's background image: [input] background = \"...\"";
             check.error(&key("background"), "the image's own background is not known", help);
         }
