@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use clap::builder::PossibleValuesParser;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::progress::bar::Bar;
 use super::terminal::columns;
@@ -12,7 +12,7 @@ use crate::dataset::encode::json;
 use crate::files::diagnostic::Severity;
 use crate::files::diagnostic::user_error;
 use crate::files::figures::counted;
-use crate::files::mesh::ENDINGS;
+use crate::files::mesh::{ENDINGS, Reading, UrdfShapes};
 use crate::files::sensor::PRESETS;
 use crate::job::config::object::Unit;
 use crate::job::inspection::SensorPad;
@@ -34,6 +34,12 @@ pub struct Inspect {
     /// Unit of their coordinates, if not the one that the file says, or mm
     #[arg(long, value_enum)]
     unit: Option<Unit>,
+    /// Folders of packages in which the meshes of a robot may be (.urdf), beside those around it and of ROS_PACKAGE_PATH
+    #[arg(long, value_name = "DIR", num_args = 1..)]
+    packages: Vec<String>,
+    /// Which shapes of a robot's links are meant
+    #[arg(long, value_name = "SHAPES", default_value = "visual", value_parser = shapes())]
+    urdf: UrdfShapes,
     /// Preset of the sensor that they are held against
     #[arg(long, value_name = "PRESET", default_value = PRESETS[0].0, value_parser = presets())]
     sensor: String,
@@ -50,7 +56,17 @@ pub(super) fn presets() -> PossibleValuesParser {
     PossibleValuesParser::new(PRESETS.map(|(name, _)| name))
 }
 
+/// The names of the shapes of links.
+fn shapes() -> impl TypedValueParser<Value = UrdfShapes> {
+    PossibleValuesParser::new(UrdfShapes::ALL.map(UrdfShapes::name))
+        .map(|name| UrdfShapes::ALL.into_iter().find(|shapes| shapes.name() == name).unwrap_or_default())
+}
+
 impl Inspect {
+    fn reading(&self) -> Reading<'_> {
+        Reading { mm_per_unit: self.unit.map(Unit::mm), urdf: self.urdf, packages: &self.packages }
+    }
+
     pub(super) fn run(self) -> Result<(), Failure> {
         let failed = || Failure::running(format!("the preset {} cannot be read", self.sensor));
         let pad = SensorPad::preset(&self.sensor).ok_or_else(failed)?;
@@ -89,7 +105,7 @@ impl Inspect {
     fn together(&self, paths: &[PathBuf], pad: &SensorPad) -> Vec<Inspection> {
         let bar = Bar::new(true, "meshes");
         bar.start(paths.len() as u64);
-        let found = inspect_set(paths, self.unit, pad, || bar.advance());
+        let found = inspect_set(paths, self.reading(), pad, || bar.advance());
         bar.end();
         found
     }
@@ -98,7 +114,7 @@ impl Inspect {
     fn one_by_one(&self, paths: &[PathBuf], pad: &SensorPad) -> Result<Vec<Inspection>, Failure> {
         let mut meshes = Vec::with_capacity(paths.len());
         for path in paths {
-            let inspection = inspect(path, self.unit, pad);
+            let inspection = inspect(path, self.reading(), pad);
             if !self.json {
                 print(&text::block(&inspection, pad, columns()))?;
             }

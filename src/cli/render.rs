@@ -39,7 +39,8 @@ Example:
   gelsim render --stream --depth-unit m --plane-mm 10 --sensor digit \\
       <frames.npy >images.npy
 
-A frame is an npy array of rows and columns, an EXR picture or a grey 16-bit PNG. Its resolution is the image's, and shows \
+A frame is an npy array of rows and columns (also in an npz: FILE.npz, or FILE.npz/NAME where it holds several), an EXR \
+picture or a grey 16-bit PNG. Its resolution is the image's, and shows \
 the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/simulators.md.")]
 pub struct Render {
     /// Frames: files, folders or patterns of names

@@ -17,14 +17,20 @@ impl Table {
         let none = |error: serde_json::Error| format!("no table of `gelsim calibrate`: {error}");
         let Header { calibration_version, generator } = serde_json::from_slice(bytes).map_err(none)?;
         if calibration_version > Self::NEWEST {
-            return Err(format!("gelsim {generator} wrote it, which is newer than this one"));
+            return Err(format!(
+                "gelsim {generator} wrote it, which is newer than this one ({}): take that one, or calibrate again with this",
+                env!("CARGO_PKG_VERSION")
+            ));
         }
         if calibration_version < Self::OLDEST {
-            return Err(format!("version {calibration_version} of the file is not known"));
+            return Err(format!("version {calibration_version} of the file is not known: calibrate again"));
         }
         let found: Self = serde_json::from_slice(bytes).map_err(none)?;
         if !(0.1..=10.0).contains(&found.contact_over_disc) {
-            return Err(format!("contact_over_disc is {}", found.contact_over_disc));
+            return Err(format!(
+                "contact_over_disc is {}, and from 0.1 to 10 on any sensor: calibrate again",
+                found.contact_over_disc
+            ));
         }
         found.beyond.as_ref().map_or(Ok(()), Beyond::validate)?;
         match &found.colors {

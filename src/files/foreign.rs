@@ -116,6 +116,8 @@ impl std::fmt::Display for Foreign {
     }
 }
 
+impl std::error::Error for Foreign {}
+
 #[cfg(test)]
 mod tests {
     use super::*;

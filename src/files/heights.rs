@@ -1,9 +1,10 @@
-//! Height maps that a job names: grey PNG, NumPy array, or EXR picture, told apart by how they begin.
+//! Height maps that a job names: grey PNG, NumPy array (alone or in an archive), or EXR picture, told apart by how they begin.
 //!
 //! Heights are shares, 0 for the lowest and 1 for the highest. Whole numbers are scaled by the largest that their type
 //! holds; floats must lie in that range as they are.
 
-use super::{exr, npy, png};
+use super::npz::Npz;
+use super::{exr, foreign, npy, png};
 use crate::core::base::grid::Grid;
 
 /// Reads a height map of 1 to 8192 px on a side. Every value is from 0 to 1.
@@ -12,16 +13,42 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
         [0x89, b'P', b'N', b'G', ..] => png::decode_heights(bytes),
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => npy::decode(bytes).map(scaled),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::decode_single(bytes),
-        _ => Err(String::from("it begins neither like a PNG nor like an npy or an EXR file")),
+        [b'P', b'K', 3, 4, ..] => archived(bytes).map(scaled),
+        _ => Err(match foreign::recognise_in_binary(bytes) {
+            Some(foreign) => foreign.to_string(),
+            None => String::from("it begins neither like a PNG nor like an npy, npz or EXR file"),
+        }),
     }?;
     crate::core::base::view::sides([heights.width, heights.height])?;
     match heights.data.iter().position(|height| !(0.0..=1.0).contains(height)) {
         None => Ok(heights),
         Some(at) => {
             let (row, column, value) = (at / heights.width, at % heights.width, heights.data[at]);
-            Err(format!("{value} in row {row}, column {column} is not from 0 to 1: scale the heights"))
+            Err(match value.is_finite() {
+                true => format!(
+                    "{value} in row {row}, column {column} is not from 0 to 1: scale the heights, such as h = (h - h.min()) / \
+                     (h.max() - h.min()), and say how high that is"
+                ),
+                false => format!(
+                    "{value} in row {row}, column {column} is no height: fill it, such as h = numpy.nan_to_num(h, posinf=0, \
+                     neginf=0)"
+                ),
+            })
         }
     }
+}
+
+/// The array of heights in an archive of arrays.
+fn archived(bytes: &[u8]) -> Result<npy::Array, String> {
+    /// Names that people give it.
+    const USUAL: [&str; 8] = ["height", "heights", "height_map", "heightmap", "depth", "z", "map", "arr_0"];
+    let archive = Npz::open(bytes.to_vec())?;
+    let name = archive.meant(&USUAL).map_err(|reason| {
+        format!(
+            "{reason}: save the one that is meant alone, numpy.save(\"map.npy\", numpy.load(\"FILE.npz\")[\"NAME\"])"
+        )
+    })?;
+    npy::decode(&archive.file(name)?).map_err(|reason| format!("array `{}`: {reason}", name.escape_debug()))
 }
 
 fn scaled(array: npy::Array) -> Grid<f32> {
@@ -36,6 +63,7 @@ fn scaled(array: npy::Array) -> Grid<f32> {
 mod tests {
     use super::*;
     use crate::files::exr::{Compression, Exr, Pixel};
+    use crate::files::zip::tests::stored;
 
     fn npy(descr: &str, data: &[u8]) -> Vec<u8> {
         let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1, 2), }}");
@@ -51,6 +79,15 @@ mod tests {
         let expected = Ok(Grid { width: 2, height: 1, data: vec![0.2, 1.0] });
         assert_eq!(decode(&png::encode_grey(2, 1, &[51, 255])), expected);
         assert_eq!(decode(&npy("|u1", &[51, 255])), expected);
+        let npz = |members: &[&str]| {
+            let (file, other) = (npy("|u1", &[51, 255]), npy("|u1", &[0, 0]));
+            let bytes = |name: &str| if name.starts_with("other") { &other[..] } else { &file[..] };
+            stored(&members.iter().map(|name| (*name, bytes(name))).collect::<Vec<_>>())
+        };
+        assert_eq!(decode(&npz(&["any.npy"])), expected);
+        assert_eq!(decode(&npz(&["other.npy", "Heights.npy"])), expected);
+        let several = decode(&npz(&["other.npy", "a.npy"])).unwrap_err();
+        assert!(several.starts_with("it holds 2 arrays, `other`, `a`, and none is called `height`: save"), "{several}");
         assert_eq!(decode(&npy("<u2", [13_107_u16, 65_535].map(u16::to_le_bytes).as_flattened())), expected);
         assert_eq!(decode(&npy("<f4", [0.2_f32, 1.0].map(f32::to_le_bytes).as_flattened())), expected);
         assert_eq!(decode(&npy(">f8", [0.2_f64, 1.0].map(f64::to_be_bytes).as_flattened())), expected);
@@ -62,12 +99,23 @@ mod tests {
     fn floats_beyond_0_to_1_are_refused_and_not_clamped() {
         for bad in [-0.001_f32, 1.001, f32::NAN, f32::INFINITY] {
             let refused = decode(&npy("<f4", [0.5, bad].map(f32::to_le_bytes).as_flattened())).unwrap_err();
-            assert_eq!(refused, format!("{bad} in row 0, column 1 is not from 0 to 1: scale the heights"));
+            let expected = match bad.is_finite() {
+                true => "is not from 0 to 1: scale the heights, such as h = (h - h.min())",
+                false => "is no height: fill it, such as h = numpy.nan_to_num(h",
+            };
+            assert!(refused.starts_with(&format!("{bad} in row 0, column 1 {expected}")), "{refused}");
         }
         let storage = Exr { pixel: Pixel::Half, compression: Compression::None };
         assert!(decode(&exr::encode(1, 1, &[("Y", &[2.0])], storage)).is_err());
         let two = exr::encode(1, 1, &[("A", &[0.5]), ("Y", &[0.5])], storage);
-        assert_eq!(decode(&two), Err(String::from("it has 2 channels instead of one")));
-        assert!(decode(b"P5 1 1 255 0").is_err());
+        assert!(decode(&two).unwrap_err().starts_with("it has 2 channels instead of one: save the one"));
+        for (bytes, reason) in [
+            (&b"P5 1 1 255 0"[..], "it is text"),
+            (b"\xff\xd8\xff\xe0", "it is a JPEG picture"),
+            (b"", "it is empty"),
+            (b"\x01\x02", "it begins neither like a PNG nor like an npy, npz or EXR file"),
+        ] {
+            assert!(decode(bytes).unwrap_err().starts_with(reason), "{reason}");
+        }
     }
 }

@@ -134,7 +134,7 @@ pub fn read_opened((file, length): (File, u64), most: u64) -> io::Result<Vec<u8>
     }
     // Whatever belongs there, it is none of these.
     match foreign::placeholder(&bytes) {
-        Some(foreign) => Err(io::Error::other(foreign.to_string())),
+        Some(foreign) => Err(io::Error::other(foreign)),
         None => Ok(bytes),
     }
 }

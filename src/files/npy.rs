@@ -8,7 +8,7 @@ use crate::core::base::grid::Grid;
 
 mod header;
 
-use header::{Header, Kind, UNSIGNED, split, unknown};
+use header::{HEIGHTS, Header, Kind, NUMBERS, split, unknown};
 
 /// What a file of two dimensions holds.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,14 +28,23 @@ pub struct Numbers {
     pub values: Vec<f64>,
 }
 
-/// Reads a file of two dimensions whose values are not signed integers. On failure, what is wrong with it.
+/// Width and height of an array of rows and columns; a first or last axis of size 1 is none.
+pub fn plane(shape: &[usize]) -> Option<[usize; 2]> {
+    match *shape {
+        [height, width] | [height, width, 1] | [1, height, width] => Some([width, height]),
+        _ => None,
+    }
+}
+
+/// Reads a file of rows and columns whose values are not signed integers. On failure, what is wrong with it.
 pub fn decode(bytes: &[u8]) -> Result<Array, String> {
-    let (header, data) = split(bytes)?;
-    let &[height, width] = header.shape.as_slice() else {
-        return Err(String::from("its array does not have two dimensions"));
+    let (header, data) = split(bytes, HEIGHTS)?;
+    let Some([width, height]) = plane(&header.shape) else {
+        let shape = &header.shape;
+        return Err(format!("its array is of shape {shape:?}, and one of rows and columns is wanted: save that alone"));
     };
     if header.number.kind == Kind::Signed {
-        return Err(unknown(header.name, UNSIGNED));
+        return Err(unknown(header.name, HEIGHTS));
     }
     let data = header.values(data, |value| value as f32)?;
     if data.is_empty() {
@@ -46,14 +55,17 @@ pub fn decode(bytes: &[u8]) -> Result<Array, String> {
 
 /// Reads a file. On failure, what is wrong with it.
 pub fn decode_numbers(bytes: &[u8]) -> Result<Numbers, String> {
-    let (header, data) = split(bytes)?;
+    let (header, data) = split(bytes, NUMBERS)?;
+    if header.number.kind == Kind::Truth {
+        return Err(unknown(header.name, NUMBERS));
+    }
     let values = header.values(data, |value| value)?;
     Ok(Numbers { shape: header.shape, values })
 }
 
 /// Shape and bytes of the data that a file's beginning, up to the end of its header, announces.
 pub fn announced(beginning: &[u8]) -> Result<(Vec<usize>, usize), String> {
-    let (header, _) = split(beginning)?;
+    let (header, _) = split(beginning, NUMBERS)?;
     let bytes = header.bytes().ok_or("its array is too large")?;
     Ok((header.shape, bytes))
 }
@@ -99,7 +111,7 @@ fn beginning(name: &str, shape: &str, room: usize) -> Vec<u8> {
 
 /// Refuses a file whose values are not float32, little endian, in C order.
 pub fn check_float32(bytes: &[u8]) -> Result<(), String> {
-    let (Header { name, is_fortran, .. }, _) = split(bytes)?;
+    let (Header { name, is_fortran, .. }, _) = split(bytes, NUMBERS)?;
     match (name, is_fortran) {
         ("<f4", false) => Ok(()),
         _ => Err(format!(
@@ -190,6 +202,25 @@ mod tests {
         assert!(decode(&file(&header("<f8", "False", "(1, 1)"), &[0; 8])).unwrap().most.is_none());
     }
 
+    /// As `numpy.save` writes `numpy.array([[True, False]])`.
+    #[test]
+    fn truths_are_heights_and_no_numbers() {
+        let bytes = file(&header("|b1", "False", "(1, 2)"), &[1, 0]);
+        let array = decode(&bytes).unwrap();
+        assert_eq!((array.values.data, array.most), (vec![1.0, 0.0], Some(1.0)));
+        let said = decode_numbers(&bytes).unwrap_err();
+        assert!(said.contains("`|b1`; allowed: float16") && said.contains("int8 to int64"), "{said}");
+        assert!(!failure(&header("<i4", "False", "(1, 1)"), &[0; 4]).contains("int8 to"), "which is then refused");
+    }
+
+    #[test]
+    fn an_axis_of_one_before_or_behind_rows_and_columns_is_none() {
+        for shape in ["(2, 3)", "(1, 2, 3)", "(2, 3, 1)"] {
+            let read = decode(&file(&header("|u1", "False", shape), &[0, 1, 2, 3, 4, 5])).unwrap().values;
+            assert_eq!((read.width, read.height, read.data[4]), (3, 2, 4.0), "{shape}");
+        }
+    }
+
     /// As `numpy.save` writes `numpy.arange(-4, 8).reshape(2, 3, 2)`, also with `order="F"`.
     #[test]
     fn an_array_of_any_shape_is_read_with_its_last_axis_fastest_and_with_signs() {
@@ -235,8 +266,9 @@ mod tests {
         assert!(failure(&header("<f4", "False", "(1, 99999999999999999999)"), &[]).contains("too large"));
         assert!(failure(&header("<f4", "False", "(2, 2)"), &[0; 15]).contains("but 15 bytes follow"));
         assert!(failure(&header("<f4", "False", "(0, 5)"), &[]).contains("no value"));
-        for shape in ["()", "(4,)", "(4)", "(1, 2, 2)"] {
-            assert!(failure(&header("|u1", "False", shape), &[0; 4]).contains("two dimensions"), "{shape}");
+        for shape in ["()", "(4,)", "(4)", "(2, 2, 2)", "(1, 1, 2, 2)"] {
+            let said = failure(&header("|u1", "False", shape), &[0; 4]);
+            assert!(said.contains("one of rows and columns is wanted: save that alone"), "{shape}: {said}");
         }
         for (shape, expected) in
             [("(-1, 4)", "no list"), ("4", "lacks a `(`"), ("(4 4)", "lacks a `)`"), ("(4, 4", "no list")]
@@ -245,7 +277,7 @@ mod tests {
         }
         assert!(failure(&header("|u1", "False", &format!("({})", "1,".repeat(65))), &[0]).contains("up to 64"));
         assert!(failure(&header("<i4", "False", "(1, 1)"), &[0; 4]).contains("of type `<i4`; allowed: float16"));
-        for name in ["|O", "<f1", "<i3", "|b1", "<", "", "<f16", "é4"] {
+        for name in ["|O", "<f1", "<i3", "|b2", "<c8", "<", "", "<f16", "é4"] {
             assert!(failure(&header(name, "False", "(1, 1)"), &[0; 4]).contains("its values are of type `"), "{name}");
         }
         let records = "{'descr': [('x', '<f4')], 'fortran_order': False, 'shape': (1, 1), }";

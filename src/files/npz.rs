@@ -25,15 +25,40 @@ impl Npz {
         self.0.names().map(|name| name.strip_suffix(".npy").unwrap_or(name))
     }
 
-    /// Unpacks and reads one array. On failure, what is wrong, with the array's name in it.
-    pub fn array(&self, name: &str) -> Result<Numbers, String> {
+    /// The array that is meant where nobody says which: the only one, or the one with such a name, in any case. On failure,
+    /// which there are.
+    pub fn meant(&self, usual: &[&str]) -> Result<&str, String> {
+        let names: Vec<&str> = self.names().collect();
+        let known = |name: &&&str| usual.iter().any(|usual| name.eq_ignore_ascii_case(usual));
+        match (names.as_slice(), names.iter().find(known)) {
+            ([], _) => Err(String::from("it is an archive without arrays")),
+            ([name], _) | (_, Some(name)) => Ok(*name),
+            (names, None) => {
+                let shown: Vec<String> =
+                    names.iter().take(20).map(|name| format!("`{}`", name.escape_debug())).collect();
+                let more = if names.len() > shown.len() { " and more" } else { "" };
+                Err(format!(
+                    "it holds {} arrays, {}{more}, and none is called `{}`",
+                    names.len(),
+                    shown.join(", "),
+                    usual[0]
+                ))
+            }
+        }
+    }
+
+    /// Unpacks the npy file that one array is, at most 8 bytes of memory for each of its bytes. On failure, what is wrong.
+    pub fn file(&self, name: &str) -> Result<Vec<u8>, String> {
         let member = self.0.names().find(|member| member.strip_suffix(".npy").unwrap_or(member) == name);
-        // A byte may become a number of eight.
         let Some(bytes) = member.and_then(|member| self.0.member(member, 8)) else {
             let names: Vec<String> = self.names().take(20).map(|name| format!("`{}`", name.escape_debug())).collect();
-            return Err(format!("it has no array `{name}`, but {}", names.join(", ")));
+            return Err(format!("it has no array `{}`, but {}", name.escape_debug(), names.join(", ")));
         };
-        let numbers = bytes.and_then(|bytes| npy::decode_numbers(&bytes));
-        numbers.map_err(|reason| format!("array `{name}`: {reason}"))
+        bytes.map_err(|reason| format!("array `{name}`: {reason}"))
+    }
+
+    /// Unpacks and reads one array. On failure, what is wrong, with the array's name in it.
+    pub fn array(&self, name: &str) -> Result<Numbers, String> {
+        npy::decode_numbers(&self.file(name)?).map_err(|reason| format!("array `{name}`: {reason}"))
     }
 }

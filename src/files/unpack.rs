@@ -19,7 +19,11 @@ pub fn check(size: [usize; 2], bytes_per_px: usize, file: usize) -> Result<(), S
 /// Refuses what takes `unpacked` bytes while it is read from `file` bytes.
 pub fn bytes(unpacked: usize, file: usize) -> Result<(), String> {
     if unpacked > FREE_BYTES.max(file.saturating_mul(MOST_TIMES)) {
-        return Err(format!("its {} kB would unpack to {} MB", file.div_ceil(1 << 10), unpacked >> 20));
+        return Err(format!(
+            "its {} kB would unpack to {} MB: save it in a smaller size, or less packed",
+            file.div_ceil(1 << 10),
+            unpacked >> 20
+        ));
     }
     Ok(())
 }
@@ -32,7 +36,10 @@ mod tests {
     fn a_small_file_may_be_a_small_picture_and_a_large_one_a_large_picture() {
         assert_eq!(check([8192, 1], 4, 1), Ok(()));
         assert_eq!(check([8192, 8192], 3, 3 << 20), Ok(()));
-        assert_eq!(check([8192, 8192], 3, 1 << 10), Err(String::from("its 1 kB would unpack to 192 MB")));
+        assert_eq!(
+            check([8192, 8192], 3, 1 << 10),
+            Err(String::from("its 1 kB would unpack to 192 MB: save it in a smaller size, or less packed"))
+        );
         assert!(check([4, 4], usize::MAX, 1).is_err());
         assert!(check([8193, 1], 1, 1 << 20).is_err());
         assert!(check([1, 0], 1, 1).is_err());

@@ -33,6 +33,12 @@ impl Zip {
     }
 }
 
+/// The names of the members of an archive; none if it is none, or is cut off.
+pub fn names(archive: &[u8]) -> Vec<String> {
+    let members = directory(archive).unwrap_or_default();
+    members.into_iter().map(|member| member.name).collect()
+}
+
 /// One file in the archive.
 struct Member {
     name: String,
@@ -58,7 +64,7 @@ impl Member {
         let bytes = match self.method {
             STORED => packed.to_vec(),
             DEFLATED => decompress_to_vec_with_limit(packed, self.unpacked)
-                .map_err(|error| format!("it cannot be unpacked: {:?}", error.status))?,
+                .map_err(|_| "it cannot be unpacked: the archive is damaged")?,
             method => return Err(format!("it is packed by method {method}; read are 0 (stored) and 8 (deflated)")),
         };
         match bytes.len() == self.unpacked && checksum(&bytes) == self.checksum {

@@ -216,7 +216,7 @@ fn a_file_that_is_not_there_is_named() {
         missing(written, "did you mean cone.obj?");
     }
     missing("teapot.obj", "paths are relative to the file");
-    one_mistake("\"cone.obj\"", "«\".\"»", "is a folder", "FOLDER/*.stl");
+    one_mistake("\"cone.obj\"", "«\".\"»", "is a folder", "what is in it: path = \"./*.obj\"");
     one_mistake(
         "\"cone.obj\"",
         "«\"job.toml\"»",

@@ -5,7 +5,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::support::{Folder, JOB, edited};
+use crate::support::{Folder, JOB, archive, assert_same_files, edited};
 
 /// The job with these tables for its objects.
 fn job(objects: &str) -> String {
@@ -360,4 +360,229 @@ fn an_object_that_is_never_in_view_is_noted() {
     assert!(said.contains("cube.obj is never in view: [pose] places it at x_mm = 60 to 70"), "{said}");
     let said = folder.succeed("generate job.toml --overwrite --set pose.x_mm=[0.0,70.0]");
     assert!(!said.contains("never in view"), "{said}");
+}
+
+/// A robot with one link for each of these meshes, which are in mm.
+fn robot(meshes: &[&str]) -> String {
+    let link = |(i, name): (usize, &&str)| {
+        format!(
+            "<link name=\"l{i}\"><visual><geometry>\n<mesh filename=\"{name}\" scale=\"0.001 0.001 0.001\"/></geometry></visual></link>\n"
+        )
+    };
+    format!("<robot name=\"r\">\n{}</robot>", meshes.iter().enumerate().map(link).collect::<String>())
+}
+
+/// A folder with a robot under `ws/robots/arm` that names a mesh of the package `my_meshes`, which lies elsewhere under another name.
+fn robot_with_a_package() -> Folder {
+    let folder = copies("cube.obj", &["opt/share/meshes_of_mine/m/cube.obj", "ws/robots/arm/none"]);
+    folder.write("opt/share/meshes_of_mine/package.xml", "<package><name>my_meshes</name></package>");
+    folder.write("ws/robots/arm/r.urdf", robot(&["package://my_meshes/m/cube.obj"]));
+    folder
+}
+
+#[test]
+fn a_package_is_found_where_the_job_the_flag_or_the_environment_says() {
+    let folder = robot_with_a_package();
+    let arm = "ws/robots/arm/r.urdf";
+    folder.write("job.toml", job(&format!("[[object]]\npath = \"{arm}\"")));
+    let error = folder.fail("generate job.toml", 2);
+    let expected = "r.urdf:3: names the mesh `package://my_meshes/m/cube.obj`, and there is no package `my_meshes`";
+    assert!(error.contains(expected) && error.contains("packages = [\"FOLDER\"]"), "{error}");
+    let inspected = folder.gelsim(&format!("inspect {arm}")).assert().code(1);
+    let text = String::from_utf8_lossy(&inspected.get_output().stdout).into_owned();
+    assert!(text.contains("there is no package `my_meshes`") && text.contains("--packages FOLDER"), "{text}");
+
+    folder.gelsim(&format!("inspect {arm} --packages opt/share")).assert().success();
+    folder.gelsim(&format!("inspect {arm}")).env("ROS_PACKAGE_PATH", folder.path("opt")).assert().success();
+    for packages in ["opt", "opt/share", "opt/share/meshes_of_mine"] {
+        folder.write("job.toml", job(&format!("[[object]]\npath = \"{arm}\"\npackages = [\"{packages}\"]")));
+        folder.succeed(&format!(
+            "generate job.toml --quiet --out {}",
+            packages.replacen("opt", "out", 1).replace('/', "-")
+        ));
+    }
+    let lasting = |out: &str| {
+        let mut files = folder.lasting_files(out);
+        // Where the meshes are is in the job alone.
+        files.remove("job.toml");
+        files
+    };
+    assert_same_files(&lasting("out-share"), &lasting("out-share-meshes_of_mine"));
+    folder.gelsim("reproduce out-share 0").assert().success();
+
+    // What only the environment knew stands in the dataset's job.
+    folder.write("job.toml", job(&format!("[[object]]\npath = \"{arm}\"")));
+    let prefix = folder.path("prefix");
+    fs::create_dir_all(prefix.join("share")).expect("a folder");
+    fs::rename(folder.path("opt/share/meshes_of_mine"), prefix.join("share/my_meshes")).expect("moved");
+    folder.gelsim("generate job.toml --quiet --out ament").env("AMENT_PREFIX_PATH", &prefix).assert().success();
+    assert!(folder.read("ament/job.toml").contains("packages = [\"../prefix/share/my_meshes\"]"));
+    folder.gelsim("reproduce ament 0").assert().success();
+    assert_same_files(&lasting("ament"), &lasting("out-share"));
+
+    folder.write("job.toml", job(&format!("[[object]]\npath = \"{arm}\"\npackages = [\"prefixes\", \"cube.obj\"]")));
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("prefixes does not exist") && error.contains("cube.obj is no folder"), "{error}");
+}
+
+#[test]
+fn a_robots_meshes_are_found_above_it_and_all_that_are_missing_are_named() {
+    let folder = copies("cube.obj", &["robots/meshes/cube.obj", "robots/arm/urdf/none"]);
+    folder.write("robots/arm/urdf/r.urdf", robot(&["meshes/cube.obj", "..\\..\\meshes\\cube.obj"]));
+    folder.succeed("inspect robots/arm/urdf/r.urdf");
+    folder.write("robots/arm/urdf/r.urdf", robot(&["meshes/cube.obj", "meshes/a.stl", "b.stl", "meshes/cub.obj"]));
+    folder.write("job.toml", job("[[object]]\npath = \"robots/arm/urdf/r.urdf\""));
+    let error = folder.fail("generate job.toml", 2);
+    let expected = "r.urdf:5: names 3 meshes that are not there: `meshes/a.stl` (line 5), `b.stl` (line 7), `meshes/cub.obj` (line 9)";
+    assert!(error.contains(expected), "{error}");
+}
+
+#[test]
+fn a_robot_that_only_collides_is_pressed_as_the_message_says() {
+    let folder = Folder::new();
+    folder.write(
+        "r.urdf",
+        "<robot name=\"r\"><link name=\"a\"><collision><geometry><box size=\".01 .01 .01\"/></geometry></collision></link></robot>",
+    );
+    folder.write("job.toml", job("[[object]]\npath = \"r.urdf\""));
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("r.urdf:1: has no visual shape, but 1 collision shape"), "{error}");
+    assert!(
+        error.contains("urdf = \"collision\" under [[object]] takes those (gelsim inspect: --urdf collision)"),
+        "{error}"
+    );
+    folder.gelsim("inspect r.urdf --urdf collision").assert().success();
+    folder.write("job.toml", job("[[object]]\npath = \"r.urdf\"\nurdf = \"collision\""));
+    folder.succeed("generate job.toml --quiet");
+    assert!(folder.labels("out/small").values().any(|label| label["contact"]["in_contact"] == true));
+}
+
+#[test]
+fn a_mesh_that_is_named_as_another_format_or_counts_wrongly_is_read_with_a_word() {
+    let folder = Folder::new();
+    fs::copy(folder.path("cube.obj"), folder.path("cube.stl")).expect("a copy");
+    let mut stl = [&[b' '; 80][..], &3_u32.to_le_bytes()].concat();
+    for height in 0..4 {
+        stl.extend([0; 12]);
+        stl.extend([0.0, 0.0, height as f32, 5.0, 0.0, 0.0, 0.0, 5.0, 0.0].map(f32::to_le_bytes).as_flattened());
+        stl.extend([0; 2]);
+    }
+    folder.write("count.stl", stl);
+    folder.write("job.toml", job("[[object]]\npath = \"cube.stl\"\n[[object]]\npath = \"count.stl\""));
+    let said = folder.succeed("generate job.toml");
+    assert!(said.contains("note: cube.stl: is OBJ by its bytes, and read as that"), "{said}");
+    assert!(said.contains("give it the ending .obj"), "{said}");
+    assert!(said.contains("count.stl: says that it has 3 triangles and holds 4, which are read"), "{said}");
+    let inspected = folder.gelsim("inspect cube.stl").assert().success();
+    let text = String::from_utf8_lossy(&inspected.get_output().stdout).into_owned();
+    assert!(text.contains("is OBJ by its bytes") && text.contains("OBJ, "), "{text}");
+    fs::rename(folder.path("cube.stl"), folder.path("mended.obj")).expect("renamed");
+    folder.gelsim("inspect mended.obj --strict").assert().success();
+}
+
+#[test]
+fn what_stands_in_place_of_a_mesh_is_told_once_for_all() {
+    let folder = copies("cube.obj", &["m/good.obj"]);
+    for name in ["a", "b", "c", "d"] {
+        folder.write(&format!("m/{name}.obj"), "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 5\n");
+    }
+    folder.write("job.toml", job("[[object]]\npath = \"m/*.obj\""));
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("4 files are each a pointer of Git LFS, not the file itself: m/a.obj"), "{error}");
+    assert!(error.contains("git lfs pull") && error.matches("error: ").count() == 1, "{error}");
+}
+
+/// The help of the one mistake in a job with this path, and what it names in quotes behind `path = ` or alone.
+fn way_out(folder: &Folder, written: &str) -> String {
+    folder.write("job.toml", job(&format!("[[object]]\npath = '{written}'")));
+    let error = folder.fail("generate job.toml", 2);
+    assert_eq!(error.matches("error: ").count(), 1, "{error}");
+    let help = error.lines().find_map(|line| line.trim_start().strip_prefix("= help: "));
+    help.unwrap_or_else(|| panic!("no help in {error}")).to_owned()
+}
+
+/// Where a way out names a path in quotes, following it is a job that runs.
+#[test]
+fn the_way_out_of_a_path_that_names_nothing_works_when_it_is_followed() {
+    let folder = copies("cube.obj", &["m/a.obj", "m/b.obj", "n/deep/a.obj"]);
+    fs::create_dir_all(folder.path("empty")).expect("a folder");
+    for (written, expected) in [
+        ("m", "what is in it: path = \"m/*.obj\""),
+        ("m/", "what is in it: path = \"m/*.obj\""),
+        ("n", "what is in it: path = \"n/**/*.obj\""),
+        ("m/*.stl", "what is there: path = \"m/*.obj\"; paths are relative to the file they stand in"),
+        ("m/*.OBJ", "what is there: path = \"m/*.obj\""),
+        ("m/*.fbx", "open it in Blender and export it as .glb, .obj, .ply or .stl; what is there: path = \"m/*.obj\""),
+        ("m\\a.obj", "write / between folders: \"m/a.obj\""),
+        ("m/{a,b}.obj", "write a table for each, [[object]] path = \"m/a.obj\" and [[object]] path = \"m/b.obj\""),
+        ("m/*.{obj,stl}", "[[object]] path = \"m/*.obj\" and"),
+        ("$HERE/m/a.obj", "variables are not replaced here: write what it stands for"),
+        ("mm/a.obj", "there is no folder mm; paths"),
+        ("meshes/../m/a.obj", "there is no folder meshes"),
+        ("file://m/a.obj", "write the path alone: \"m/a.obj\""),
+        ("https://a/b.obj", "nothing is downloaded: fetch it, and name the file"),
+        ("m/aa.obj", "did you mean m/a.obj? paths are relative"),
+        ("empty", "nothing in this folder can be one"),
+    ] {
+        let help = way_out(&folder, written);
+        assert!(help.contains(expected), "{written}: {help}");
+        let named = expected.split('"').nth(1).or_else(|| expected.strip_prefix("did you mean ")?.split('?').next());
+        if let Some(named) = named {
+            folder.write("job.toml", job(&format!("[[object]]\npath = \"{named}\"")));
+            folder.succeed("plan job.toml --out none");
+        }
+    }
+    let home = |path: &str| folder.path(path).to_string_lossy().into_owned();
+    for (written, expected) in [("~/m/a.obj", home("m/a.obj")), ("${HERE}/m/a.obj", home("m/a.obj"))] {
+        folder.write("job.toml", job(&format!("[[object]]\npath = \"{written}\"")));
+        let mut command = folder.gelsim("generate job.toml");
+        let assert = command.env("HOME", home("")).env("HERE", home("").trim_end_matches('/')).assert().code(2);
+        let error = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        assert!(error.replace("//", "/").contains(&format!("write \"{expected}\"")), "{written}: {error}");
+    }
+    let pipe = folder.path("pipe.obj");
+    rustix::fs::mkfifoat(rustix::fs::CWD, &pipe, rustix::fs::Mode::from_raw_mode(0o600)).expect("a pipe");
+    folder.write("job.toml", job("[[object]]\npath = \"pipe.obj\""));
+    assert!(folder.fail("generate job.toml", 2).contains("pipe.obj is a pipe or a device, and no file"));
+    // On the command line paths start from the current folder.
+    folder.write("m/job.toml", job("[[object]]\npath = \"a.obj\""));
+    let said = folder.fail("generate m/job.toml --set object.0.path=\"a.obj\"", 2);
+    assert!(said.contains("paths start from the current folder"), "{said}");
+    folder.succeed("generate m/job.toml --quiet --set object.0.path=\"m/a.obj\"");
+}
+
+#[test]
+fn paths_that_name_nothing_are_told_together() {
+    let folder = Folder::new();
+    let many: String = (0..60).map(|i| format!("[[object]]\npath = \"none-{i}.obj\"\n")).collect();
+    folder.write("job.toml", job(&many));
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("60 files do not exist: none-0.obj, none-1.obj, none-2.obj and 57 more"), "{error}");
+    assert_eq!(error.matches("error: ").count(), 1, "{error}");
+}
+
+#[test]
+fn a_height_map_may_be_in_an_archive_or_of_truths() {
+    let map: Vec<f32> = (0..16 * 12).map(|at| ((at % 16 + 2 * (at / 16)) % 11) as f32 / 10.0).collect();
+    let object =
+        |name: &str| format!("path = \"{name}\"\nmm_per_px = 0.1\nheight_mm = 0.25\nclass = \"c\"\nlabel_path = \"p\"");
+    let folder = Folder::new();
+    folder.write("map.npy", npy(16, &map));
+    folder.write("map.npz", archive(&[("heights.npy", &npy(16, &map)), ("K.npy", &npy(3, &[0.0; 9]))]));
+    folder.write("two.npz", archive(&[("a.npy", &npy(16, &map)), ("b.npy", &npy(3, &[0.0; 9]))]));
+    let depth = |name: &str| {
+        folder.write("job.toml", level(&object(name), "[\"depth\"]"));
+        folder.succeed(&format!("generate job.toml --quiet --out {name}.out"));
+        folder.samples(&format!("{name}.out")).into_values().next().expect("a sample")["depth.npy"].clone()
+    };
+    assert_eq!(depth("map.npz"), depth("map.npy"));
+    let steps: Vec<u8> = (0..16 * 12).map(|at| u8::from(at % 16 < 8)).collect();
+    let head = b"{'descr': '|b1', 'fortran_order': False, 'shape': (12, 16), }\n";
+    folder.write("truths.npy", [&b"\x93NUMPY\x01\x00"[..], &[head.len() as u8, 0], head, &steps].concat());
+    folder.write("floats.npy", npy(16, &steps.iter().map(|step| f32::from(*step)).collect::<Vec<_>>()));
+    assert_eq!(depth("truths.npy"), depth("floats.npy"));
+    folder.write("job.toml", level(&object("two.npz"), "[\"depth\"]"));
+    let error = folder.fail("generate job.toml", 2);
+    assert!(error.contains("it holds 2 arrays, `a`, `b`, and none is called `height`"), "{error}");
+    assert!(error.contains("numpy.save(\"map.npy\", numpy.load(\"FILE.npz\")[\"NAME\"])"), "{error}");
 }

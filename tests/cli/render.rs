@@ -13,7 +13,7 @@ use gelsim::job::plan::Plan;
 use gelsim::job::scene::Scene;
 use serde_json::Value;
 
-use crate::support::{Folder, JOB, assert_same_files, edited, json};
+use crate::support::{Folder, JOB, archive, assert_same_files, edited, json};
 
 const SIZE: [usize; 2] = [48, 36];
 const PLANE_MM: f64 = 10.0;
@@ -289,6 +289,17 @@ fn what_cannot_be_right_is_refused_with_the_likely_fix_and_nothing_is_written() 
         words.iter().for_each(|part| assert!(said.contains(part), "{depth} {options}: no {part:?} in\n{said}"));
         assert!(!folder.path("out").exists(), "{depth} {options}");
     }
+    // An array in an archive is the frame that it is by itself.
+    folder.write("one.npz", archive(&[("arr_0.npy", &doubles(&frame))]));
+    folder.write("two.npz", archive(&[("left.npy", &doubles(&frame)), ("right.npy", &doubles(&frame))]));
+    let said = folder.fail(&format!("render --depth two.npz --depth-unit mm {HERE}"), 2);
+    assert!(said.contains("two.npz: it holds 2 arrays, `left`, `right`") && said.contains("FILE.npz/left"), "{said}");
+    let said = folder.fail(&format!("render --depth two.npz/middle --depth-unit mm {HERE}"), 2);
+    assert!(said.contains("it has no array `middle`, but `left`, `right`"), "{said}");
+    folder.succeed(&format!("render --depth one.npz two.npz/left frames/a.npy --depth-unit mm {HERE} --quiet"));
+    let image = |name: &str| folder.read_bytes(&format!("out/{name}.tactile.png"));
+    assert!(image("one") == image("a") && image("two") == image("a"));
+    std::fs::remove_dir_all(folder.path("out")).expect("a folder");
     let millimetres = format!("render --depth frames/a.npy --depth-unit m {HERE}");
     assert!(folder.fail(&millimetres, 2).contains("the values look like millimetres: --depth-unit mm"));
     folder.succeed(&format!("render --depth frames/away.npy --depth-unit mm {HERE} --no-contact-ok"));

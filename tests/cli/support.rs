@@ -243,3 +243,34 @@ pub fn made_by(folder: &Folder, name: &str, version: &str) {
         });
     }
 }
+
+/// A ZIP archive of members as they are.
+pub fn archive(members: &[(&str, &[u8])]) -> Vec<u8> {
+    let (mut archive, mut directory) = (Vec::new(), Vec::new());
+    for (name, bytes) in members {
+        let offset = archive.len() as u32;
+        let crc = crc(bytes);
+        let sizes =
+            [&crc.to_le_bytes()[..], &(bytes.len() as u32).to_le_bytes(), &(bytes.len() as u32).to_le_bytes()].concat();
+        let name_length = (name.len() as u16).to_le_bytes();
+        archive.extend(
+            [&b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0"[..], &sizes, &name_length, &[0; 2], name.as_bytes(), bytes].concat(),
+        );
+        let start = b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0";
+        directory.extend([&start[..], &sizes, &name_length, &[0; 12], &offset.to_le_bytes(), name.as_bytes()].concat());
+    }
+    let (start, count) = (archive.len() as u32, (members.len() as u16).to_le_bytes());
+    archive.extend(&directory);
+    let end = b"PK\x05\x06\0\0\0\0";
+    archive.extend(
+        [&end[..], &count, &count, &(directory.len() as u32).to_le_bytes(), &start.to_le_bytes(), &[0; 2]].concat(),
+    );
+    archive
+}
+
+/// ZIP's checksum.
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes
+        .iter()
+        .fold(!0_u32, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 * (crc & 1))))
+}

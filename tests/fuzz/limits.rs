@@ -99,7 +99,7 @@ fn jobs_as_dense_as_they_may_be_are_refused_for_their_mistakes() {
     folder.job_refused(format!("a = {}", "[".repeat(2 * many)), &["not valid TOML"]);
     folder.job_refused(format!("a{} = 1", ".a".repeat(2 * many)), &["not valid TOML"]);
     folder.job_refused("[[object]]\npath = 1\n".repeat(many / 8), &["expected text in quotes", "there may be more"]);
-    folder.job_refused("[[object]]\npath = 'x.obj'\n".repeat(many / 8), &["does not exist", "there may be more"]);
+    folder.job_refused("[[object]]\npath = 'x.obj'\n".repeat(many / 8), &["files do not exist"]);
     folder.job_refused("[[sensor.led]]\nazimuth_deg = 1e9\n".repeat(many / 8), &["out of range"]);
     folder.job_refused(format!("[output]\nlayers = [{}]", "'a',".repeat(many)), &["unknown choice `a`"]);
     folder.job_refused(format!("{JOB}[[object]]\npath = '{}*'", "/**".repeat(1000)), &["more than one `**`"]);

@@ -1,4 +1,5 @@
-//! One depth frame as a camera left it: NumPy array, EXR picture or 16-bit grey PNG, told apart by how it begins.
+//! One depth frame as a camera left it: NumPy array (alone or in an archive), EXR picture or 16-bit grey PNG, told apart by how
+//! it begins.
 //!
 //! Values are taken as they are, in double precision: a distance of 10 m in float32 has steps of a micrometre already,
 //! and nothing is to be added to that.
@@ -7,14 +8,25 @@ use std::path::Path;
 
 use crate::core::base::grid::Grid;
 use crate::files::input;
-use crate::files::{exr, npy, png, unpack};
+use crate::files::npz::Npz;
+use crate::files::{exr, foreign, npy, png, unpack};
 use crate::job::steps;
 
 /// Ends of the names of files that can be read.
-pub const ENDINGS: [&str; 3] = ["npy", "exr", "png"];
+pub const ENDINGS: [&str; 4] = ["npy", "npz", "exr", "png"];
 
-/// Reads the frame in the file at `path`. On failure, what is wrong with it.
+/// The archive and the name of the array in it that a path such as `frame.npz/left` stands for.
+pub fn in_archive(path: &Path) -> Option<(&Path, &str)> {
+    let archive = path.parent()?;
+    let is_archive = archive.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz")) && !archive.is_dir();
+    Some((archive, path.file_name()?.to_str()?)).filter(|_| is_archive)
+}
+
+/// Reads the frame in the file at `path`, or in an archive there. On failure, what is wrong with it.
 pub fn file(path: &Path) -> Result<Grid<f64>, String> {
+    if let Some((archive, name)) = in_archive(path) {
+        return named(&Npz::read(archive)?, name);
+    }
     decode(&input::read(path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string())?)
 }
 
@@ -24,22 +36,50 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f64>, String> {
         [0x93, b'N', b'U', b'M', b'P', b'Y', ..] => array(bytes),
         [0x76, 0x2f, 0x31, 0x01, ..] => channel(bytes),
         [0x89, b'P', b'N', b'G', ..] => grey(bytes),
-        _ => Err(String::from("it begins neither like an npy nor like an EXR or a PNG file")),
+        [b'P', b'K', 3, 4, ..] => archived(bytes),
+        _ => Err(match foreign::recognise_in_binary(bytes) {
+            Some(foreign) => foreign.to_string(),
+            None => String::from("it begins neither like an npy or npz nor like an EXR or a PNG file"),
+        }),
     }
+}
+
+/// The array in an archive that is the frame.
+fn archived(bytes: &[u8]) -> Result<Grid<f64>, String> {
+    let archive = Npz::open(bytes.to_vec())?;
+    let name =
+        archive.meant(&["depth", "z", "depth_map", "distance", "distance_to_image_plane"]).map_err(|reason| {
+            let first = archive.names().next().unwrap_or("NAME").escape_debug();
+            format!("{reason}: name the one that is meant behind the file, such as FILE.npz/{first}")
+        })?;
+    named(&archive, name)
+}
+
+fn named(archive: &Npz, name: &str) -> Result<Grid<f64>, String> {
+    grid(archive.array(name)?).map_err(|reason| format!("array `{}`: {reason}", name.escape_debug()))
 }
 
 /// Rows and columns; a third axis of size 1 is none.
 fn array(bytes: &[u8]) -> Result<Grid<f64>, String> {
-    let npy::Numbers { shape, values } = npy::decode_numbers(bytes)?;
+    grid(npy::decode_numbers(bytes)?)
+}
+
+fn grid(npy::Numbers { shape, values }: npy::Numbers) -> Result<Grid<f64>, String> {
     let [width, height] = size(&shape)?;
     Ok(Grid { width, height, data: values })
 }
 
 /// Width and height of the frame in an array of this shape.
 pub fn size(shape: &[usize]) -> Result<[usize; 2], String> {
-    let &([height, width] | [height, width, 1]) = shape else {
+    let Some([width, height]) = npy::plane(shape) else {
+        let many = match shape {
+            [_, _, _] => {
+                "; of several frames in one array each is a file of its own: numpy.save(f\"{i:05}.npy\", array[i])"
+            }
+            _ => "",
+        };
         return Err(format!(
-            "its array is of shape {shape:?}; a depth frame has rows and columns: (H, W) or (H, W, 1)"
+            "its array is of shape {shape:?}; a depth frame has rows and columns: (H, W) or (H, W, 1){many}"
         ));
     };
     crate::core::base::view::sides([width, height])?;
@@ -74,6 +114,7 @@ fn grey(bytes: &[u8]) -> Result<Grid<f64>, String> {
 mod tests {
     use super::*;
     use crate::files::exr::{Compression, Exr, Pixel};
+    use crate::files::zip::tests::stored;
 
     fn npy(descr: &str, is_fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let text = format!("{{'descr': '{descr}', 'fortran_order': {is_fortran}, 'shape': {shape}, }}");
@@ -105,13 +146,42 @@ mod tests {
         let ten_metres = 10_000.000_123_f64;
         let read = decode(&npy("<f8", "False", "(1, 1)", &ten_metres.to_le_bytes()));
         assert_eq!(read.map(|grid| grid.data), Ok(vec![ten_metres]));
-        let refused = decode(&npy("<f4", "False", "(1, 1, 3)", &[0; 12])).unwrap_err();
-        assert!(refused.contains("[1, 1, 3]") && refused.contains("(H, W)"), "{refused}");
+        let refused = decode(&npy("<f4", "False", "(2, 1, 3)", &[0; 24])).unwrap_err();
+        assert!(refused.contains("[2, 1, 3]") && refused.contains("(H, W)"), "{refused}");
+        assert!(refused.contains("numpy.save(f\"{i:05}.npy\", array[i])"), "{refused}");
         let storage = Exr { pixel: Pixel::Float, compression: Compression::None };
         let refused = decode(&exr::encode(1, 1, &[("R", &[0.0]), ("Y", &[0.0])], storage)).unwrap_err();
         assert!(refused.contains("R, Y"), "{refused}");
         assert!(decode(&png::encode_grey(1, 1, &[7])).unwrap_err().contains("16"));
         assert!(decode(&npy("<f4", "False", "(0, 4)", &[])).unwrap_err().contains("4x0 px"));
-        assert!(decode(b"P5 1 1 255 0").is_err());
+        for (bytes, reason) in [
+            (&b"P5 1 1 255 0"[..], "it is text"),
+            (b"\xff\xd8\xff\xe0", "it is a JPEG picture"),
+            (b"\x01\x02", "it begins neither like an npy or npz nor like an EXR or a PNG file"),
+        ] {
+            assert!(decode(bytes).unwrap_err().starts_with(reason), "{reason}");
+        }
+        assert!(decode(&npy("|b1", "False", "(1, 1)", &[1])).unwrap_err().contains("float16"));
+    }
+
+    #[test]
+    fn the_frame_in_an_archive_is_its_only_array_or_the_one_that_is_called_depth_or_named() {
+        let frame =
+            npy("<f8", "False", "(2, 3)", [1.0, 2.0, 3.0, 4.0, 5.0, 6.0_f64].map(f64::to_le_bytes).as_flattened());
+        let other = npy("<f8", "False", "(1, 1)", &0.0_f64.to_le_bytes());
+        let expected = decode(&frame);
+        assert_eq!(decode(&stored(&[("arr_0.npy", &frame)])), expected);
+        assert_eq!(decode(&stored(&[("rgb.npy", &other), ("Depth.npy", &frame)])), expected);
+        assert_eq!(decode(&stored(&[("rgb.npy", &other), ("Z.npy", &frame)])), expected);
+        let several = stored(&[("left.npy", &frame), ("right.npy", &other)]);
+        let refused = decode(&several).unwrap_err();
+        assert!(refused.starts_with("it holds 2 arrays, `left`, `right`, and none is called `depth`"), "{refused}");
+        assert!(refused.ends_with("such as FILE.npz/left"), "{refused}");
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("FILE.npz");
+        std::fs::write(&path, several).expect("a file");
+        assert_eq!(file(&path.join("left")), expected);
+        assert!(file(&path.join("none")).unwrap_err().contains("it has no array `none`, but `left`, `right`"));
+        assert!(decode(&stored(&[])).unwrap_err().starts_with("it is an empty ZIP archive"));
     }
 }

@@ -5,9 +5,9 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::read::ENDINGS;
+use super::read::{ENDINGS, in_archive};
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::input::{matching, may_be_file};
+use crate::files::input::{matching, may_be_file, meant};
 
 /// A frame's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,14 +42,24 @@ pub fn find(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<Source> {
     sources
 }
 
-/// The name of a frame: its file's without folder and ending, and without a `.depth` before that.
+/// The name of a frame: its file's without folder and ending, and without a `.depth` before that. Of an array in an archive that
+/// of the archive.
 pub fn stem(path: &Path) -> Option<String> {
+    let path = in_archive(path).map_or(path, |(archive, _)| archive);
     let stem = path.file_stem()?.to_str()?;
     Some(stem.strip_suffix(".depth").filter(|rest| !rest.is_empty()).unwrap_or(stem).to_owned())
 }
 
-/// A file itself, the frames in a folder, or what matches a pattern.
+/// True of a file that is named like a frame.
+fn is_frame(path: &Path) -> bool {
+    ENDINGS.into_iter().any(|known| path.extension() == Some(OsStr::new(known)))
+}
+
+/// A file itself, an array in it, the frames in a folder, or what matches a pattern.
 fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
+    if let Some((archives, array)) = in_archive(written) {
+        return files(archives, problems).into_iter().map(|archive| archive.join(array)).collect();
+    }
     let mut wrong = |message: String, help: String| {
         problems.push(Diagnostic::new(message).help(help));
         Vec::new()
@@ -61,8 +71,7 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
             Ok(entries) => entries.into_iter().map(|entry| entry.path()),
             Err(error) => return wrong(format!("{shown}: {error}"), String::from("name a folder that can be read")),
         };
-        let ending = |path: &Path| ENDINGS.into_iter().any(|known| path.extension() == Some(OsStr::new(known)));
-        let mut found: Vec<PathBuf> = entries.filter(|path| ending(path) && may_be_file(path)).collect();
+        let mut found: Vec<PathBuf> = entries.filter(|path| is_frame(path) && may_be_file(path)).collect();
         found.sort();
         return match found.is_empty() {
             true => wrong(format!("{shown} holds no depth frame"), format!("these are .{}", ENDINGS.join(", ."))),
@@ -73,7 +82,14 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
     let Some(pattern) = pattern else {
         return match written.exists() {
             true => vec![written.to_owned()],
-            false => wrong(format!("{shown} does not exist"), String::from("name files, folders or patterns of names")),
+            false => {
+                let meant = meant(written, is_frame).map(|name| written.with_file_name(name));
+                let meant = meant.map_or(String::new(), |path| format!("did you mean {}? ", path.display()));
+                wrong(
+                    format!("{shown} does not exist"),
+                    format!("{meant}name files, folders or patterns of names; paths start from the current folder"),
+                )
+            }
         };
     };
     match glob::glob(pattern) {
@@ -108,10 +124,20 @@ mod tests {
         let stems = |sources: &[Source]| sources.iter().map(|source| source.stem.clone()).collect::<Vec<_>>();
         assert_eq!(stems(&find(&[folder.path().to_owned()], &mut problems)), ["a", "b", "c"]);
         assert_eq!(stems(&find(&[at("c.png"), at("?.npy")], &mut problems)), ["c", "b"]);
+        fs::write(at("more/d.npz"), b"").expect("a file");
+        assert_eq!(stems(&find(&[at("more/*.npz/left")], &mut problems)), ["d"]);
+        assert_eq!(find(&[at("more/d.npz/left")], &mut problems)[0].path, at("more/d.npz/left"));
         assert!(problems.is_empty());
-        find(&[at("b.npy"), at("more"), at("none"), at("*.tif")], &mut problems);
+        find(&[at("b.npy"), at("more"), at("none"), at("*.tif"), at("d.npz/left"), at("c")], &mut problems);
         let said = Report::new(&problems, &[]).to_string();
-        for part in ["would both be b.tactile.png", "none does not exist", "no file matches"] {
+        let meant = format!("did you mean {}?", at("c.png").display());
+        for part in [
+            "would both be b.tactile.png",
+            "none does not exist",
+            "no file matches",
+            "d.npz does not exist",
+            meant.as_str(),
+        ] {
             assert!(said.contains(part), "{part}: {said}");
         }
     }

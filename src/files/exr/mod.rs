@@ -161,7 +161,7 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
 pub fn decode_single(bytes: &[u8]) -> Result<Grid<f32>, String> {
     let (size, names) = header(bytes)?;
     if names.len() != 1 {
-        return Err(format!("it has {} channels instead of one", names.len()));
+        return Err(format!("it has {} channels instead of one: save the one that is meant alone", names.len()));
     }
     // A sample of up to 4 bytes, and the same as f32.
     unpack::check(size, 8, bytes.len())?;
@@ -203,12 +203,12 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     let start = &bytes[..bytes.len().min(MOST_HEADER)];
     let meta = MetaData::read_from_buffered(Cursor::new(start), false).map_err(|error| error.to_string())?;
     let [header] = meta.headers.as_slice() else {
-        return Err(format!("it has {} parts instead of one", meta.headers.len()));
+        return Err(format!("it has {} parts instead of one: save the one that is meant alone", meta.headers.len()));
     };
     let Vec2(width, height) = header.layer_size;
     let channels = &header.channels.list;
     if header.deep || channels.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
-        return Err(String::from("it has deep or subsampled data"));
+        return Err(String::from("it has deep or subsampled data: save it flat, with all channels of one size"));
     }
     if matches!(header.compression, exr::compression::Compression::B44 | exr::compression::Compression::B44A) {
         return Err(String::from("it is compressed by B44: store it with ZIP"));
@@ -219,7 +219,7 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     if let BlockDescription::Tiles(tiles) = header.blocks
         && (tiles.tile_size.0 > width.max(MOST_TILE) || tiles.tile_size.1 > height.max(MOST_TILE))
     {
-        return Err(String::from("its tiles are far larger than the image"));
+        return Err(String::from("its tiles are far larger than the image: save it in scan lines"));
     }
     crate::core::base::view::sides([width, height])?;
     Ok(([width, height], channels.iter().map(|channel| channel.name.to_string()).collect()))

@@ -5,16 +5,21 @@
 //! as they are in the file.
 
 mod dae;
+mod detect;
 mod error;
 mod format;
 mod gltf;
+mod missing;
 mod obj;
 mod off;
 mod others;
+mod packages;
 mod plate;
 mod ply;
+mod points;
 mod polygon;
 mod raw;
+mod remark;
 mod stl;
 mod threemf;
 mod urdf;
@@ -29,24 +34,35 @@ use super::hash::sha256;
 use super::input;
 use crate::core::mesh::{Cleaned, Mesh};
 
-pub use error::{MeshFileError, MeshFileProblem};
+use detect::Detected;
+pub use error::{HEIGHT_MAP, MeshFileError, MeshFileProblem};
 pub use format::{ENDINGS, Format};
+pub use missing::{Missing, MissingFile, Reason, Wanted};
 use others::Others;
 pub use plate::{PlateSize, is_height_map, load_plate};
+pub use points::{PointKind, Points};
 use raw::Raw;
+pub use remark::Remark;
 pub use urdf::UrdfShapes;
 use words::{Words, coordinates, number, quoted};
 
+/// What to do with files that are named like this, where that is another format than those that are read.
+pub fn other_format(path: &Path) -> Option<&'static str> {
+    detect::by_ending(path).map(|foreign| foreign.help)
+}
+
 /// How a mesh file is to be read.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Reading {
+pub struct Reading<'a> {
     /// Millimetres of a coordinate of 1; if none, what the format or the file says, else 1.
     pub mm_per_unit: Option<f64>,
     /// Which shapes of a URDF are meant.
     pub urdf: UrdfShapes,
+    /// Folders of packages in which the meshes of a URDF may be.
+    pub packages: &'a [String],
 }
 
-impl From<f64> for Reading {
+impl From<f64> for Reading<'_> {
     fn from(mm_per_unit: f64) -> Self {
         Self { mm_per_unit: Some(mm_per_unit), ..Self::default() }
     }
@@ -68,6 +84,11 @@ pub struct Loaded {
     pub mm_per_unit: f64,
     /// That is what the format or the file says.
     pub states_its_unit: bool,
+    /// Folders in which the meshes of a URDF are looked for when it is read again: those that were given, and those of packages
+    /// that were found through the environment.
+    pub packages: Vec<String>,
+    /// What to know of how it was read.
+    pub remarks: Vec<Remark>,
 }
 
 /// What a file holds, before anything is cleaned.
@@ -83,12 +104,12 @@ pub struct Given {
     pub triangles: usize,
 }
 
-/// Reads the file at `path` as one mesh; its ending, in any case, tells the format.
+/// Reads the file at `path` as one mesh; its ending, in any case, tells the format, unless its bytes are those of another one.
 ///
 /// # Errors
 ///
 /// Every [`MeshFileProblem`] there is, with the path and, in text, the line.
-pub fn load(path: &Path, reading: impl Into<Reading>) -> Result<Loaded, MeshFileError> {
+pub fn load<'a>(path: &Path, reading: impl Into<Reading<'a>>) -> Result<Loaded, MeshFileError> {
     let reading = reading.into();
     let (file, raw) = read_file(path, reading)?;
     file.loaded(raw)
@@ -100,7 +121,7 @@ pub fn load(path: &Path, reading: impl Into<Reading>) -> Result<Loaded, MeshFile
 /// # Errors
 ///
 /// As [`load`]; also if a part alone makes no mesh.
-pub fn load_parts(path: &Path, reading: impl Into<Reading>) -> Result<Vec<(String, Loaded)>, MeshFileError> {
+pub fn load_parts<'a>(path: &Path, reading: impl Into<Reading<'a>>) -> Result<Vec<(String, Loaded)>, MeshFileError> {
     let reading = reading.into();
     let (file, raw) = read_file(path, reading)?;
     if raw.parts.is_empty() || raw.triangles.is_empty() {
@@ -115,7 +136,7 @@ pub fn load_parts(path: &Path, reading: impl Into<Reading>) -> Result<Vec<(Strin
 ///
 /// As [`load`], without the path.
 pub fn parse(bytes: &[u8], format: Format, mm_per_unit: f64) -> Result<(Mesh, Cleaned), MeshFileError> {
-    let raw = read(bytes, format, UrdfShapes::default(), &mut Others::beside(None))?;
+    let (_, raw) = read(bytes, format, UrdfShapes::default(), &mut Others::none())?;
     raw.mesh(mm_per_unit)
 }
 
@@ -127,6 +148,8 @@ struct FileRead<'a> {
     sha256: String,
     mm_per_unit: f64,
     states_its_unit: bool,
+    packages: Vec<String>,
+    remarks: Vec<Remark>,
 }
 
 impl FileRead<'_> {
@@ -135,30 +158,82 @@ impl FileRead<'_> {
         let given = Given { format: self.format, bytes: self.bytes, vertices, triangles };
         let Self { mm_per_unit, states_its_unit, .. } = *self;
         let (mesh, cleaned) = raw.mesh(mm_per_unit).map_err(|error| error.in_file(self.path))?;
-        Ok(Loaded { mesh, cleaned, sha256: self.sha256.clone(), given, mm_per_unit, states_its_unit })
+        Ok(Loaded {
+            mesh,
+            cleaned,
+            sha256: self.sha256.clone(),
+            given,
+            mm_per_unit,
+            states_its_unit,
+            packages: self.packages.clone(),
+            remarks: self.remarks.clone(),
+        })
     }
 }
 
-fn read_file(path: &Path, reading: Reading) -> Result<(FileRead<'_>, Raw), MeshFileError> {
+fn read_file<'a>(path: &'a Path, reading: Reading) -> Result<(FileRead<'a>, Raw), MeshFileError> {
     let in_file = |error: MeshFileError| error.in_file(path);
-    let format = Format::from_path(path).ok_or_else(|| match path.metadata() {
-        Err(error) => in_file(MeshFileProblem::Unreadable(error).into()),
-        Ok(_) => in_file(MeshFileProblem::UnknownExtension.into()),
-    })?;
+    let named = Format::from_path(path).ok_or_else(|| in_file(unknown(path).into()))?;
     let bytes = input::read(path, input::MOST_MESH_BYTES)
-        .map_err(|error| in_file(MeshFileProblem::Unreadable(error).into()))?;
-    let mut others = Others::beside(Some(path));
+        .map_err(|error| in_file(MeshFileProblem::unreadable(error).into()))?;
+    let mut others = Others::beside(path, reading.packages);
     // The hash of a large file takes a sixth of its reading.
-    let (raw, own) = rayon::join(|| read(&bytes, format, reading.urdf, &mut others), || sha256(&bytes));
-    let raw = raw.map_err(in_file)?;
+    let (raw, own) = rayon::join(|| read(&bytes, named, reading.urdf, &mut others), || sha256(&bytes));
+    let (format, mut raw) = raw.map_err(in_file)?;
     let sha256 = others.sha256(own);
     let mm_per_unit = reading.mm_per_unit.or(raw.mm_per_unit).unwrap_or(1.0);
     let states_its_unit = reading.mm_per_unit.is_none() && raw.mm_per_unit.is_some();
-    Ok((FileRead { path, format, bytes: bytes.len(), sha256, mm_per_unit, states_its_unit }, raw))
+    let misnamed = (format != named).then_some(Remark::Misnamed(format));
+    let remarks = misnamed.into_iter().chain(std::mem::take(&mut raw.remarks)).collect();
+    let packages = if format == Format::Urdf { others.packages() } else { Vec::new() };
+    let bytes = bytes.len();
+    Ok((FileRead { path, format, bytes, sha256, mm_per_unit, states_its_unit, packages, remarks }, raw))
 }
 
-fn read(bytes: &[u8], format: Format, urdf: UrdfShapes, others: &mut Others) -> Result<Raw, MeshFileError> {
-    match format {
+/// What is wrong with a file whose ending names no format.
+fn unknown(path: &Path) -> MeshFileProblem {
+    /// A larger one is not looked into.
+    const MOST: u64 = 64 << 20;
+    if let Err(error) = path.metadata() {
+        return MeshFileProblem::Unreadable(error);
+    }
+    if is_height_map(path) {
+        let help =
+            "a height map becomes an object in a job: mm_per_px and height_mm under [[object]] say how large it is";
+        return MeshFileProblem::UnknownExtension(help.into());
+    }
+    let bytes = match input::read(path, MOST).map_err(MeshFileProblem::unreadable) {
+        Ok(bytes) => Some(bytes),
+        Err(problem @ MeshFileProblem::Foreign(_)) => return problem,
+        Err(_) => None,
+    };
+    let detected = bytes.as_deref().and_then(detect::detect);
+    let is_empty = bytes.is_some_and(|bytes| bytes.is_empty());
+    match (detected, detect::by_ending(path)) {
+        (Some(Detected::Mesh(format)), _) => {
+            let help = format!("it is {} by its bytes: give it the ending .{}", format.name(), format.endings()[0]);
+            MeshFileProblem::UnknownExtension(help)
+        }
+        (Some(Detected::Foreign(foreign)), of_ending) if of_ending.is_none() || is_empty => {
+            MeshFileProblem::Foreign(foreign)
+        }
+        (_, Some(foreign)) => MeshFileProblem::UnknownExtension(foreign.help.into()),
+        (_, None) => {
+            let help = "export it as one of these, or give the file the ending of its format; `path` in a job takes height \
+                        maps, too: .png, .npy, .npz or .exr";
+            MeshFileProblem::UnknownExtension(help.into())
+        }
+    }
+}
+
+/// The mesh in the bytes of a file that is named as one of `named`, and the format that it is read as.
+fn read(bytes: &[u8], named: Format, urdf: UrdfShapes, others: &mut Others) -> Result<(Format, Raw), MeshFileError> {
+    let format = match detect::other_than(named, bytes) {
+        Some(Detected::Mesh(format)) => format,
+        Some(Detected::Foreign(foreign)) => return Err(MeshFileProblem::Foreign(foreign).into()),
+        None => named,
+    };
+    let raw = match format {
         Format::Obj => obj::read(bytes),
         Format::Stl => stl::read(bytes),
         Format::Ply => ply::read(bytes),
@@ -167,7 +242,8 @@ fn read(bytes: &[u8], format: Format, urdf: UrdfShapes, others: &mut Others) -> 
         Format::Dae => dae::read(bytes),
         Format::ThreeMf => threemf::read(bytes),
         Format::Urdf => urdf::read(bytes, urdf, others),
-    }
+    };
+    Ok((format, raw?.with_surface()?))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! no line, and cuts concave polygons wrongly. Format: Wavefront, Advanced Visualizer Manual, appendix B1 (1992).
 
 use crate::core::mesh::MeshError;
+use crate::files::mesh::points::PointKind;
 use crate::files::mesh::polygon::Cutter;
 use crate::files::mesh::raw::{Parts, Raw};
 use crate::files::mesh::{MeshFileError, MeshFileProblem, Words, coordinates, quoted};
@@ -19,12 +20,21 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
     let mut cutter = Cutter::new();
     let mut corners = Vec::new();
     let [mut objects, mut groups] = [Parts::default(), Parts::default()];
+    let mut is_free_form = false;
     loop {
         let line = words.line;
         let statement = match words.word() {
             Some(b"v") => coordinates(&mut words).map(|vertex| raw.vertices.push(vertex)),
             Some(b"f") => face(&mut words, raw.vertices.len(), &mut corners)
                 .and_then(|()| cutter.cut(&raw.vertices, &corners, &mut raw.triangles)),
+            Some(b"l") => {
+                raw.points.kind = PointKind::Lines;
+                Ok(())
+            }
+            Some(b"curv" | b"curv2" | b"surf") => {
+                is_free_form = true;
+                Ok(())
+            }
             Some(b"o") => {
                 objects.go_on(rest_of_line(&words), raw.triangles.len());
                 Ok(())
@@ -37,10 +47,37 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
         };
         statement.map_err(|problem| MeshFileError::at_line(line, problem))?;
         if !words.next_line() {
+            if is_free_form && raw.triangles.is_empty() {
+                let help = "export it as polygons (tessellated), as most programs do unless told otherwise";
+                return Err(
+                    MeshFileProblem::advised("holds curves and free-form surfaces, which are not read", help).into()
+                );
+            }
             raw.parts = if objects.is_empty() { groups } else { objects };
             return Ok(raw);
         }
     }
+}
+
+/// True of text whose first statements are those of an OBJ, with a vertex among them.
+pub(super) fn is_obj(bytes: &[u8]) -> bool {
+    /// Statements that may stand before the first vertex.
+    const BEFORE: [&[u8]; 8] = [b"mtllib", b"usemtl", b"o", b"g", b"s", b"vt", b"vn", b"vp"];
+    /// Lines that are looked at.
+    const MOST: usize = 10_000;
+    let mut words = Words::new(bytes);
+    for _ in 0..MOST {
+        match words.word() {
+            Some(b"v") => return coordinates(&mut words).is_ok(),
+            None => {}
+            Some(word) if BEFORE.contains(&word) => {}
+            Some(_) => return false,
+        }
+        if !words.next_line() {
+            break;
+        }
+    }
+    false
 }
 
 /// The name that the rest of the line is: its words, whatever is between them.
@@ -221,7 +258,14 @@ mod tests {
 
     #[test]
     fn files_without_vertices_or_faces_are_refused() {
-        for (text, expected) in [("", "no vertex"), ("# nothing\n", "no vertex"), (THREE, "no triangle")] {
+        let lines = &format!("{THREE}l 1 2 3\n");
+        let curves = &format!("{THREE}cstype bezier\ndeg 2\ncurv 0 1 1 2 3\nend\n");
+        for (text, expected) in [
+            ("# nothing\n", "no vertex"),
+            (THREE, "is a point cloud: 3 points and no triangle"),
+            (lines, "holds lines alone: 3 points and no triangle"),
+            (curves, "holds curves and free-form surfaces, which are not read"),
+        ] {
             assert_eq!(parse(text.as_bytes(), Format::Obj, 1.0).unwrap_err().to_string(), expected);
         }
     }

@@ -31,6 +31,17 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
     Ok(raw)
 }
 
+/// True of text that begins with the keyword of OFF and a number.
+pub(super) fn is_off(bytes: &[u8]) -> bool {
+    let mut words = Words::new(bytes);
+    let first = words.word_anywhere().unwrap_or_default();
+    let Some(at) = first.windows(3).position(|window| window == b"OFF") else { return false };
+    let (flags, glued) = (&first[..at], &first[at + 3..]);
+    let is_count = |word: &[u8]| !word.is_empty() && word.iter().all(u8::is_ascii_digit);
+    let follows = if glued.is_empty() { words.word_anywhere().unwrap_or_default() } else { glued };
+    flags.iter().all(|flag| b"STCN4n".contains(flag)) && (is_count(follows) || follows == b"BINARY")
+}
+
 /// How many vertices and faces there are. The counts may stand right behind the keyword, as in ModelNet's files, and
 /// the keyword may be missing.
 fn header(words: &mut Words) -> Result<[u64; 2], MeshFileError> {

@@ -1,14 +1,17 @@
 //! The files that a mesh file names: read beside it, and remembered by their hashes.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
-use super::{MeshFileError, MeshFileProblem};
+use super::packages::{Named, Packages};
+use super::{MeshFileError, MeshFileProblem, Reason};
 use crate::files::hash::sha256;
 use crate::files::input;
 
 /// Reads the files that a mesh file names.
 pub(super) struct Others {
     folder: Option<PathBuf>,
+    packages: Packages,
     /// Bytes that all of them together may still have.
     left: u64,
     /// Name as it is written, and SHA-256, in the order in which they were read.
@@ -16,10 +19,26 @@ pub(super) struct Others {
 }
 
 impl Others {
-    /// Beside the file at `path`; without a path no other file is read.
-    pub(super) fn beside(path: Option<&Path>) -> Self {
-        let folder = path.map(|path| path.parent().unwrap_or(Path::new("")).to_owned());
-        Self { folder, left: input::MOST_MESH_BYTES, read: Vec::new() }
+    /// Beside the file at `path`, and in packages in these folders.
+    pub(super) fn beside(path: &Path, packages: &[String]) -> Self {
+        let folder = Some(path.parent().unwrap_or(Path::new("")).to_owned());
+        Self { folder, packages: Packages::new(packages), ..Self::none() }
+    }
+
+    /// None at all.
+    pub(super) fn none() -> Self {
+        Self { folder: None, packages: Packages::new(&[]), left: input::MOST_MESH_BYTES, read: Vec::new() }
+    }
+
+    /// Where a file is that a robot names; on failure, why it is nowhere. `None` where no other file is read.
+    pub(super) fn find(&mut self, named: &Named) -> Option<Result<PathBuf, Reason>> {
+        let folder = self.folder.as_deref()?;
+        Some(self.packages.find(folder, named))
+    }
+
+    /// The folders in which packages are found again.
+    pub(super) fn packages(&self) -> Vec<String> {
+        self.packages.needed()
     }
 
     /// The folder that relative names start from.
@@ -29,8 +48,7 @@ impl Others {
 
     /// The file at `path`, which is written as `name`.
     pub(super) fn read(&mut self, name: &str, path: &Path) -> Result<Vec<u8>, MeshFileError> {
-        let unreadable =
-            |error| MeshFileError { path: Some(path.to_owned()), ..MeshFileProblem::Unreadable(error).into() };
+        let unreadable = |error: io::Error| MeshFileError::from(MeshFileProblem::unreadable(error));
         let bytes = input::read(path, self.left).map_err(unreadable)?;
         self.left -= bytes.len() as u64;
         self.read.push((name.to_owned(), sha256(&bytes)));
@@ -55,4 +73,24 @@ impl Others {
         self.read.iter().for_each(|(name, sha256)| lines += &format!("{sha256}  {name}\n"));
         sha256(lines.as_bytes())
     }
+}
+
+/// A URI's path with what stands for other characters replaced: `%20` is a blank.
+pub(super) fn decoded(uri: &str) -> String {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let [first, after @ ..] = rest {
+        let hex = |digits: &[u8]| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok();
+        match (first, after.get(..2).and_then(hex)) {
+            (b'%', Some(byte)) if after[..2].iter().all(u8::is_ascii_hexdigit) => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(*first);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
 }

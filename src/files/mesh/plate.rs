@@ -29,7 +29,7 @@ pub struct PlateSize {
 /// True if a file is named like a height map.
 pub fn is_height_map(path: &Path) -> bool {
     let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
-    ["png", "npy", "exr"].into_iter().any(|known| ending.as_deref() == Some(known.as_ref()))
+    ["png", "npy", "npz", "exr"].into_iter().any(|known| ending.as_deref() == Some(known.as_ref()))
 }
 
 /// Reads the height map at `path` as an object, with the SHA-256 of the file's bytes.
@@ -40,7 +40,7 @@ pub fn is_height_map(path: &Path) -> bool {
 pub fn load_plate(path: &Path, size: PlateSize) -> Result<(Mesh, Cleaned, String), MeshFileError> {
     let in_file = |error: MeshFileError| error.in_file(path);
     let bytes = input::read(path, input::MOST_IMAGE_BYTES)
-        .map_err(|error| in_file(MeshFileProblem::Unreadable(error).into()))?;
+        .map_err(|error| in_file(MeshFileProblem::unreadable(error).into()))?;
     let heights = heights::decode(&bytes).map_err(|reason| in_file(MeshFileProblem::NoHeightMap(reason).into()))?;
     let raw = plate(&heights, size).map_err(|reason| in_file(MeshFileProblem::NoHeightMap(reason).into()))?;
     let (mesh, cleaned) = raw.mesh(1.0).map_err(in_file)?;

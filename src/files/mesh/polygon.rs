@@ -17,6 +17,15 @@ const MAX_WORK: usize = 1 << 25;
 /// Corners of a polygon that is small.
 const FEW_CORNERS: usize = 16;
 
+const TRIANGULATE: &str =
+    "cut its faces into triangles when it is exported (Triangulate in Blender and in most CAD programs)";
+
+/// A polygon with so many corners.
+pub(super) fn too_many_corners(count: usize) -> MeshFileProblem {
+    let what = format!("a face has {count} corners, more than the {MAX_CORNERS} allowed");
+    MeshFileProblem::advised(what, TRIANGULATE)
+}
+
 /// Cuts polygons; holds the memory for it, so that a mesh needs one.
 pub(super) struct Cutter {
     earcut: Earcut<f64>,
@@ -46,10 +55,7 @@ impl Cutter {
             [a, b] => triangles.push([a, b, b]),
             [a, b, c] => triangles.push([a, b, c]),
             _ if corners.len() > MAX_CORNERS => {
-                return Err(MeshFileProblem::Malformed(format!(
-                    "a face has {} corners, more than the {MAX_CORNERS} allowed",
-                    corners.len()
-                )));
+                return Err(too_many_corners(corners.len()));
             }
             _ => {
                 let at = |corner: u32| vertices[corner as usize];
@@ -65,9 +71,8 @@ impl Cutter {
                         self.work += corners.len().pow(2);
                     }
                     if self.work > MAX_WORK {
-                        return Err(MeshFileProblem::Malformed(
-                            "the concave faces up to here have too many corners: cut the mesh into triangles".into(),
-                        ));
+                        let what = "the concave faces up to here have too many corners";
+                        return Err(MeshFileProblem::advised(what, TRIANGULATE));
                     }
                     self.earcut.earcut_slice(&self.flat, &[], &mut self.ears);
                     if self.ears.is_empty() {
@@ -298,7 +303,7 @@ mod tests {
         };
         // A cap of many corners is cut however often it comes; a star of as many is not.
         assert_eq!(cut_all(&circle(9973, 1), 9).ok(), Some(9 * 9971));
-        assert!(cut_all(&circle(9973, 2), 1).unwrap_err().to_string().contains("cut the mesh into triangles"));
+        assert!(cut_all(&circle(9973, 2), 1).unwrap_err().to_string().contains("too many corners"));
         assert!(cut_all(&circle(997, 400), 4).is_ok());
         assert!(cut_all(&circle(997, 400), 40).is_err());
     }

@@ -4,8 +4,13 @@ use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3};
 
+use super::points::Points;
+use super::remark::Remark;
 use super::{MeshFileError, MeshFileProblem};
+use crate::core::mesh::cleaning::LARGEST_MM;
 use crate::core::mesh::{Cleaned, Mesh, MeshError};
+use crate::files::figures::figure;
+use crate::files::length::Unit;
 use crate::files::unpack;
 
 /// What a reader finds in a file, in the file's unit.
@@ -17,15 +22,33 @@ pub(super) struct Raw {
     pub(super) parts: Parts,
     /// Millimetres of a coordinate of 1, if the format or the file says so.
     pub(super) mm_per_unit: Option<f64>,
+    /// What points are that belong to no triangle, and how many there are that are no vertices.
+    pub(super) points: Points,
+    /// What to know of how it was read.
+    pub(super) remarks: Vec<Remark>,
 }
 
 impl Raw {
+    /// Refuses what has points and no triangle.
+    pub(super) fn with_surface(self) -> Result<Self, MeshFileError> {
+        let count = self.vertices.len() + self.points.count;
+        if self.triangles.is_empty() && count > 0 {
+            return Err(MeshFileProblem::Points(Points { count, ..self.points }).into());
+        }
+        Ok(self)
+    }
+
     /// All of it as one mesh.
     pub(super) fn mesh(mut self, mm_per_unit: f64) -> Result<(Mesh, Cleaned), MeshFileError> {
         for coordinate in self.vertices.as_flattened_mut() {
             *coordinate *= mm_per_unit;
         }
-        Ok(Mesh::new(self.vertices, self.triangles)?)
+        Mesh::new(self.vertices, self.triangles).map_err(|error| match error {
+            MeshError::TooLarge(mm) => {
+                MeshFileProblem::advised(error.to_string(), smaller(mm / mm_per_unit, mm_per_unit)).into()
+            }
+            error => error.into(),
+        })
     }
 
     /// Its parts that have triangles, in the order in which they begin, each with the vertices it uses.
@@ -78,6 +101,36 @@ impl Raw {
     pub(super) fn check_growth(&self, bytes: usize) -> Result<(), MeshFileError> {
         unpack::bytes(24 * self.vertices.len() + 12 * self.triangles.len(), bytes)
             .map_err(|reason| MeshFileProblem::Malformed(format!("repeats its shapes too often: {reason}")).into())
+    }
+}
+
+/// The triangles of a strip, each of which shares two corners with the one before it: every second one turns the other way.
+/// Those that only join two strips have a corner twice and are left out.
+pub(super) fn strip(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
+    let turned = corners.windows(3).enumerate().map(|(i, window)| match i % 2 {
+        0 => [window[0], window[1], window[2]],
+        _ => [window[1], window[0], window[2]],
+    });
+    turned.filter(|[a, b, c]| a != b && b != c && c != a)
+}
+
+/// The triangles of a fan, which all have its first corner.
+pub(super) fn fan(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
+    corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]])
+}
+
+/// What to do about coordinates that span so much and are too large in this unit.
+fn smaller(length: f64, mm_per_unit: f64) -> String {
+    let fits = |unit: &Unit| unit.mm() < mm_per_unit && length * unit.mm() <= LARGEST_MM;
+    match Unit::ALL.into_iter().find(fits) {
+        Some(unit) => format!(
+            "write the unit of its values, such as unit = \"{}\" under [[object]]: it is {} mm long then",
+            unit.name(),
+            figure(length * unit.mm())
+        ),
+        None => {
+            String::from("no unit makes it smaller: delete what lies far away in it, or scale it where it was made")
+        }
     }
 }
 

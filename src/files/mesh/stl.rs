@@ -4,6 +4,7 @@
 //! only UTF-8 in lower case, with normals, up to the first `endsolid`; its errors tell no line.
 
 use crate::core::mesh::MeshError;
+use crate::files::mesh::remark::Remark;
 use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
 
 const HEADER: usize = 84;
@@ -20,6 +21,19 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
         return Err(MeshError::NoTriangle.into());
     }
     Ok(raw)
+}
+
+/// True of a binary file as long as it says.
+pub(super) fn is_binary(bytes: &[u8]) -> bool {
+    bytes.split_at_checked(HEADER).is_some_and(|(header, facets)| claimed(header) > 0 && is_complete(header, facets))
+}
+
+/// True of text with a facet, or an end, right after its first line.
+pub(super) fn is_ascii(bytes: &[u8]) -> bool {
+    let mut words = Words::new(bytes);
+    let begins = words.word_anywhere().is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && words.next_line();
+    let second = words.word_anywhere().and_then(keyword);
+    begins && matches!(second, Some(Keyword::Facet | Keyword::EndSolid | Keyword::Solid))
 }
 
 fn claimed(header: &[u8]) -> u64 {
@@ -43,9 +57,15 @@ fn binary(header: &[u8], facets: &[u8]) -> Result<Raw, MeshFileProblem> {
     let used = facets.len().min((claimed as usize).saturating_mul(FACET));
     let padding = &facets[used..];
     let is_padding = padding.len() < FACET || (claimed > 0 && padding.iter().all(|&byte| byte == 0));
-    if claimed > room || !is_padding {
+    let is_trusted = claimed <= room && is_padding;
+    // Who writes facets as they come knows their number last, and some never go back to write it.
+    let is_whole = room > 0 && facets.len().is_multiple_of(FACET) && are_likely(facets);
+    if !is_trusted && !is_whole {
         return Err(MeshFileProblem::Room { claimed, what: "triangles".into(), room });
     }
+    let used = if is_trusted { used } else { facets.len() };
+    let is_open = claimed == 0 || claimed == u64::from(u32::MAX);
+    let remarks = if is_trusted || is_open { Vec::new() } else { vec![Remark::Count { claimed, held: room }] };
     if 3 * room > u64::from(u32::MAX) {
         return Err(MeshError::TooMany("corners").into());
     }
@@ -59,7 +79,14 @@ fn binary(header: &[u8], facets: &[u8]) -> Result<Raw, MeshFileProblem> {
         }
     }
     let triangles = (0..facets.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    Ok(Raw { vertices, triangles, ..Raw::default() })
+    Ok(Raw { vertices, triangles, remarks, ..Raw::default() })
+}
+
+/// Whether all corners are numbers that things are measured in, as bytes of something else are not.
+fn are_likely(facets: &[u8]) -> bool {
+    let number = |bytes: &[u8; 4]| f32::from_le_bytes(*bytes);
+    let is_likely = |x: f32| x == 0.0 || (1e-20..1e15).contains(&x.abs());
+    facets.as_chunks::<FACET>().0.iter().all(|facet| facet[12..48].as_chunks::<4>().0.iter().map(number).all(is_likely))
 }
 
 #[derive(Clone, Copy)]
@@ -189,13 +216,30 @@ mod tests {
 
     #[test]
     fn a_lying_header_is_refused_before_memory_is_reserved() {
-        assert_eq!(failure(&file(b"", u32::MAX, 12)), "says 4294967295 triangles but has room for 12");
-        assert_eq!(failure(&file(b"solid", 13, 12)), "says 13 triangles but has room for 12");
-        assert_eq!(failure(&file(b"", 0, 12)), "says 0 triangles but has room for 12");
-        assert_eq!(failure(&file(b"", 3, 12)), "says 3 triangles but has room for 12");
-        let mut short = file(b"", 12, 12);
-        short.pop();
-        assert_eq!(failure(&short), "says 12 triangles but has room for 11");
+        for claimed in [12, 13, 3000, u32::MAX] {
+            let mut short = file(b"", claimed, 12);
+            short.pop();
+            assert_eq!(failure(&short), format!("says {claimed} triangles but has room for 11"));
+        }
+        let mut longer = file(b"", 3, 12);
+        longer.push(1);
+        assert_eq!(failure(&longer), "says 3 triangles but has room for 12");
+        // Whole facets that are none: of random bytes few are lengths.
+        let mut noise = file(b"", 7, 12);
+        (84..684).for_each(|at| noise[at] = (at * at * 31 >> 3) as u8);
+        assert_eq!(failure(&noise), "says 7 triangles but has room for 12");
+    }
+
+    #[test]
+    fn whole_facets_are_read_whatever_the_header_counts() {
+        for header in [&b""[..], b"solid"] {
+            for (claimed, is_said) in [(0, false), (u32::MAX, false), (3, true), (13, true)] {
+                let raw = read(&file(header, claimed, 12)).unwrap();
+                assert_eq!(raw.triangles.len(), 12);
+                let count = Remark::Count { claimed: claimed.into(), held: 12 };
+                assert_eq!(raw.remarks, if is_said { vec![count] } else { vec![] }, "{claimed}");
+            }
+        }
     }
 
     #[test]

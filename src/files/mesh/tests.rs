@@ -263,10 +263,99 @@ fn errors_name_the_file_and_the_line() {
     for name in ["a.step", "obj", ".obj"] {
         let path = folder.path().join(name);
         assert!(matches!(load(&path, 1.0).unwrap_err().problem, MeshFileProblem::Unreadable(_)), "it is not there");
-        fs::write(&path, "").unwrap();
+        fs::write(&path, "x").unwrap();
         let said = load(&path, 1.0).unwrap_err().to_string();
         assert_eq!(said, format!("{}: is not named like a mesh: use {ENDINGS}", path.display()));
     }
+}
+
+/// What is said of a file of this name with these bytes, and the way out.
+fn said(name: &str, bytes: &[u8]) -> (String, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    fs::write(&path, bytes).unwrap();
+    let error = load(&path, 1.0).unwrap_err();
+    (error.to_string().replace(&format!("{}: ", path.display()), ""), error.help())
+}
+
+#[test]
+fn what_is_no_mesh_is_told_before_a_parser_speaks() {
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 9\n";
+    for name in ["a.stl", "a.obj", "a.ply", "a.off", "a.glb", "a.gltf", "a.dae", "a.3mf", "a.urdf", "a.step"] {
+        for (bytes, what, help) in [
+            (&pointer[..], "is a pointer of Git LFS, not the file itself", "git lfs pull"),
+            (b"", "is empty", "copy or download it again"),
+            (b"<!DOCTYPE html><html>", "is a web page (HTML)", "download the file itself"),
+            (b"\x00\x05\x16\x07\x00\x02\x00\x00Mac OS X", "is a companion file of macOS", "without ._ before it"),
+        ] {
+            let (said, way_out) = said(name, bytes);
+            assert!(said.starts_with(what) && way_out.contains(help), "{name}: {said}: {way_out}");
+        }
+    }
+    let (said, help) = said("a.obj", b"Kaydara FBX Binary  \x00");
+    assert_eq!((said.as_str(), help.contains("Blender")), ("is an FBX file", true));
+}
+
+#[test]
+fn an_ending_that_is_not_read_has_its_own_way_out() {
+    for (name, bytes, help) in [
+        ("a.fbx", &b"Kaydara FBX Binary  \x00"[..], "open it in Blender and export it as .glb"),
+        ("A.STEP", b"ISO-10303-21;", "FreeCAD"),
+        ("a.sldprt", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "export it as .stl or .3mf"),
+        ("model.sdf", b"<sdf>", "name the meshes that it refers to"),
+        ("r.urdf.xacro", b"<robot>", "xacro IN.xacro > OUT.urdf"),
+        ("a.pcd", b"# .PCD v0.7", "reconstruct a surface"),
+        ("a.txt", b"a mug", "`path` in a job takes height maps, too: .png, .npy, .npz or .exr"),
+        ("a.png", b"", "mm_per_px and height_mm under [[object]]"),
+        ("a.stl.download", &cube_stl_binary(), "it is STL by its bytes: give it the ending .stl"),
+    ] {
+        let (said, way_out) = said(name, bytes);
+        // A robot is one whatever it is called; its macros are what keeps it from being read.
+        let expected = if name.ends_with("xacro") { "it is URDF by its bytes" } else { help };
+        assert!(
+            said.starts_with("is not named like a mesh") && way_out.contains(expected),
+            "{name}: {said}: {way_out}"
+        );
+    }
+}
+
+#[test]
+fn a_mesh_of_another_format_than_its_ending_says_is_read_by_its_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let (expected, _) = parse(&cube_obj(), Format::Obj, 2.0).unwrap();
+    for (format, bytes) in cubes() {
+        for named in Format::ALL.into_iter().filter(|named| *named != format) {
+            let path = folder.path().join(format!("a.{}", named.endings()[0]));
+            fs::write(&path, &bytes).unwrap();
+            let Ok(loaded) = load(&path, 2.0) else { panic!("{format:?} named as {named:?}") };
+            assert_eq!((&loaded.mesh, loaded.given.format), (&expected, format), "named as {named:?}");
+            assert_eq!(loaded.remarks, [Remark::Misnamed(format)]);
+            assert_eq!(load(&path, Reading::default()).unwrap().states_its_unit, format.knows_its_unit());
+        }
+    }
+    let path = folder.path().join("a.stl");
+    fs::write(&path, cube_stl_ascii()).unwrap();
+    assert!(load(&path, 1.0).unwrap().remarks.is_empty());
+}
+
+#[test]
+fn a_mesh_too_large_to_be_one_is_told_the_unit_that_fits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.obj");
+    fs::write(&path, "v 0 0 0\nv 20000 0 0\nv 0 20000 0\nf 1 2 3\n").unwrap();
+    let error = load(&path, 1000.0).unwrap_err();
+    assert!(error.to_string().contains("is 2.000e7 mm across"), "{error}");
+    assert!(error.help().contains("unit = \"mm\" under [[object]]: it is 20000 mm long then"), "{}", error.help());
+    assert!(load(&path, 1.0).is_ok());
+}
+
+#[test]
+fn a_number_with_a_comma_is_told() {
+    let (text, help) = said("a.obj", b"v 0,5 0 0\n");
+    assert!(
+        text.ends_with(":1: `0,5` is not a number") && help.contains("numbers have a decimal point"),
+        "{text}: {help}"
+    );
 }
 
 #[test]

@@ -102,8 +102,18 @@ pub(super) fn number(word: &[u8]) -> Result<f64, MeshFileProblem> {
     match text.and_then(|text| text.parse().ok()) {
         Some(number) => Ok(number),
         None if text.is_some_and(|text| text.trim_start_matches(['+', '-']).starts_with("nan(")) => Ok(f64::NAN),
+        None if text.is_some_and(has_decimal_comma) => {
+            let help =
+                "numbers have a decimal point: export it again where the system's language writes one (LC_ALL=C)";
+            Err(MeshFileProblem::advised(format!("{} is not a number", quoted(word)), help))
+        }
         None => Err(MeshFileProblem::Malformed(format!("{} is not a number", quoted(word)))),
     }
+}
+
+/// True of a number with a comma where others have a point.
+fn has_decimal_comma(text: &str) -> bool {
+    text.matches(',').count() == 1 && text.replace(',', ".").parse::<f64>().is_ok()
 }
 
 /// A number of digits and a point, as most are: the same as the general way gives, in a third of its time. `None` if it is
@@ -149,6 +159,14 @@ pub(super) fn coordinates(words: &mut Words) -> Result<[f64; 3], MeshFileProblem
 pub(super) fn quoted(word: &[u8]) -> String {
     let text = String::from_utf8_lossy(&word[..word.len().min(40)]);
     format!("`{}`", text.escape_debug())
+}
+
+/// The name of a file for a message, whole unless it is longer than any is.
+pub(super) fn named(name: &str) -> String {
+    const LONGEST: usize = 300;
+    let shown: String = name.chars().take(LONGEST).collect();
+    let more = if shown.len() < name.len() { ".." } else { "" };
+    format!("`{}{more}`", shown.escape_debug())
 }
 
 #[cfg(test)]

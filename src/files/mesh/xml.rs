@@ -13,7 +13,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Document<'_>, MeshFileError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = str::from_utf8(bytes).map_err(|error| {
         let line = 1 + bytes[..error.valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
-        MeshFileError::at_line(line, MeshFileProblem::Malformed("is not UTF-8".into()))
+        let help = "save it as UTF-8, e.g. iconv -f latin1 -t utf-8 IN > OUT";
+        MeshFileError::at_line(line, MeshFileProblem::advised("is not UTF-8", help))
     })?;
     Document::parse(text).map_err(|error| {
         let message = format!("is not XML: {}", error.to_string().replace(char::is_control, " "));
@@ -28,8 +29,12 @@ pub(super) fn wrong(node: Node, message: impl Into<String>) -> MeshFileError {
 
 /// The same with any problem.
 pub(super) fn at(node: Node, problem: MeshFileProblem) -> MeshFileError {
-    let line = node.document().text_pos_at(node.range().start).row as usize;
-    MeshFileError::at_line(line, problem)
+    MeshFileError::at_line(line(node), problem)
+}
+
+/// The line that an element begins in, counted from 1.
+pub(super) fn line(node: Node) -> usize {
+    node.document().text_pos_at(node.range().start).row as usize
 }
 
 /// The elements of that name in an element, whatever their namespace.

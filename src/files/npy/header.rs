@@ -2,10 +2,10 @@
 
 use half::f16;
 
-/// The header, and the data after it.
-pub(super) fn split(bytes: &[u8]) -> Result<(Header<'_>, &[u8]), String> {
+/// The header, and the data after it; `allowed` are the types that are taken.
+pub(super) fn split<'a>(bytes: &'a [u8], allowed: &str) -> Result<(Header<'a>, &'a [u8]), String> {
     let (text, data) = split_text(bytes).ok_or("not an npy file")?;
-    Ok((Header::read(text)?, data))
+    Ok((Header::read(text, allowed)?, data))
 }
 
 /// The header's text and the data.
@@ -25,6 +25,8 @@ pub(super) enum Kind {
     Float,
     Signed,
     Unsigned,
+    /// True or false, a byte each.
+    Truth,
 }
 
 /// How one value is stored.
@@ -48,6 +50,7 @@ impl Number {
             "f" => (Kind::Float, ["2", "4", "8"].as_slice()),
             "i" => (Kind::Signed, ["1", "2", "4", "8"].as_slice()),
             "u" => (Kind::Unsigned, ["1", "2", "4", "8"].as_slice()),
+            "b" => (Kind::Truth, ["1"].as_slice()),
             _ => return None,
         };
         let size = sizes.contains(&size).then(|| size.parse().ok())??;
@@ -64,6 +67,7 @@ impl Number {
         let bits = u64::from_le_bytes(ordered);
         match (self.kind, self.size) {
             (Kind::Unsigned, _) => bits as f64,
+            (Kind::Truth, _) => f64::from(u8::from(bits != 0)),
             (Kind::Signed, size) => {
                 let unused = 64 - 8 * size as u32;
                 ((bits << unused) as i64 >> unused) as f64
@@ -74,9 +78,13 @@ impl Number {
         }
     }
 
-    /// The largest integer; `None` of floats.
+    /// The largest value; `None` of floats.
     pub(super) fn most(self) -> Option<f32> {
-        (self.kind == Kind::Unsigned).then(|| (u64::MAX >> (64 - 8 * self.size)) as f32)
+        match self.kind {
+            Kind::Unsigned => Some((u64::MAX >> (64 - 8 * self.size)) as f32),
+            Kind::Truth => Some(1.0),
+            Kind::Float | Kind::Signed => None,
+        }
     }
 }
 
@@ -91,7 +99,7 @@ pub(super) struct Header<'a> {
 
 impl<'a> Header<'a> {
     /// From a Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }`.
-    fn read(text: &'a [u8]) -> Result<Self, String> {
+    fn read(text: &'a [u8], allowed: &str) -> Result<Self, String> {
         let mut words = Words(str::from_utf8(text).map_err(|_| "its header is not text")?);
         let (mut number, mut is_fortran, mut shape) = (None, None, None);
         words.expect('{')?;
@@ -101,7 +109,7 @@ impl<'a> Header<'a> {
             match key {
                 "descr" => {
                     let name = words.quoted().map_err(|_| "its values are records, not numbers")?;
-                    number = Some((name, Number::named(name).ok_or_else(|| unknown(name, ANY))?));
+                    number = Some((name, Number::named(name).ok_or_else(|| unknown(name, allowed))?));
                 }
                 "fortran_order" => is_fortran = Some(words.truth()?),
                 "shape" => shape = Some(words.shape()?),
@@ -153,12 +161,13 @@ impl<'a> Header<'a> {
     }
 }
 
-pub(super) const UNSIGNED: &str = "float16, float32, float64, uint8, uint16, uint32, uint64";
-const ANY: &str = "float16, float32, float64, int8 to int64, uint8 to uint64";
+pub(super) const HEIGHTS: &str = "float16, float32, float64, uint8, uint16, uint32, uint64, bool";
+pub(super) const NUMBERS: &str = "float16, float32, float64, int8 to int64, uint8 to uint64";
 
 /// What is said of a type that is not taken.
 pub(super) fn unknown(name: &str, allowed: &str) -> String {
-    format!("its values are of type `{}`; allowed: {allowed}", name.escape_debug())
+    let name = name.escape_debug();
+    format!("its values are of type `{name}`; allowed: {allowed}: convert it, as array.astype(\"float32\") does")
 }
 
 /// What is left of the header's text.

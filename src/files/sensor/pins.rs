@@ -144,13 +144,11 @@ pub fn places(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
     /// Places of pins, mm.
     const FARTHEST_MM: f64 = 1e4;
     const MOST: usize = 10_000;
-    /// Mistakes that are said.
-    const SAID: usize = 10;
     let source = match rows::source(std::path::Path::new(path), bytes) {
         Ok(source) => source,
         Err(_) => return Err(vec![format!("{path}: the table of pins is not UTF-8; save it as CSV in UTF-8")]),
     };
-    let mut mistakes = Vec::new();
+    let (mut mistakes, mut odd) = (Vec::new(), 0_usize);
     let mut wrong = |start: usize, line: u64, cell: usize, what: String| {
         let place = rows::cell_place(&source.text, start, cell);
         let column = source.text[start.min(place.start)..place.start].chars().count() + 1;
@@ -160,25 +158,35 @@ pub fn places(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
     let Some(header) = rows.next() else { return Err(vec![format!("{path}: the table of pins is empty")]) };
     let named = |name: &str| (0..header.cells.len()).find(|cell| header.cell(*cell) == name);
     let (Some(x), Some(y)) = (named("x_mm"), named("y_mm")) else {
-        wrong(header.start, header.line, 0, String::from("the first line names no columns x_mm and y_mm"));
+        let semicolons = header.cells.len() == 1 && header.cell(0).contains(';');
+        let why = if semicolons { ": its cells are separated by `;`, save it with commas" } else { "" };
+        wrong(header.start, header.line, 0, format!("the first line names no columns x_mm and y_mm{why}"));
         return Err(mistakes);
     };
     let mut found = Vec::new();
     for row in rows {
         if found.len() == MOST {
-            wrong(row.start, row.line, 0, format!("more than {MOST} pins"));
+            wrong(row.start, row.line, 0, format!("more than {MOST} pins: leave out this row and those below it"));
             break;
         }
         let mut place = [0.0; 2];
         for (k, cell) in [x, y].into_iter().enumerate() {
             match row.cell(cell).parse::<f64>() {
                 Ok(mm) if mm.abs() <= FARTHEST_MM => place[k] = mm,
-                _ => wrong(row.start, row.line, cell, format!("`{}` is no place of a pin in mm", row.cell(cell))),
+                // The first tells what is wrong with the others.
+                _ if odd > 0 => odd += 1,
+                _ => {
+                    odd = 1;
+                    wrong(row.start, row.line, cell, format!("`{}` is no place of a pin in mm", row.cell(cell)));
+                }
             }
         }
         found.push(place);
     }
-    mistakes.truncate(SAID);
+    if let Some(first) = mistakes.first_mut().filter(|_| odd > 1) {
+        let more = odd - 1;
+        *first += &format!(", nor {} {more} more", if more == 1 { "is" } else { "are" });
+    }
     match (mistakes.is_empty(), found.is_empty()) {
         (true, false) => Ok(found),
         (true, true) => Err(vec![format!("{path}: the table has no pins")]),

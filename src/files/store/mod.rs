@@ -153,7 +153,7 @@ impl StoreError {
             (Cause::Denied, "az") => {
                 "check AZURE_STORAGE_ACCOUNT_NAME and AZURE_STORAGE_ACCOUNT_KEY, and that they may list, read, write and delete there; "
             }
-            (Cause::Denied, _) => "make the folder writable, or choose another one with --out; ",
+            (Cause::Denied, _) => "make the folder writable, or name another one; ",
             (Cause::Region, _) => "set AWS_REGION to the bucket's region; ",
             (Cause::Full, _) => "make room there, or raise the quota; ",
             (Cause::Stopped | Cause::Other, _) => "",

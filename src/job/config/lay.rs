@@ -171,7 +171,7 @@ fn of_unread_sensor(path: &Path, written: &str, error: &io::Error, is_flag: bool
     match (guesses::choice(written, &names).filter(|_| is_name), error.kind()) {
         (Some(name), _) => format!("did you mean the preset? {}", preset(name)),
         (None, io::ErrorKind::NotFound) => match input::meant(path, same_names) {
-            Some(near) => format!("did you mean {}?", path.with_file_name(near).display()),
+            Some(near) => format!("did you mean {}?", Path::new(written).with_file_name(near).display()),
             None if is_flag => {
                 String::from("paths start from the current folder; gelsim list sensors shows the presets")
             }

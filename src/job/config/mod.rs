@@ -131,7 +131,7 @@ impl Job {
     pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
         let objects = self.object.iter_mut().flat_map(|object| {
             let textures = object.texture.iter_mut().flat_map(texture::TextureDistribution::paths_mut);
-            object.path.iter_mut().chain(textures)
+            object.path.iter_mut().chain(&mut object.packages).chain(textures)
         });
         let textures = self.texture.paths_mut();
         let left = sensor_paths_mut(&mut self.sensor).chain(&mut self.random.backgrounds);

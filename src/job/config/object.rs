@@ -14,7 +14,7 @@ use crate::job::layout::Split;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Object {
-    /// A mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf), a robot (.urdf) or a height map (.png, .npy, .exr), relative to the file this stands in;
+    /// A mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf), a robot (.urdf) or a height map (.png, .npy, .npz, .exr), relative to the file this stands in;
     /// `*`, `?` and `[..]` name several.
     #[schemars(required)]
     pub path: Option<String>,
@@ -32,6 +32,9 @@ pub struct Object {
     /// Which shapes of a URDF are pressed.
     #[serde(skip_serializing_if = "is_default")]
     pub urdf: UrdfShapes,
+    /// Folders of packages in which the meshes of a URDF may be, relative to the file this stands in.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub packages: Vec<String>,
     /// What names the class where `class` does not; the file's stem, or where files share it the folder by which they differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub class_from: Option<ClassFrom>,
@@ -120,8 +123,8 @@ fn is_one(scale: &Quantity) -> bool {
 
 impl Object {
     /// How its files are to be read.
-    pub fn reading(&self) -> Reading {
-        Reading { mm_per_unit: self.unit.map(Unit::mm), urdf: self.urdf }
+    pub fn reading(&self) -> Reading<'_> {
+        Reading { mm_per_unit: self.unit.map(Unit::mm), urdf: self.urdf, packages: &self.packages }
     }
 
     /// Factor on the size of an object that is so long as its file is read, mm.
@@ -153,6 +156,7 @@ impl Default for Object {
             weight: 1.0,
             sha256: None,
             urdf: UrdfShapes::default(),
+            packages: Vec::new(),
             class_from: None,
             parts: Parts::default(),
             part: None,

@@ -8,7 +8,7 @@ use crate::core::mesh::Cleaned;
 use crate::core::pose::Anchor;
 use crate::files::diagnostic::{Diagnostic, Severity};
 use crate::files::figures::{counted, figure};
-use crate::files::mesh::MeshFileError;
+use crate::files::mesh::{MeshFileError, Remark};
 use crate::job::config::object::{Unit, is_plausible};
 
 /// What was found.
@@ -41,6 +41,10 @@ pub enum Kind {
     Featureless,
     /// Divided by its own size, so that nothing says how large it is.
     Normalised,
+    /// Of another format than its ending says.
+    Misnamed,
+    /// It counts other triangles than it holds.
+    Count,
 }
 
 impl Kind {
@@ -60,6 +64,8 @@ impl Kind {
             Self::FarFromOrigin => "far from its origin",
             Self::OffCentre => "touches off centre",
             Self::Featureless => "flat",
+            Self::Misnamed => "another format",
+            Self::Count => "miscounted",
         }
     }
 
@@ -79,6 +85,8 @@ impl Kind {
             Self::FarFromOrigin => "meshes are far from their origin, and rounded",
             Self::OffCentre => "meshes touch beside the middle of the view, or not at all",
             Self::Featureless => "meshes have flat faces larger than the view",
+            Self::Misnamed => "meshes are of another format than their endings say, and read as that",
+            Self::Count => "meshes hold other triangles than they count",
         }
     }
 }
@@ -129,6 +137,15 @@ pub fn unreadable(error: MeshFileError) -> Finding {
     // The heading names the file already.
     let error = MeshFileError { path: None, ..error };
     Finding::new(Severity::Error, Kind::Unreadable, error.to_string(), help)
+}
+
+/// What was unclear when a file was read.
+pub fn remark(remark: &Remark) -> Finding {
+    let (severity, kind) = match remark {
+        Remark::Misnamed(_) => (Severity::Note, Kind::Misnamed),
+        Remark::Count { .. } => (Severity::Warning, Kind::Count),
+    };
+    Finding::new(severity, kind, remark.to_string(), remark.help())
 }
 
 /// What is to be known of the mesh itself: its size against the pad, and what was dropped of it.

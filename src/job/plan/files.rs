@@ -27,7 +27,9 @@ pub fn read<T>(
     decode: impl Fn(&[u8]) -> Result<T, String>,
 ) -> Option<T> {
     let found = check.document.folder(key).join(&path);
+    let is_there = found.is_file();
     let bytes = match found.to_str() {
+        Some(_) if !found.exists() => Err(String::from("it does not exist")),
         Some(_) => input::read(&found, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string()),
         None => Err(String::from("its path is not UTF-8, so that no job can hold it")),
     };
@@ -35,11 +37,18 @@ pub fn read<T>(
         Ok(read) => read,
         Err(reason) => {
             let message = format!("cannot read the {what} {}: {reason}", found.display());
-            let help = match what {
-                "background" => "an 8-bit PNG of the untouched pad belongs here",
-                "table of pins" => "a CSV file with the columns x_mm and y_mm belongs here",
-                "calibration" => "the table that `gelsim calibrate` wrote beside its sensor file belongs here",
-                _ => "a grey PNG of 8 or 16 bits, or an npy or EXR file with values from 0 to 1, belongs here",
+            let kind = match what {
+                "background" => paths::BACKGROUNDS,
+                "table of pins" => paths::PINS,
+                "calibration" => paths::CALIBRATIONS,
+                _ => paths::HEIGHT_MAPS,
+            };
+            // A table of another version is one: what to do is said with the reason.
+            let is_table = what == "calibration" && !reason.starts_with("no table") && is_there;
+            let help = match is_there {
+                true if is_table => String::from("gelsim calibrate writes it, beside the sensor file"),
+                true => kind.what.to_owned(),
+                false => paths::absent(check, key, path, &kind),
             };
             check.error(key, message, help);
             return None;
@@ -135,8 +144,7 @@ fn several(check: &mut Check<'_>, job: &mut Job, size: Option<[usize; 2]>) -> Op
     let mut found_all = true;
     for (i, written) in job.random.backgrounds.iter().enumerate() {
         let place = if is_list { format!("sensor.background.{i}") } else { String::from("sensor.background") };
-        let help = "paths are relative to the file they stand in; a folder's images are background = \"FOLDER/*.png\"";
-        match paths::find(check, &place, written, help) {
+        match paths::find(check, &place, written, &paths::BACKGROUNDS) {
             // Absolute, so that nobody joins them to a folder again.
             Ok(found) => named.extend(found.into_iter().map(|path| {
                 let path = std::path::absolute(&path).unwrap_or(path);

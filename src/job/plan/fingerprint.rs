@@ -28,6 +28,8 @@ pub fn fingerprint(job: &Job) -> String {
     }
     for (object, stem) in job.object.iter_mut().zip(meshes) {
         object.path = stem;
+        // Where meshes are found says nothing of them: their hashes do.
+        object.packages.clear();
     }
     let text = job.to_json().to_string();
     sha256(format!("gelsim {}\n{text}", env!("CARGO_PKG_VERSION")).as_bytes())

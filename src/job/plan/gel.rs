@@ -5,9 +5,10 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::check::Check;
-use super::files;
+use super::{files, paths};
 use crate::core::base::surface::{Surface, SurfaceError};
 use crate::files::diagnostic::Diagnostic;
+use crate::files::figures::figure;
 use crate::files::mesh;
 use crate::files::sensor::Sensor;
 use crate::files::sensor::pins::{PinLayout, places};
@@ -66,7 +67,11 @@ fn surface(check: &mut Check<'_>, mesh: &mut GelMesh) -> Option<Arc<Surface>> {
     let loaded = match mesh::load(&found, reading) {
         Ok(loaded) => loaded,
         Err(error) => {
-            let help = format!("a mesh of the gel's outer surface belongs here ({})", mesh::ENDINGS);
+            let belongs = format!("a mesh of the gel's outer surface belongs here ({})", mesh::ENDINGS);
+            let help = match found.is_file() {
+                true => format!("{}; {belongs}", error.help()),
+                false => format!("{}; {belongs}", paths::absent(check, KEY, &mesh.path, &paths::GELS)),
+            };
             check.error(KEY, format!("cannot read the gel's mesh {error}"), help);
             return None;
         }
@@ -83,7 +88,18 @@ fn surface(check: &mut Check<'_>, mesh: &mut GelMesh) -> Option<Arc<Surface>> {
     if !(WIDTHS_MM[0]..=WIDTHS_MM[1]).contains(&across_mm) {
         let message =
             format!("the gel's mesh {path} is {across_mm:.3} mm across, read with {}", Unit::written(mm_per_unit));
-        check.error(KEY, message, "gels are 1 to 1000 mm large: set unit to \"mm\", \"cm\", \"m\" or \"in\"");
+        let fits = |unit: &Unit| (WIDTHS_MM[0]..=WIDTHS_MM[1]).contains(&(across_mm / mm_per_unit * unit.mm()));
+        // Of what is too small metres are likelier than inches.
+        let fitting = [Unit::M, Unit::Mm, Unit::In, Unit::Cm].into_iter().find(fits);
+        let help = match fitting {
+            Some(unit) => format!(
+                "gels are 1 to 1000 mm large: with unit = \"{}\" it is {} mm",
+                unit.name(),
+                figure(across_mm / mm_per_unit * unit.mm())
+            ),
+            None => String::from("gels are 1 to 1000 mm large, and no unit makes this one so: scale it in its file"),
+        };
+        check.error(KEY, message, help);
         return None;
     }
     if triangles.triangles.len() > MOST_TRIANGLES {
@@ -114,7 +130,8 @@ fn way_out(error: &SurfaceError, offset_mm: [f64; 3]) -> String {
             let middle = -0.5 * (*low + *high) + DVec3::from_array(offset_mm);
             let [x, y] = [middle.x, middle.y].map(|mm| libm::round(mm * 1e3) / 1e3 + 0.0);
             format!(
-                "the tip is where the z axis leaves the gel: turn the mesh, or move it with offset_mm = [{x:?}, {y:?}, z]"
+                "the tip is where the z axis leaves the gel: turn the mesh, or move it with offset_mm = [{x:?}, {y:?}, {z:?}]",
+                z = offset_mm[2]
             )
         }
         SurfaceError::SteepTip(_) => String::from("z goes out of the gel at its tip: turn the mesh in its file"),

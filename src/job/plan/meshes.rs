@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::object_notes::Facets;
 use crate::core::mesh::clusters::Clusters;
 use crate::core::mesh::{Cleaned, Mesh};
-use crate::files::mesh::{self, Loaded, MeshFileError};
+use crate::files::mesh::{self, Loaded, MeshFileError, Remark};
 use crate::job::config::object::{Object, Parts};
 use crate::job::inspection::{MeshSize, SensorPad, sides};
 
@@ -55,13 +55,18 @@ pub struct Part {
     pub knows_its_unit: bool,
     /// SHA-256 of the file, lower-case hex.
     pub sha256: String,
+    /// Folders in which the meshes that the file names are found again.
+    pub packages: Vec<String>,
+    /// What to know of how the file was read.
+    pub remarks: Vec<Remark>,
 }
 
 impl Part {
     fn new(name: Option<String>, loaded: Loaded, pad: &SensorPad) -> Self {
-        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit } = loaded;
+        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit, packages, remarks } = loaded;
         let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
-        Self { name, knows_its_unit: given.format.knows_its_unit(), ..Self::of(&mesh, cleaned, sha256, size, pad) }
+        let knows_its_unit = given.format.knows_its_unit();
+        Self { name, knows_its_unit, packages, remarks, ..Self::of(&mesh, cleaned, sha256, size, pad) }
     }
 
     /// A mesh in millimetres that is all of its file.
@@ -76,6 +81,8 @@ impl Part {
             rows_per_capture: sides::rows(mesh, pad),
             knows_its_unit: true,
             sha256,
+            packages: Vec::new(),
+            remarks: Vec::new(),
         }
     }
 }
@@ -89,7 +96,7 @@ pub fn read(objects: &[Object], files: &[File], pad: &SensorPad) -> Vec<Read> {
         let object = &objects[file.entry];
         let apart = object.part.is_some() || object.parts == Parts::Separate;
         let plate = object.plate_size().map(|size| [size.mm_per_px, size.height_mm].map(f64::to_bits));
-        (file.path.clone(), object.unit, object.urdf, apart, plate)
+        (file.path.clone(), object.unit, object.urdf, &object.packages, apart, plate)
     };
     let mut numbers = HashMap::new();
     let mut different = Vec::new();

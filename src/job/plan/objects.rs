@@ -8,7 +8,7 @@ use super::check::Check;
 use super::draw::{Draw, Weighted};
 use super::meshes::{File, Part, read};
 use super::naming;
-use super::paths::find;
+use super::paths::{OBJECTS, find, folders};
 use super::{faces, files, object_notes};
 use crate::core::base::rng::stream;
 use crate::core::depth::relief::Relief;
@@ -75,8 +75,10 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
     }
     let mut meshes: Vec<File> = Vec::new();
     let mut unread = 0;
-    for (i, entry) in job.object.iter().enumerate() {
+    for (i, entry) in job.object.iter_mut().enumerate() {
         let path = |key: &str| format!("object.{i}.{key}");
+        folders(check, &path("packages"), &mut entry.packages);
+        let entry = &*entry;
         check.number(&path("weight"), entry.weight, 0.0..=1e9, "");
         if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
             check.error(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
@@ -98,10 +100,13 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
         }
         match &entry.path {
             None => {
-                check.missing(&path("path"), &format!("a mesh file: {}", mesh::ENDINGS));
+                check.missing(
+                    &path("path"),
+                    &format!("a mesh file: {}; or a height map: .png, .npy, .npz or .exr", mesh::ENDINGS),
+                );
                 unread += 1;
             }
-            Some(written) => match find(check, &path("path"), written, FOLDER_OF_MESHES) {
+            Some(written) => match find(check, &path("path"), written, &OBJECTS) {
                 Ok(found) => {
                     height_maps(check, i, entry, &found);
                     let folder = check.document.folder(&path("path"));
@@ -151,7 +156,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
             }
             Err(error) => {
                 let help = match meshes.len() {
-                    1 => error.help().to_owned(),
+                    1 => error.help(),
                     _ => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
                 };
                 let problem = Diagnostic::new(error.to_string()).help(help).at(place(*i));
@@ -180,7 +185,8 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                 let info = Diagnostic::info(format!("{shown}: {left_out}")).at(place(*i));
                 notes.push(info.of(format!("{shown} ({left_out})"), "meshes have triangles that were left out"));
             }
-            let mut said = findings::slow(part.rows_per_capture).into_iter().collect::<Vec<_>>();
+            let mut said: Vec<_> = part.remarks.iter().map(findings::remark).collect();
+            said.extend(findings::slow(part.rows_per_capture));
             let scale = entry.factor(part.size.largest_mm());
             let mut size = part.size.scaled(&scale, &pad);
             if entry.length_mm.is_some() {
@@ -221,6 +227,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                 class_from: None,
                 parts: Parts::default(),
                 part: name.clone(),
+                packages: part.packages.clone(),
                 on_bad: OnBad::default(),
                 sha256: Some(part.sha256.clone()),
                 ..entry.clone()
@@ -283,7 +290,7 @@ fn height_maps(check: &mut Check<'_>, i: usize, entry: &Entry, found: &[PathBuf]
     let numbers = [("mm_per_px", entry.mm_per_px, "0.02"), ("height_mm", entry.height_mm, "0.5")];
     let Some(map) = found.iter().find(|path| mesh::is_height_map(path)) else {
         for (key, ..) in numbers.iter().filter(|(_, value, _)| value.is_some()) {
-            let message = format!("{key} is for height maps (.png, .npy, .exr), and `path` names none");
+            let message = format!("{key} is for height maps (.png, .npy, .npz, .exr), and `path` names none");
             check.error(&path(key), message, "leave it out; `unit` and `scale` say how large a mesh is");
         }
         return;
@@ -320,9 +327,6 @@ fn lengths(check: &mut Check<'_>, i: usize, entry: &Entry) {
         check.error(&path(key), message, "keep one of the two");
     }
 }
-
-const FOLDER_OF_MESHES: &str =
-    "paths are relative to the file they stand in; a folder's meshes are path = \"FOLDER/*.stl\"";
 
 /// Refuses a scale where no samples are drawn: whoever says where an object is says it of the mesh as it is.
 pub fn as_they_are(check: &mut Check<'_>, job: &Job) {

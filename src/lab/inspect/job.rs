@@ -11,7 +11,7 @@ use crate::core::sensor::Sensor;
 use crate::files::diagnostic::Severity;
 use crate::files::diagnostic::{Report, user_error};
 use crate::files::figures::{counted, figure};
-use crate::files::mesh::{ENDINGS, Format};
+use crate::files::mesh::{ENDINGS, Format, Reading};
 use crate::job::config::object::Unit;
 use crate::job::inspection::SensorPad;
 
@@ -53,7 +53,7 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Str
     let mut objects = String::new();
     let mut good = 0;
     for group in &groups {
-        let inspected = inspect_set(&group.files, None, &pad, || {});
+        let inspected = inspect_set(&group.files, Reading::default(), &pad, || {});
         good += inspected.iter().filter(|mesh| mesh.mesh.is_some()).count();
         objects += &table(&from, group, &inspected, &pad);
     }

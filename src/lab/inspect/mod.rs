@@ -101,7 +101,7 @@ pub struct Reading {
 
 impl MeshFacts {
     fn new(loaded: Loaded, pad: &SensorPad) -> Self {
-        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit } = loaded;
+        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit, .. } = loaded;
         let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
         let (size_mm, largest_mm) = (size.size_mm, size.largest_mm());
         let readings = Unit::ALL.map(|other| {
@@ -155,9 +155,14 @@ impl MeshFacts {
 }
 
 /// Looks at many meshes, on all threads; the worst first, those as bad as each other by their names. `seen` is told of each.
-pub fn inspect_set(paths: &[PathBuf], unit: Option<Unit>, pad: &SensorPad, seen: impl Fn() + Sync) -> Vec<Inspection> {
+pub fn inspect_set(
+    paths: &[PathBuf],
+    reading: mesh::Reading,
+    pad: &SensorPad,
+    seen: impl Fn() + Sync,
+) -> Vec<Inspection> {
     let inspected = |path: &PathBuf| {
-        let inspection = inspect(path, unit, pad);
+        let inspection = inspect(path, reading, pad);
         seen();
         inspection
     };
@@ -166,13 +171,13 @@ pub fn inspect_set(paths: &[PathBuf], unit: Option<Unit>, pad: &SensorPad, seen:
     found
 }
 
-/// Reads a mesh whose coordinates are in `unit`, or in what the file says, and looks at it as `pad` would.
-pub fn inspect(path: &Path, unit: Option<Unit>, pad: &SensorPad) -> Inspection {
-    let reading = mesh::Reading { mm_per_unit: unit.map(Unit::mm), ..Default::default() };
+/// Reads a mesh and looks at it as `pad` would.
+pub fn inspect(path: &Path, reading: mesh::Reading, pad: &SensorPad) -> Inspection {
     let (mesh, mut findings) = match mesh::load(path, reading) {
         Ok(loaded) => {
+            let remarks: Vec<Finding> = loaded.remarks.iter().map(findings::remark).collect();
             let facts = MeshFacts::new(loaded, pad);
-            let findings = facts.findings(pad);
+            let findings = remarks.into_iter().chain(facts.findings(pad)).collect();
             (Some(facts), findings)
         }
         Err(error) => (None, vec![findings::unreadable(error)]),

@@ -57,7 +57,7 @@ fn inspected((vertices, triangles): &Shape, unit: Unit) -> Inspection {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("shape.obj");
     fs::write(&path, text).expect("a file");
-    inspect(&path, Some(unit), &pad())
+    inspect(&path, unit.mm().into(), &pad())
 }
 
 fn pad() -> SensorPad {
@@ -167,7 +167,7 @@ fn extreme_coordinates_are_inspected_without_a_panic() {
 
 #[test]
 fn what_a_job_cannot_read_is_an_error_without_facts() {
-    let missing = inspect(Path::new("no-such-file.obj"), Some(Unit::Mm), &pad());
+    let missing = inspect(Path::new("no-such-file.obj"), 1.0.into(), &pad());
     assert!(missing.mesh.is_none() && kinds(&missing) == [Kind::Unreadable]);
     assert_eq!(missing.severity, Some(Severity::Error));
     let flat = inspected(&(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![[0, 1, 2]]), Unit::Mm);
@@ -317,7 +317,7 @@ fn a_mesh_that_was_divided_by_its_own_size_has_no_unit() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("shape.obj");
         fs::write(&path, text).expect("a file");
-        let inspection = inspect(&path, None, &pad);
+        let inspection = inspect(&path, mesh::Reading::default(), &pad);
         assert_eq!(kinds(&inspection), [Kind::Normalised], "{:?}", inspection.findings);
         assert!(inspection.findings[0].help.contains("length_mm = 75"), "{:?}", inspection.findings);
     }

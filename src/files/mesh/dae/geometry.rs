@@ -7,6 +7,7 @@ use roxmltree::Node;
 use super::Library;
 use crate::core::mesh::MeshError;
 use crate::files::mesh::polygon::Cutter;
+use crate::files::mesh::raw::{fan, strip};
 use crate::files::mesh::xml::{at, child, children, numbers, parsed, text, wrong};
 use crate::files::mesh::{MeshFileError, MeshFileProblem, quoted};
 
@@ -91,15 +92,10 @@ impl Geometry {
         }
         for p in children(element, "p") {
             let corners = corners(p)?;
-            let windows = corners.windows(3).map(|window| [window[0], window[1], window[2]]);
             match kind {
                 "triangles" => self.triangles.extend(corners.as_chunks::<3>().0),
-                "tristrips" => self
-                    .triangles
-                    .extend(windows.enumerate().map(|(i, [a, b, c])| if i % 2 == 0 { [a, b, c] } else { [b, a, c] })),
-                "trifans" => {
-                    self.triangles.extend(corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]))
-                }
+                "tristrips" => self.triangles.extend(strip(&corners)),
+                "trifans" => self.triangles.extend(fan(&corners)),
                 "polylist" => {
                     let mut rest = &corners[..];
                     for &length in &lengths {

@@ -1,14 +1,16 @@
 //! The numbers in a glTF file's buffers, wherever those are.
 
 use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::document::{Accessor, Document};
 use super::{malformed, unsupported};
-use crate::files::mesh::others::Others;
-use crate::files::mesh::{MeshFileError, MeshFileProblem, quoted};
+use crate::files::mesh::others::{Others, decoded};
+use crate::files::mesh::words::named;
+use crate::files::mesh::{MeshFileError, MeshFileProblem, Missing, MissingFile, Reason, Wanted, quoted};
 
 /// Buffers, read when something is first wanted of them.
 pub(super) struct Buffers<'a> {
@@ -69,6 +71,11 @@ impl<'a> Buffers<'a> {
         self.elements(number, 1, |bytes| bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
     }
 
+    /// How many elements an accessor says that it has.
+    pub(super) fn count(&self, number: usize) -> Option<usize> {
+        Some(self.document.accessors.get(number)?.count)
+    }
+
     fn accessor(&self, number: usize, kind: &str) -> Result<&'a Accessor, MeshFileError> {
         let Some(accessor) = self.document.accessors.get(number) else {
             return malformed(format!("refers to accessor {number}, but there are {}", self.document.accessors.len()));
@@ -118,6 +125,7 @@ impl<'a> Buffers<'a> {
             return malformed(format!("refers to buffer {number}, but there are {}", self.document.buffers.len()));
         };
         if self.read[number].is_none() {
+            self.check_files()?;
             let bytes: Cow<'a, [u8]> = match (&buffer.uri, self.binary) {
                 (None, Some(binary)) if number == 0 => Cow::Borrowed(binary),
                 (None, _) => return malformed(format!("buffer {number} is not in the file and has no name")),
@@ -132,6 +140,27 @@ impl<'a> Buffers<'a> {
         }
         Ok(self.read[number].as_deref().unwrap_or_default())
     }
+
+    /// Refuses a file that names buffers which are not there, all of them at once.
+    fn check_files(&self) -> Result<(), MeshFileError> {
+        let uris = self.document.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
+        let mut files: Vec<MissingFile> = Vec::new();
+        for uri in uris.filter(|uri| !uri.starts_with("data:")) {
+            let reason = match self.others.folder().map(|folder| beside(folder, uri)) {
+                _ if uri.contains("://") && !uri.starts_with("file://") => Reason::OnTheWeb,
+                Some(path) if !path.exists() => Reason::NotThere(None),
+                _ => continue,
+            };
+            let name = decoded(uri);
+            if !files.iter().any(|file| file.name == name) {
+                files.push(MissingFile { name, line: None, reason });
+            }
+        }
+        match files.is_empty() {
+            true => Ok(()),
+            false => Err(MeshFileProblem::Missing(Missing { what: Wanted::Buffer, files }).into()),
+        }
+    }
 }
 
 /// The bytes that a URI stands for: those in it, or those of the file beside.
@@ -144,32 +173,18 @@ fn fetch(uri: &str, others: &mut Others) -> Result<Vec<u8>, MeshFileError> {
             .decode(base64)
             .map_err(|error| MeshFileProblem::Malformed(format!("a buffer is not base64: {error}")).into());
     }
-    let name = decoded(uri);
-    if uri.contains("://") || name.starts_with('/') {
-        return unsupported(format!("names {}, which is no file beside it", quoted(uri.as_bytes())));
-    }
-    match others.folder().map(|folder| folder.join(&name)) {
-        Some(path) => others.read(uri, &path),
-        None => unsupported(format!("names another file, {}", quoted(uri.as_bytes()))),
+    match others.folder().map(|folder| beside(folder, uri)) {
+        Some(path) => others.read(uri, &path).map_err(|error| {
+            let error = Box::new(error);
+            MeshFileProblem::Named { name: named(uri), error }.into()
+        }),
+        None => unsupported(format!("names another file, {}", named(uri))),
     }
 }
 
-/// A URI's path with what stands for other characters replaced: `%20` is a blank.
-pub(super) fn decoded(uri: &str) -> String {
-    let mut bytes = Vec::with_capacity(uri.len());
-    let mut rest = uri.as_bytes();
-    while let [first, after @ ..] = rest {
-        let hex = |digits: &[u8]| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok();
-        match (first, after.get(..2).and_then(hex)) {
-            (b'%', Some(byte)) if after[..2].iter().all(u8::is_ascii_hexdigit) => {
-                bytes.push(byte);
-                rest = &after[2..];
-            }
-            _ => {
-                bytes.push(*first);
-                rest = after;
-            }
-        }
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
+/// The path that a URI stands for, from a folder on.
+fn beside(folder: &Path, uri: &str) -> PathBuf {
+    let name = decoded(uri.strip_prefix("file://").unwrap_or(uri));
+    let path = folder.join(&name);
+    if path.exists() { path } else { folder.join(name.replace('\\', "/")) }
 }

@@ -8,7 +8,8 @@ use std::collections::HashMap;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::others::Others;
-use super::raw::Raw;
+use super::points::PointKind;
+use super::raw::{Raw, fan, strip};
 use super::{MeshFileError, MeshFileProblem};
 use crate::core::mesh::MeshError;
 
@@ -118,6 +119,14 @@ fn add(raw: &mut Raw, mesh: &Mesh, place: &DAffine3, buffers: &mut Buffers, file
         // 4 is what a primitive without a mode is; below are points and lines.
         let mode = primitive.mode.unwrap_or(4);
         if mode < 4 {
+            let accessor = primitive.attributes.get("POSITION").and_then(|positions| buffers.count(*positions));
+            let is_splat = primitive.extensions.keys().any(|name| name.contains("gaussian_splatting"));
+            raw.points.kind = match mode {
+                0 if is_splat => PointKind::Splats,
+                0 => PointKind::Cloud,
+                _ => PointKind::Lines,
+            };
+            raw.points.count = raw.points.count.saturating_add(accessor.unwrap_or(0));
             continue;
         }
         if primitive.extensions.contains_key("KHR_draco_mesh_compression") {
@@ -153,12 +162,10 @@ fn triangles(
     if let Some(&index) = corners.iter().find(|corner| **corner as usize >= count) {
         return Err(MeshError::NoSuchVertex { index: index.into(), count, note: " in this primitive" }.into());
     }
-    let windows = corners.windows(3).map(|window| [window[0], window[1], window[2]]);
     Ok(match mode {
         4 => corners.as_chunks::<3>().0.to_vec(),
-        // Of a strip every second triangle turns the other way.
-        5 => windows.enumerate().map(|(i, [a, b, c])| if i % 2 == 0 { [a, b, c] } else { [b, a, c] }).collect(),
-        6 => corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]]).collect(),
+        5 => strip(&corners).collect(),
+        6 => fan(&corners).collect(),
         mode => return malformed(format!("a primitive has mode {mode}, but the last is 6")),
     })
 }

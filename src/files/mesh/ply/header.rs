@@ -26,6 +26,8 @@ pub(super) struct Element {
 pub(super) enum Kind {
     Vertex,
     Face,
+    /// Triangles in strips: corner after corner, -1 between two strips.
+    Strips,
     Other,
 }
 
@@ -41,6 +43,8 @@ pub(super) struct Property {
 pub(super) enum Role {
     Coordinate(usize),
     Corners,
+    /// A colour of a Gaussian splat.
+    Splat,
     Other,
 }
 
@@ -150,6 +154,7 @@ impl Element {
         let kind = match name {
             b"vertex" => Kind::Vertex,
             b"face" => Kind::Face,
+            b"tristrips" | b"tristrip" => Kind::Strips,
             _ => Kind::Other,
         };
         let name = quoted(name);
@@ -167,7 +172,7 @@ impl Element {
     fn check(&self) -> Result<(), MeshFileError> {
         let missing = match self.kind {
             Kind::Vertex if !(0..3).all(|axis| self.has(Role::Coordinate(axis))) => "numbers x, y and z",
-            Kind::Face if self.count > 0 && !self.has(Role::Corners) => "list vertex_indices",
+            Kind::Face | Kind::Strips if self.count > 0 && !self.has(Role::Corners) => "list vertex_indices",
             _ => return Ok(()),
         };
         let message = format!("element {} lacks the {missing}", self.name);
@@ -197,7 +202,8 @@ impl Property {
             (Kind::Vertex, b"x", None) => Role::Coordinate(0),
             (Kind::Vertex, b"y", None) => Role::Coordinate(1),
             (Kind::Vertex, b"z", None) => Role::Coordinate(2),
-            (Kind::Face, b"vertex_indices" | b"vertex_index", Some(_)) => Role::Corners,
+            (Kind::Face | Kind::Strips, b"vertex_indices" | b"vertex_index", Some(_)) => Role::Corners,
+            (Kind::Vertex, b"f_dc_0", None) => Role::Splat,
             _ => Role::Other,
         };
         if role != Role::Other && element.has(role) {

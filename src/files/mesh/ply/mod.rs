@@ -4,7 +4,9 @@
 //! not UTF-8, and allocates for every element and face.
 
 use crate::core::mesh::MeshError;
-use crate::files::mesh::polygon::{Cutter, MAX_CORNERS};
+use crate::files::mesh::points::{PointKind, Points};
+use crate::files::mesh::polygon::{Cutter, MAX_CORNERS, too_many_corners};
+use crate::files::mesh::raw::strip;
 use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, number};
 
 mod header;
@@ -30,7 +32,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
         cutter.cut(&vertices, corners, &mut triangles)?;
         rest = after;
     }
-    Ok(Raw { vertices, triangles, ..Raw::default() })
+    let has = |role: Role| header.elements.iter().any(|element| element.has(role));
+    let has_edges = header.elements.iter().any(|element| element.name == "`edge`" && element.count > 0);
+    let kind = match has(Role::Splat) {
+        true => PointKind::Splats,
+        false if has_edges => PointKind::Lines,
+        false => PointKind::Cloud,
+    };
+    Ok(Raw { vertices, triangles, points: Points { count: 0, kind }, ..Raw::default() })
 }
 
 /// Polygons as they come: the vertices they index may follow later in the file.
@@ -156,7 +165,7 @@ fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Fac
         match element.kind {
             Kind::Vertex => vertices.reserve_exact(element.count as usize),
             Kind::Face => faces.lengths.reserve_exact(element.count as usize),
-            Kind::Other => {}
+            Kind::Strips | Kind::Other => {}
         }
         for number in 0..element.count {
             let early =
@@ -217,26 +226,64 @@ fn read_element(
             }
             continue;
         }
+        if element.kind == Kind::Strips {
+            return read_strips(body, property.scalar, length, vertex_count, faces);
+        }
         if length as usize > MAX_CORNERS {
-            return malformed(format!("a face has {length} corners, more than the {MAX_CORNERS} allowed"));
+            return Err(too_many_corners(length as usize));
         }
         for _ in 0..length {
             let Some(index) = body.value(property.scalar)? else {
                 return Ok(false);
             };
-            // The cast saturates: what is not a number from 0 to u32::MAX comes out different.
-            let corner = index as u32;
-            if f64::from(corner) != index && index.fract() != 0.0 {
-                return malformed(format!("{index} is not the number of a vertex"));
-            }
-            if f64::from(corner) != index || u64::from(corner) >= vertex_count {
-                let (index, count) = (index as i64, vertex_count as usize);
-                return Err(MeshError::NoSuchVertex { index, count, note: ", counted from 0" }.into());
-            }
-            faces.corners.push(corner);
+            faces.corners.push(corner(index, vertex_count)?);
         }
         faces.lengths.push(length);
     }
+    Ok(true)
+}
+
+/// The vertex of this number.
+fn corner(index: f64, vertex_count: u64) -> Result<u32, MeshFileProblem> {
+    // The cast saturates: what is not a number from 0 to u32::MAX comes out different.
+    let corner = index as u32;
+    if f64::from(corner) != index && index.fract() != 0.0 {
+        return malformed(format!("{index} is not the number of a vertex"));
+    }
+    if f64::from(corner) != index || u64::from(corner) >= vertex_count {
+        let (index, count) = (index as i64, vertex_count as usize);
+        return Err(MeshError::NoSuchVertex { index, count, note: ", counted from 0" }.into());
+    }
+    Ok(corner)
+}
+
+/// Reads a list of strips, whose triangles become faces of three corners; false if it ends too early.
+fn read_strips(
+    body: &mut impl Body,
+    scalar: Scalar,
+    length: u32,
+    vertex_count: u64,
+    faces: &mut Faces,
+) -> Result<bool, MeshFileProblem> {
+    let mut run: Vec<u32> = Vec::new();
+    let end = |run: &mut Vec<u32>, faces: &mut Faces| {
+        for triangle in strip(run) {
+            faces.corners.extend(triangle);
+            faces.lengths.push(3);
+        }
+        run.clear();
+    };
+    for _ in 0..length {
+        let Some(index) = body.value(scalar)? else {
+            return Ok(false);
+        };
+        if index == -1.0 {
+            end(&mut run, faces);
+        } else {
+            run.push(corner(index, vertex_count)?);
+        }
+    }
+    end(&mut run, faces);
     Ok(true)
 }
 
@@ -280,6 +327,28 @@ mod tests {
             assert_eq!(raw.vertices, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]);
             assert_eq!(raw.triangles, [[0, 1, 2], [0, 2, 3]]);
         }
+    }
+
+    #[test]
+    fn strips_are_cut_into_triangles_that_face_one_way() {
+        let strips = |kind: &str| format!("{VERTEX}element tristrips 1\nproperty list int {kind} vertex_indices\n");
+        // Two strips, and in the first one a corner twice, which turns it over.
+        let expected = [[0, 1, 2], [2, 1, 3], [3, 0, 1], [0, 2, 1]];
+        let text = ascii(&strips("int"), &format!("{SQUARE}12 0 1 2 3 3 0 1 -1 0 2 1 -1\n"));
+        assert_eq!(read(&text).unwrap().triangles, expected);
+        let mut body = Vec::new();
+        for vertex in [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]] {
+            body.extend(vertex.map(f32::to_le_bytes).as_flattened());
+        }
+        body.extend(12i32.to_le_bytes());
+        body.extend([0, 1, 2, 3, 3, 0, 1, -1, 0, 2, 1, -1].map(i16::to_le_bytes).as_flattened());
+        let bytes = binary(&strips("short"), &body);
+        assert_eq!(read(&bytes).unwrap().triangles, expected);
+        assert_eq!(failure(&bytes[..bytes.len() - 1]), "ends too early: in element `tristrips` 0 of 1");
+        let wrong = ascii(&strips("int"), &format!("{SQUARE}3 0 1 4\n"));
+        assert_eq!(failure(&wrong), "line 14: face refers to vertex 4, but the file has 4, counted from 0");
+        let wrong = ascii(&strips("int").replace("indices", "names"), "");
+        assert_eq!(failure(&wrong), "line 7: element `tristrips` lacks the list vertex_indices");
     }
 
     #[test]
@@ -458,10 +527,21 @@ mod tests {
     #[test]
     fn files_without_vertices_or_faces_are_refused() {
         for (bytes, expected) in [
-            (ascii(VERTEX, SQUARE), "no triangle"),
+            (ascii(VERTEX, SQUARE), "is a point cloud: 4 points and no triangle"),
+            (
+                ascii(&VERTEX.replace("float x", "float f_dc_0\nproperty float x"), &SQUARE.replace('\n', " 0\n")),
+                "holds Gaussian splats: 4 points and no triangle",
+            ),
+            (
+                ascii(&format!("{VERTEX}element edge 1\nproperty int vertex1\n"), &format!("{SQUARE}0\n")),
+                "holds lines alone: 4 points and no triangle",
+            ),
             (ascii(&VERTEX.replace('4', "0"), ""), "no vertex"),
             (ascii("", ""), "no vertex"),
-            (ascii(&format!("{VERTEX}{FACE}"), &format!("{SQUARE}0\n0\n")), "no triangle"),
+            (
+                ascii(&format!("{VERTEX}{FACE}"), &format!("{SQUARE}0\n0\n")),
+                "is a point cloud: 4 points and no triangle",
+            ),
         ] {
             assert_eq!(parse(&bytes, Format::Ply, 1.0).unwrap_err().to_string(), expected);
         }

@@ -13,9 +13,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::others::Others;
+use super::packages::Named;
 use super::raw::Raw;
-use super::xml::{at, attribute, child, children, exactly, parsed, rolled, wrong};
-use super::{Format, MeshFileError, MeshFileProblem, quoted, xml};
+use super::words::named;
+use super::xml::{at, attribute, child, children, exactly, line, parsed, rolled, wrong};
+use super::{Format, MeshFileError, MeshFileProblem, Missing, MissingFile, Wanted, detect, quoted, xml};
+use crate::files::figures::counted;
 
 mod shapes;
 
@@ -31,13 +34,26 @@ pub enum UrdfShapes {
 }
 
 impl UrdfShapes {
-    fn tag(self) -> &'static str {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Visual, Self::Collision];
+
+    /// As it is written, which is the name of its element, too.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Visual => "visual",
             Self::Collision => "collision",
         }
     }
+
+    fn other(self) -> Self {
+        match self {
+            Self::Visual => Self::Collision,
+            Self::Collision => Self::Visual,
+        }
+    }
 }
+
+const EXPAND: &str = "expand it with ROS's program xacro, and name what comes out: xacro IN.xacro > OUT.urdf";
 
 /// Vertices and triangles link by link; each link with a shape is a part. The unit is the metre.
 pub(super) fn read(bytes: &[u8], shapes: UrdfShapes, others: &mut Others) -> Result<Raw, MeshFileError> {
@@ -46,27 +62,40 @@ pub(super) fn read(bytes: &[u8], shapes: UrdfShapes, others: &mut Others) -> Res
     if root.tag_name().name() != "robot" {
         return Err(wrong(root, format!("is no URDF: begins with <{}>", root.tag_name().name())));
     }
-    let is_macro = |node: &Node| node.tag_name().namespace().is_some_and(|space| space.contains("xacro"));
+    let is_macro = |node: &Node| {
+        node.tag_name().namespace().is_some_and(|space| space.contains("xacro"))
+            || node.attributes().any(|attribute| attribute.value().contains("${"))
+    };
     if let Some(node) = root.descendants().find(is_macro) {
-        return Err(at(node, MeshFileProblem::Unsupported("has macros: expand them with the program xacro".into())));
+        return Err(at(node, MeshFileProblem::advised("is a xacro file, whose macros are not expanded", EXPAND)));
     }
     let links: Vec<Node> = children(root, "link").collect();
+    let paths = mesh_paths(&links, shapes, others)?;
     let places = places(root, &links)?;
+    check_shapes(root, &links, shapes)?;
     let mut raw = Raw { mm_per_unit: Some(1000.0), ..Raw::default() };
     let mut meshes: HashMap<PathBuf, Raw> = HashMap::new();
     let mut size = bytes.len();
     for (link, place) in links.iter().zip(places) {
         raw.parts.begin(link.attribute("name").unwrap_or("link"), raw.triangles.len());
-        for shape in children(*link, shapes.tag()) {
+        for shape in children(*link, shapes.name()) {
             let place = place * origin(shape)?;
             let Some(geometry) = child(shape, "geometry").and_then(|geometry| geometry.first_element_child()) else {
-                return Err(wrong(shape, format!("<{}> has no geometry", shapes.tag())));
+                return Err(wrong(shape, format!("<{}> has no geometry", shapes.name())));
             };
             match geometry.tag_name().name() {
                 "mesh" => {
-                    let (path, name) = (mesh_path(geometry, others)?, attribute(geometry, "filename")?);
-                    if !meshes.contains_key(&path) {
-                        let (bytes, mesh) = mesh(geometry, name, &path, others)?;
+                    let name = attribute(geometry, "filename")?;
+                    let Some(path) = paths.get(name) else {
+                        let what = format!("names another file, {}", named(name));
+                        return Err(at(geometry, MeshFileProblem::Unsupported(what)));
+                    };
+                    if !meshes.contains_key(path) {
+                        let wrong = |error| {
+                            let error = Box::new(error);
+                            at(geometry, MeshFileProblem::Named { name: named(name), error })
+                        };
+                        let (bytes, mesh) = mesh(name, path, others).map_err(wrong)?;
                         size += bytes;
                         meshes.insert(path.clone(), mesh);
                     }
@@ -74,7 +103,7 @@ pub(super) fn read(bytes: &[u8], shapes: UrdfShapes, others: &mut Others) -> Res
                         Some(scale) => DVec3::from_array(exactly(geometry, scale)?),
                         None => DVec3::ONE,
                     };
-                    append(&mut raw, &(place * DAffine3::from_scale(scale)), &meshes[&path])?;
+                    append(&mut raw, &(place * DAffine3::from_scale(scale)), &meshes[path])?;
                 }
                 "box" => {
                     let size = exactly(geometry, attribute(geometry, "size")?)?;
@@ -148,51 +177,84 @@ fn origin(node: Node) -> Result<DAffine3, MeshFileError> {
     Ok(rolled(three("rpy")?, three("xyz")?))
 }
 
-/// The path of the file that a `<mesh>` names: beside the robot, or in a package, whose folder is this one or above it.
-fn mesh_path(node: Node, others: &Others) -> Result<PathBuf, MeshFileError> {
-    let name = attribute(node, "filename")?;
-    let Some(folder) = others.folder() else {
-        let what = format!("names another file, {}", quoted(name.as_bytes()));
-        return Err(at(node, MeshFileProblem::Unsupported(what)));
-    };
-    if let Some(path) = name.strip_prefix("file://") {
-        return Ok(folder.join(path));
-    }
-    let Some(in_package) = ["package://", "model://"].iter().find_map(|scheme| name.strip_prefix(scheme)) else {
-        if name.contains("://") {
-            let what = format!("names {}, which is no file", quoted(name.as_bytes()));
-            return Err(at(node, MeshFileProblem::Unsupported(what)));
+/// Refuses a robot without a shape of this kind.
+fn check_shapes(root: Node, links: &[Node], shapes: UrdfShapes) -> Result<(), MeshFileError> {
+    let count = |shapes: UrdfShapes| links.iter().flat_map(|link| children(*link, shapes.name())).count();
+    let (tag, other) = (shapes.name(), shapes.other().name());
+    match (count(shapes), count(shapes.other())) {
+        (0, 0) => {
+            let help = "it holds joints and frames alone: name the robot whose links have <visual> or <collision>";
+            Err(at(root, MeshFileProblem::advised("has no link with a shape", help)))
         }
-        return Ok(folder.join(name));
-    };
-    let package = in_package.split('/').next().unwrap_or_default();
-    let rest = &in_package[package.len()..];
-    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    let mut found = absolute.ancestors().flat_map(|above| {
-        let own = (above.file_name() == Some(package.as_ref())).then(|| above.to_owned());
-        own.into_iter().chain([above.join(package)])
-    });
-    match found.find(|package| package.is_dir()) {
-        Some(package) => Ok(package.join(rest.trim_start_matches('/'))),
-        None => {
-            let what = format!("no folder here or above is called {}, as the package", quoted(package.as_bytes()));
-            Err(wrong(node, what))
+        (0, others) => {
+            let (one, many) = (format!("{other} shape"), format!("{other} shapes"));
+            let what = format!("has no {tag} shape, but {}", counted(others, &one, &many));
+            let help = format!("urdf = \"{other}\" under [[object]] takes those (gelsim inspect: --urdf {other})");
+            Err(at(root, MeshFileProblem::advised(what, help)))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Where the meshes are that the links name, by the names that are written; none where no other file is read. An error tells all
+/// that are not there.
+fn mesh_paths<'a>(
+    links: &[Node<'a, '_>],
+    shapes: UrdfShapes,
+    others: &mut Others,
+) -> Result<HashMap<&'a str, PathBuf>, MeshFileError> {
+    let mut paths = HashMap::new();
+    let mut files: Vec<MissingFile> = Vec::new();
+    let geometries =
+        links.iter().flat_map(|link| children(*link, shapes.name())).flat_map(|shape| children(shape, "geometry"));
+    for node in geometries.flat_map(|geometry| children(geometry, "mesh")) {
+        let name = attribute(node, "filename")?;
+        if paths.contains_key(name) || files.iter().any(|file| file.name == name) {
+            continue;
+        }
+        let place = Named::new(name);
+        if place == Named::Macro {
+            let what = format!("names {}, which has a macro that is not expanded", named(name));
+            return Err(at(node, MeshFileProblem::advised(what, EXPAND)));
+        }
+        match others.find(&place) {
+            None => {}
+            Some(Ok(path)) => {
+                paths.insert(name, path);
+            }
+            Some(Err(reason)) => {
+                files.push(MissingFile { name: name.to_owned(), line: Some(line(node)), reason });
+            }
+        }
+    }
+    match files.first().map(|file| file.line) {
+        None => Ok(paths),
+        Some(line) => {
+            let problem = MeshFileProblem::Missing(Missing { what: Wanted::Mesh, files });
+            Err(MeshFileError { path: None, line, problem })
         }
     }
 }
 
-/// The mesh of a `<mesh>`, in metres, and how many bytes it was read from.
-fn mesh(node: Node, name: &str, path: &Path, others: &mut Others) -> Result<(usize, Raw), MeshFileError> {
+/// The mesh that is written as `name`, in metres, and how many bytes it was read from.
+fn mesh(name: &str, path: &Path, others: &mut Others) -> Result<(usize, Raw), MeshFileError> {
     let format = match Format::from_path(path) {
-        Some(format) if format != Format::Urdf => format,
-        _ => {
-            let what = format!("names {}, which is no mesh that is read", quoted(name.as_bytes()));
-            return Err(at(node, MeshFileProblem::Unsupported(what)));
+        Some(Format::Urdf) => {
+            let help = "name a mesh there: a robot has no other robot in it";
+            return Err(MeshFileProblem::advised("is no mesh, but a robot", help).into());
+        }
+        Some(format) => format,
+        None => {
+            let help = detect::by_ending(path).map_or("export it as .stl, .obj or .dae", |foreign| foreign.help);
+            let help = format!("{help}; write its new name in the robot");
+            return Err(MeshFileProblem::advised("is not named like a mesh", help).into());
         }
     };
     let bytes = others.read(name, path)?;
-    let raw = others.within(path, |others| super::read(&bytes, format, UrdfShapes::default(), others));
-    let mut raw = raw.map_err(|error| error.in_file(path))?;
+    let (format, mut raw) = others.within(path, |others| super::read(&bytes, format, UrdfShapes::default(), others))?;
+    if format == Format::Urdf {
+        return Err(MeshFileProblem::advised("is no mesh, but a robot", "name a mesh there").into());
+    }
     // What knows no unit is in metres here.
     let metres = raw.mm_per_unit.map_or(1.0, |mm| mm / 1000.0);
     raw.vertices.as_flattened_mut().iter_mut().for_each(|coordinate| *coordinate *= metres);

@@ -4,7 +4,7 @@ use crate::files::mesh::{Reading, load, load_parts, parse};
 use std::fs;
 
 fn read_text(text: &str) -> Raw {
-    read(text.as_bytes(), UrdfShapes::Visual, &mut Others::beside(None)).unwrap_or_else(|error| panic!("{error}"))
+    read(text.as_bytes(), UrdfShapes::Visual, &mut Others::none()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn visual(geometry: &str) -> String {
@@ -70,17 +70,72 @@ fn meshes_are_found_beside_and_in_packages_and_hashed() {
     }
     fs::write(package.join("meshes/cube.obj"), [cube_obj(), b"# more\n".to_vec()].concat()).unwrap();
     assert!(!hashes.contains(&load(&path, Reading::default()).unwrap().sha256));
-    for (name, expected) in [
-        ("package://none/cube.obj", "r.urdf:1: no folder here or above is called `none`, as the package"),
-        ("http://a/cube.obj", "r.urdf:1: names `http://a/cube.obj`, which is no file"),
-        ("a.txt", "r.urdf:1: names `a.txt`, which is no mesh that is read"),
-        ("r.urdf", "r.urdf:1: names `r.urdf`, which is no mesh that is read"),
-        ("no.stl", "no.stl: cannot be read: "),
+    fs::write(package.join("urdf/a.fbx"), "Kaydara FBX Binary").unwrap();
+    fs::write(package.join("meshes/bad.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
+    for (name, expected, help) in [
+        (
+            "package://none/cube.obj",
+            "names the mesh `package://none/cube.obj`, and there is no package `none`",
+            "ROS_PACKAGE_PATH",
+        ),
+        ("http://a/cube.obj", "names the mesh `http://a/cube.obj`, which is on the web", "fetch it"),
+        ("a.fbx", "names `a.fbx`: is not named like a mesh", "open it in Blender"),
+        ("r.urdf", "names `r.urdf`: is no mesh, but a robot", "name a mesh there"),
+        ("no.stl", "names the mesh `no.stl`, which is not there", "packages = [\"FOLDER\"] under [[object]]"),
+        (
+            "../meshes/cbe.obj",
+            "names the mesh `../meshes/cbe.obj`, which is not there",
+            "did you mean `../meshes/cube.obj`?",
+        ),
+        ("../meshes/bad.obj", "names `../meshes/bad.obj`: line 2: face refers to vertex 2", "export it again"),
+        ("${dir}/a.stl", "is a xacro file, whose macros are not expanded", "xacro IN.xacro > OUT.urdf"),
+        ("$(arg dir)/a.stl", "names `$(arg dir)/a.stl`, which has a macro", "xacro IN.xacro > OUT.urdf"),
     ] {
         write(name);
-        let error = load(&path, Reading::default()).unwrap_err().to_string();
-        assert!(error.contains(expected), "{error}");
+        let error = load(&path, Reading::default()).unwrap_err();
+        assert!(error.to_string().contains(&format!("r.urdf:1: {expected}")), "{error}");
+        assert!(error.help().contains(help), "{name}: {}", error.help());
     }
+}
+
+#[test]
+fn all_meshes_that_are_missing_are_named_with_their_lines() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r.urdf");
+    let link = |i: u32, name: &str| {
+        format!("<link name=\"{i}\"><visual><geometry>\n<mesh filename=\"{name}\"/></geometry></visual></link>\n")
+    };
+    let names = ["a.stl", "cube.obj", "package://p/b.stl", "a.stl", "c.stl", "d.stl", "e.stl", "f.stl"];
+    let links: String = (0..).zip(names).map(|(i, name)| link(i, name)).collect();
+    fs::write(folder.path().join("cube.obj"), cube_obj()).unwrap();
+    fs::write(&path, format!("<robot>\n{links}</robot>")).unwrap();
+    let error = load(&path, Reading::default()).unwrap_err();
+    let expected = "r.urdf:3: names 6 meshes that are not there: `a.stl` (line 3), `package://p/b.stl` (line 7), `c.stl` \
+                    (line 11), `d.stl` (line 13), `e.stl` (line 15) and 1 more";
+    assert!(error.to_string().ends_with(expected), "{error}");
+}
+
+#[test]
+fn a_package_may_be_where_the_user_says_and_the_hash_is_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        path
+    };
+    fs::write(at("ros/src/arm_meshes/package.xml"), "<package><name>arm</name></package>").unwrap();
+    fs::write(at("ros/src/arm_meshes/m/cube.obj"), cube_obj()).unwrap();
+    let path = at("robots/r/r.urdf");
+    let text = visual("<mesh filename=\"$(find arm)/m/cube.obj\"/>");
+    fs::write(&path, &text).unwrap();
+    assert!(load(&path, Reading::default()).is_err());
+    let given = [at("ros").to_string_lossy().into_owned()];
+    let loaded = load(&path, Reading { packages: &given, ..Reading::default() }).unwrap();
+    assert_eq!(loaded.packages, given);
+    let beside = at("robots/arm/m/cube.obj");
+    fs::write(&beside, cube_obj()).unwrap();
+    let other = load(&path, Reading::default()).unwrap();
+    assert_eq!((other.sha256, other.packages.len()), (loaded.sha256, 0));
 }
 
 #[test]
@@ -95,7 +150,7 @@ fn links_are_parts_and_collisions_another_choice() {
     fs::write(&path, format!("<robot>{}<link name=\"bare\"/>{}</robot>", of("a", 1), of("b", 2))).unwrap();
     let names: Vec<String> = load_parts(&path, 1.0).unwrap().into_iter().map(|(name, _)| name).collect();
     assert_eq!(names, ["a", "b"]);
-    let collision = load(&path, Reading { mm_per_unit: Some(1.0), urdf: UrdfShapes::Collision }).unwrap();
+    let collision = load(&path, Reading { urdf: UrdfShapes::Collision, ..1.0.into() }).unwrap();
     assert_eq!(collision.mesh.vertices[0].map(f32::abs), [4.5; 3]);
 }
 
@@ -105,7 +160,7 @@ fn errors_name_the_line() {
         ("<a/>", "line 1: is no URDF: begins with <a>"),
         (
             "<robot xmlns:xacro=\"http://ros.org/wiki/xacro\">\n<xacro:if/></robot>",
-            "line 2: has macros: expand them with the program xacro",
+            "line 2: is a xacro file, whose macros are not expanded",
         ),
         ("<robot><link name=\"a\"/>\n<joint><parent link=\"a\"/></joint></robot>", "line 2: <joint> has no child"),
         (
@@ -116,6 +171,8 @@ fn errors_name_the_line() {
             "<robot><link name=\"a\"/>\n<joint><parent link=\"a\"/><child link=\"a\"/></joint></robot>",
             "line 2: the joints go in a circle",
         ),
+        ("<robot>\n<link name=\"a\"/></robot>", "line 1: has no link with a shape"),
+        ("<robot><link><collision/><collision/></link></robot>", "line 1: has no visual shape, but 2 collision shapes"),
         ("<robot><link><visual>\n</visual></link></robot>", "line 1: <visual> has no geometry"),
         (
             "<robot><link><visual><geometry>\n<cone/></geometry></visual></link></robot>",
@@ -130,7 +187,7 @@ fn errors_name_the_line() {
             "line 1: names another file, `a.stl`",
         ),
     ] {
-        let error = read(text.as_bytes(), UrdfShapes::Visual, &mut Others::beside(None)).expect_err("a mistake");
+        let error = read(text.as_bytes(), UrdfShapes::Visual, &mut Others::none()).expect_err("a mistake");
         assert_eq!(error.to_string(), expected);
     }
 }
