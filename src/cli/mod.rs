@@ -29,6 +29,7 @@ mod inspect;
 pub mod list;
 mod log;
 mod long_run;
+mod output_file;
 mod plan;
 mod preview;
 mod progress;
@@ -208,9 +209,17 @@ struct JobOverrides {
 }
 
 impl JobOverrides {
-    fn any(&self) -> bool {
-        let any = self.samples.is_some() || self.seed.is_some() || self.fidelity.is_some();
-        any || self.all_effects || self.strict || !self.set.is_empty()
+    /// The flags that are there and mean nothing without a job.
+    fn names(&self) -> Vec<&'static str> {
+        let flags = [
+            ("--samples", self.samples.is_some()),
+            ("--seed", self.seed.is_some()),
+            ("--fidelity", self.fidelity.is_some()),
+            ("--all-effects", self.all_effects),
+            ("--set", !self.set.is_empty()),
+            ("--strict", self.strict),
+        ];
+        flags.into_iter().filter(|(_, there)| *there).map(|(name, _)| name).collect()
     }
 
     /// Says the notes on a job, or refuses it for them.

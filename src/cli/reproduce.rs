@@ -5,11 +5,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::preview::unreadable_help;
 use super::{Failure, Log, print};
 use crate::dataset::archive::{Files, Member};
 use crate::dataset::encode::{Keep, make};
 use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::user_error;
+use crate::dataset::verify::shell_word;
+use crate::files::diagnostic::{Diagnostic, user_error};
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 
@@ -36,7 +38,8 @@ impl Reproduce {
             let help = format!("samples are numbered 0 to {}", samples - 1);
             return Err(user_error(format!("there is no sample {}", self.key), help).into());
         }
-        let written = dataset.sample(self.key).map_err(Failure::running)?;
+        let unreadable = |reason| Failure::running_with(reason, unreadable_help(&self.dir));
+        let written = dataset.sample(self.key).map_err(unreadable)?;
         let plan = Plan::load(&self.dir.join("job.toml"), &Overrides::default())?;
         Log::text(false).notes(&plan.notes);
         if let Some(cost) = cost(plan.simulator.view().resolution_px) {
@@ -46,8 +49,16 @@ impl Reproduce {
             .map_err(|unmade| Failure::running(format!("it cannot be made again: {unmade}")))?;
         let (text, same) = compare(&written, &made.members);
         print(&text)?;
+        if same {
+            return Ok(());
+        }
         // What differs has been said.
-        if same { Ok(()) } else { Err(Failure::reported(1)) }
+        let folder = shell_word(&self.dir);
+        let help = format!(
+            "gelsim verify {folder} says whether it is as it was written; if so, another machine or version wrote it"
+        );
+        Log::text(false).notes(&Diagnostic::note("the sample is not what its job makes here").help(help).into());
+        Err(Failure::reported(1))
     }
 }
 

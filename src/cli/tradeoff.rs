@@ -1,6 +1,6 @@
 //! `gelsim tradeoff`
 
-use std::io::IsTerminal;
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -9,9 +9,8 @@ use super::guesses::whole;
 use super::progress::bar::Bar;
 use super::store::local_output;
 use super::terminal::columns;
-use super::{Failure, Log, print, say};
+use super::{Failure, Log, output_file, print, say};
 use crate::files::diagnostic::user_error;
-use crate::files::write::write_output;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 use crate::lab::finite::{self, Options, finite};
@@ -71,6 +70,8 @@ impl Tradeoff {
         let mut set: Vec<(String, String)> =
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
+        if let Some(folder) = &self.out {
+        }
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         plan.of_one_sensor("tradeoff")?;
         Log::text(self.quiet).notes(&plan.notes);
@@ -84,10 +85,9 @@ impl Tradeoff {
             let message = format!("{} is not a folder", folder.display());
             return Err(user_error(message, "choose a folder with --out").into());
         }
-        let failed =
-            |path: &Path, error: &dyn std::fmt::Display| Failure::running(format!("{}: {error}", path.display()));
+        let failed = |path: &Path, error: &dyn std::fmt::Display| Failure::from_path(path, error);
         // Before the work, lest it be in vain.
-        std::fs::create_dir_all(&folder).map_err(|error| failed(&folder, &error))?;
+        made(&folder)?;
         let heard = !self.quiet && std::io::stderr().is_terminal();
         let said = |what: &str| {
             if heard {
@@ -100,8 +100,7 @@ impl Tradeoff {
             for (name, text) in
                 [("tradeoff.csv", result.csv()), ("tradeoff.json", json), ("tradeoff.svg", result.svg())]
             {
-                let path = folder.join(name);
-                write_output(&path, text.as_bytes()).map_err(|error| failed(&path, &error))?;
+                output_file::write(&folder.join(name), text.as_bytes())?;
             }
             print(&result.table(columns()))?;
             if !self.quiet {
@@ -120,8 +119,7 @@ impl Tradeoff {
             ("tradeoff.png", page.png()),
         ];
         for (name, bytes) in files {
-            let path = folder.join(name);
-            write_output(&path, &bytes).map_err(|error| failed(&path, &error))?;
+            output_file::write(&folder.join(name), &bytes)?;
         }
         print(&report::table(&result, columns()))?;
         if !self.quiet {
@@ -135,7 +133,7 @@ impl Tradeoff {
         let options = Options { sticking: self.sticking, rounding_mm: self.edge_mm, refine: self.refine };
         if let Some(folder) = &self.out {
             // Before the work, lest it be in vain.
-            std::fs::create_dir_all(folder).map_err(|error| Failure::from_path(folder, &error))?;
+            made(folder)?;
         }
         let bar = Bar::thousandths(!self.quiet);
         let result = finite(plan, options, |object, share| bar.show((1000.0 * share) as u64, object));
@@ -145,8 +143,7 @@ impl Tradeoff {
             let json =
                 serde_json::to_string_pretty(&result).map_err(|error| Failure::from_path(folder, &error))? + "\n";
             for (name, text) in [("finite.csv", finite::report::csv(&result)), ("finite.json", json)] {
-                let path = folder.join(name);
-                write_output(&path, text.as_bytes()).map_err(|error| Failure::from_path(&path, &error))?;
+                output_file::write(&folder.join(name), text.as_bytes())?;
             }
             if !self.quiet {
                 say(&format!("-> {}", folder.display()));
@@ -160,6 +157,18 @@ impl Tradeoff {
         }
         Ok(())
     }
+}
+
+/// Makes the folder for the results.
+fn made(folder: &Path) -> Result<(), Failure> {
+    let denied = |error: io::Error| {
+        let left = match error.kind() {
+            io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => "choose another folder with --out",
+            _ => "nothing was rendered",
+        };
+        Failure::denied(&format!("{}: {error}", folder.display()), &error, left)
+    };
+    std::fs::create_dir_all(folder).map_err(denied)
 }
 
 fn samples(text: &str) -> Result<u64, String> {

@@ -33,7 +33,8 @@ fn used_splits(manifest: &Manifest) -> impl Iterator<Item = (&'static str, u64)>
     Split::ALL.into_iter().filter_map(|split| manifest.splits.get(split.name()).map(|samples| (split.name(), *samples)))
 }
 
-/// Column types are pinned: what a reader guesses from the first rows goes wrong where a value is null or whole.
+/// Column types are pinned: what a reader guesses from the first rows goes wrong where a value is null or whole. Each column
+/// takes one line, however much there is in it, so that the title is not far down.
 fn front_matter(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     // In quotes: a name such as 2024 or null would not be text.
     let _ = writeln!(text, "pretty_name: \"{}\"", manifest.name);
@@ -42,116 +43,107 @@ fn front_matter(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
         // Of a sample's files those that imagefolder knows: by the others, and by JSON, it takes itself for another loader.
         Container::Folder => ("imagefolder", &["-*/metadata.jsonl", "-*/*.png"]),
     };
-    let _ = writeln!(text, "tags:\n- tactile\n- synthetic\n- {tag}\nconfigs:\n- config_name: default\n  data_files:");
+    let _ = writeln!(text, "tags: [tactile, synthetic, {tag}]\nconfigs:\n- config_name: default\n  data_files:");
     for (split, _) in used_splits(manifest) {
-        match patterns {
-            [only] => _ = writeln!(text, "  - split: {split}\n    path: data/{split}{only}"),
-            several => {
-                let _ = writeln!(text, "  - split: {split}\n    path:");
-                several.iter().for_each(|pattern| _ = writeln!(text, "    - data/{split}{pattern}"));
-            }
-        }
+        let paths: Vec<String> = patterns.iter().map(|pattern| format!("data/{split}{pattern}")).collect();
+        let path = if let [only] = paths.as_slice() { only.clone() } else { format!("[{}]", paths.join(", ")) };
+        let _ = writeln!(text, "  - {{split: {split}, path: {path}}}");
     }
-    match manifest.container {
+    let (place, columns) = match manifest.container {
         // The columns would be the frames, and sequences differ in how many they have: `datasets` reads none such.
-        Container::Tar if recorded.job.sequence.is_some() => {}
-        Container::Tar => {
-            text.push_str("dataset_info:\n  features:\n");
-            columns_of_tars(text, &recorded.job);
-        }
-        Container::Folder => {
-            // As a part of the configuration: imagefolder guesses in spite of what dataset_info says.
-            text.push_str("  features:\n");
-            columns_of_folders(text, &recorded.job);
-        }
-    }
+        Container::Tar if recorded.job.sequence.is_some() => return,
+        Container::Tar => ("dataset_info:\n  features:\n", columns_of_tars(&recorded.job)),
+        // As a part of the configuration: imagefolder guesses in spite of what dataset_info says.
+        Container::Folder => ("  features:\n", columns_of_folders(&recorded.job)),
+    };
+    text.push_str(place);
+    columns.iter().for_each(|column| _ = writeln!(text, "  - {column}"));
+}
+
+/// A column: its name and what kind of values it has, in YAML.
+fn column(name: &str, kind: &str) -> String {
+    format!("{{name: {name}, {kind}}}")
 }
 
 /// One column per file of a sample.
-fn columns_of_tars(text: &mut String, job: &Job) {
-    let mut column = |name: &str, kind: &str| _ = writeln!(text, "  - name: {name}\n    {kind}");
-    column("__key__", "dtype: string");
-    column("__url__", "dtype: string");
+fn columns_of_tars(job: &Job) -> Vec<String> {
+    let mut columns = vec![column("__key__", "dtype: string"), column("__url__", "dtype: string")];
     match &job.gripper {
-        None => columns_of_sensor(&mut column, "", job, job.sensor.resolution_px),
+        None => columns.extend(columns_of_sensor("", job, job.sensor.resolution_px)),
         Some(gripper) => {
             let right = gripper.right.as_deref().unwrap_or(&job.sensor);
             for (finger, sensor) in FINGERS.into_iter().zip([&job.sensor, right]) {
-                columns_of_sensor(&mut column, &format!("{finger}."), job, sensor.resolution_px);
+                columns.extend(columns_of_sensor(&format!("{finger}."), job, sensor.resolution_px));
             }
         }
     }
-    text.push_str("  - name: json\n    struct:\n");
     let schema = match &job.gripper {
         None => schemars::schema_for!(Label).to_value(),
         Some(_) => schemars::schema_for!(GripLabel).to_value(),
     };
-    features(text, &schema, &schema, 4);
+    columns.push(column("json", &format!("struct: [{}]", features(&schema, &schema).join(", "))));
+    columns
 }
 
 /// Those of one sensor's files, whose names begin with `part`.
-fn columns_of_sensor(column: &mut impl FnMut(&str, &str), part: &str, job: &Job, [width, height]: [u32; 2]) {
-    column(&format!("{part}tactile.png"), "dtype: image");
+fn columns_of_sensor(part: &str, job: &Job, [width, height]: [u32; 2]) -> Vec<String> {
     let format = job.output.depth_format;
-    for layer in job.output.layers_in_order() {
+    let of_layer = |layer: &OutputLayer| {
         let kind = match layer.coding(format) {
             Coding::Png => "dtype: image".to_owned(),
             Coding::Exr | Coding::Png16(_) => "dtype: binary".to_owned(),
             Coding::Npy => {
                 let channels = layer.channels().len();
                 let (axes, more) = if channels == 1 { (2, String::new()) } else { (3, format!(", {channels}")) };
-                format!(
-                    "dtype:\n      array{axes}_d:\n        shape: [{height}, {width}{more}]\n        dtype: float32"
-                )
+                format!("dtype: {{array{axes}_d: {{shape: [{height}, {width}{more}], dtype: float32}}}}")
             }
             Coding::Json => {
-                let list = |name| format!("\n    - name: {name}\n      sequence:\n        sequence: float64");
-                format!("struct:{}{}", list("rest_px"), list("moved_px"))
+                let list = |name| column(name, "sequence: {sequence: float64}");
+                format!("struct: [{}, {}]", list("rest_px"), list("moved_px"))
             }
         };
-        column(&format!("{part}{}", layer.suffix(format)), &kind);
-    }
+        column(&format!("{part}{}", layer.suffix(format)), &kind)
+    };
+    let tactile = column(&format!("{part}tactile.png"), "dtype: image");
+    std::iter::once(tactile).chain(job.output.layers_in_order().iter().map(of_layer)).collect()
 }
 
 /// The columns of metadata.jsonl, as [`super::imagefolder::rows`] writes them.
-fn columns_of_folders(text: &mut String, job: &Job) {
+fn columns_of_folders(job: &Job) -> Vec<String> {
     // First: a reader looks for `file_name` where it meets the first image.
-    text.push_str("  - name: image\n    dtype: image\n");
+    let mut columns = vec![column("image", "dtype: image")];
     for layer in job.output.layers_in_order() {
-        let _ = match layer.coding(job.output.depth_format) {
-            Coding::Png => writeln!(text, "  - name: {}_image\n    dtype: image", layer.name()),
-            _ => writeln!(text, "  - name: {}_path\n    dtype: string", layer.name()),
-        };
+        columns.push(match layer.coding(job.output.depth_format) {
+            Coding::Png => column(&format!("{}_image", layer.name()), "dtype: image"),
+            _ => column(&format!("{}_path", layer.name()), "dtype: string"),
+        });
     }
     let schema = match job.sequence {
         None => schemars::schema_for!(Label).to_value(),
         Some(_) => schemars::schema_for!(FrameRow).to_value(),
     };
-    features(text, &schema, &schema, 2);
+    columns.extend(features(&schema, &schema));
+    columns
 }
 
-/// Writes the properties of a JSON Schema object in the notation of `dataset_info`.
-fn features(text: &mut String, root: &Value, object: &Value, indent: usize) {
-    let pad = " ".repeat(indent);
-    let Some(properties) = resolved(root, object).get("properties").and_then(Value::as_object) else { return };
-    for (name, schema) in properties {
+/// The properties of a JSON Schema object in the notation of `dataset_info`.
+fn features(root: &Value, object: &Value) -> Vec<String> {
+    let properties = resolved(root, object).get("properties").and_then(Value::as_object);
+    let feature = |(name, schema): (&String, &Value)| {
         let schema = resolved(root, schema);
-        let _ = writeln!(text, "{pad}- name: {name}");
+        let inner = |object: &Value| features(root, object).join(", ");
         if schema.get("properties").is_some() {
-            let _ = writeln!(text, "{pad}  struct:");
-            features(text, root, schema, indent + 2);
-        } else if let Some(items) = schema.get("items") {
-            let items = resolved(root, items);
-            if items.get("properties").is_some() {
-                let _ = writeln!(text, "{pad}  list:");
-                features(text, root, items, indent + 2);
-            } else {
-                let _ = writeln!(text, "{pad}  sequence: {}", dtype(items));
-            }
-        } else {
-            let _ = writeln!(text, "{pad}  dtype: {}", dtype(schema));
+            return column(name, &format!("struct: [{}]", inner(schema)));
         }
-    }
+        let Some(items) = schema.get("items").map(|items| resolved(root, items)) else {
+            return column(name, &format!("dtype: {}", dtype(schema)));
+        };
+        match items.get("properties").is_some() {
+            true => column(name, &format!("list: [{}]", inner(items))),
+            false => column(name, &format!("sequence: {}", dtype(items))),
+        }
+    };
+    properties.into_iter().flatten().map(feature).collect()
 }
 
 /// Follows a `$ref` to the schema's definitions.

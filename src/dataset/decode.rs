@@ -32,19 +32,18 @@ fn array(names: &[&str], Numbers { shape, values }: Numbers) -> Result<Planes, S
     Ok(Planes { width, height, channels })
 }
 
-/// The depth map of a sample, mm; `None` if it was written without it.
-pub fn depth_mm(files: &Files, steps: &Steps) -> Result<Option<Grid<f32>>, String> {
+/// A float layer of a sample; `part` stands before its name, as a frame's number or a finger's name with a point behind it
+/// do. `None` if it was written without it.
+pub fn layer(files: &Files, part: &str, layer: OutputLayer, steps: &Steps) -> Result<Option<Planes>, String> {
     for format in DepthFormat::ALL {
-        let suffix = OutputLayer::Depth.suffix(format);
+        let suffix = format!("{part}{}", layer.suffix(format));
         let Some(bytes) = files.member(&suffix) else { continue };
-        let planes = planes(OutputLayer::Depth, OutputLayer::Depth.coding(format), bytes, steps);
-        let Planes { width, height, channels } =
-            planes.map_err(|reason| format!("{}.{suffix}: {reason}", files.key))?;
-        return match channels.into_iter().next() {
-            Some((_, data)) if data.len() == width * height && !data.is_empty() => {
-                Ok(Some(Grid { width, height, data }))
-            }
-            _ => Err(format!("{}.{suffix}: an image without pixels", files.key)),
+        let read = planes(layer, layer.coding(format), bytes, steps);
+        let read = read.map_err(|reason| format!("{}.{suffix}: {reason}", files.key))?;
+        let pixels = read.width * read.height;
+        return match read.channels.iter().all(|(_, data)| data.len() == pixels) && pixels > 0 {
+            true => Ok(Some(read)),
+            false => Err(format!("{}.{suffix}: an image without pixels", files.key)),
         };
     }
     Ok(None)

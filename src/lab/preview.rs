@@ -1,140 +1,315 @@
-//! Contact sheets: tactile image, depth and contact of some samples, of a grip those of both fingers, with class and depth
-//! written under each.
+//! Contact sheets: tactile image and layers of some samples, of a grip those of both fingers, of a sequence some frames; what it
+//! is written under each, and one scale for all numbers of a layer.
 
-use embedded_graphics::mono_font::ascii as fonts;
-use embedded_graphics::text::Baseline;
-use image::imageops::{self, FilterType};
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 
-use crate::core::base::grid::Grid;
 use crate::core::camera::Image;
 use crate::dataset::archive::{Files, Member};
+use crate::dataset::content::{Content, content};
 use crate::dataset::decode;
 use crate::dataset::encode::{frame, make_shown};
 use crate::dataset::labels::SampleLabel;
+use crate::files::figures::figure;
 use crate::files::image_file;
-use crate::job::gripper::label::GripLabel;
+use crate::job::gripper::label::{GripFrameLabel, GripLabel};
 use crate::job::label::{Label, key};
+use crate::job::layers::{Form, OutputLayer};
+use crate::job::layout::Split;
 use crate::job::plan::Plan;
 use crate::job::sample::{Sample, shown};
+use crate::job::sequence::label::FrameLabel;
 use crate::job::steps::Steps;
-use crate::lab::page::ink::dots;
+use crate::lab::page::letters;
 
+mod canvas;
+pub mod choice;
 pub mod effects;
+pub mod film;
+pub mod panel;
 pub mod rows;
+mod sheet;
 
-/// One sample as a sheet shows it.
+pub use canvas::difference;
+use canvas::{joined, shrunk};
+use panel::{Panel, Scales, View};
+pub use sheet::sheet;
+
+/// One sample as a sheet shows it: rows of pictures under what their columns show.
 pub struct Tile {
-    panels: Vec<RgbImage>,
-    /// Which of them are tactile images.
-    tactile: Vec<usize>,
+    columns: Vec<Column>,
+    rows: Vec<Row>,
     caption: String,
+    split: Split,
+    index: u64,
 }
 
+/// What stands over a column.
+#[derive(Clone, Debug, PartialEq)]
+enum Column {
+    /// One view of presses or grips.
+    View(View),
+    /// One frame of a sequence.
+    Frame { t_s: String, phase: String },
+}
+
+/// One row of pictures.
+struct Row {
+    /// The finger that it is of, where there are two.
+    finger: Option<&'static str>,
+    /// What all of it shows, where that is said beside it.
+    view: Option<View>,
+    panels: Vec<Panel>,
+}
+
+/// Layers that a sheet shows beside the tactile image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// Of presses and grips depth and contact, where they are there; of sequences none.
+    Usual,
+    /// These, all of which must be there.
+    These(Vec<OutputLayer>),
+}
+
+/// The layers of [`Wanted::Usual`].
+const USUAL: [OutputLayer; 2] = [OutputLayer::Depth, OutputLayer::Contact];
 /// Frames of a sequence that a sheet shows, at most.
 const FRAMES: usize = 6;
+/// Letters of a phase's name over a frame, at most.
+const PHASE_LETTERS: usize = 20;
 
 impl Tile {
-    /// Renders sample `index` of a plan.
-    pub fn rendered(plan: &Plan, index: u64) -> Self {
+    /// Renders sample `index` of a plan, whose output has the layers that are wanted by name.
+    pub fn rendered(plan: &Plan, index: u64, wanted: &Wanted) -> Self {
         if plan.job().sequence.is_some() || plan.job().gripper.is_some() {
-            return Self::read(&sample_files(plan, index)).expect("files that were made just now");
+            return Self::read(&sample_files(plan, index), wanted).expect("files that were made just now");
         }
-        let Sample { impression, label, .. } = shown(plan, index);
-        let Image { width, height, .. } = impression.image;
-        let mut tactile = RgbImage::new(width as u32, height as u32);
-        tactile.copy_from_slice(&impression.image.rgb);
-        let depth = Grid { width, height, data: impression.depth_mm() };
-        let mask = Grid { width, height, data: impression.contact_mask() };
-        let panels = panels(tactile, Some(&depth), Some(&mask));
-        Self { panels, tactile: vec![0], caption: caption(&label) }
+        let sample = shown(plan, index);
+        let layers = match wanted {
+            Wanted::Usual => USUAL.to_vec(),
+            Wanted::These(layers) => layers.clone(),
+        };
+        let shown = layers.into_iter().filter_map(|layer| Some((View::Layer(layer), computed(&sample, layer)?)));
+        let tactile = (View::Tactile, Panel::Picture(picture(&sample.impression.image)));
+        let (views, panels): (Vec<View>, Vec<Panel>) = std::iter::once(tactile).chain(shown).unzip();
+        let columns = views.into_iter().map(Column::View).collect();
+        let rows = vec![Row { finger: None, view: None, panels }];
+        Self::new(columns, rows, caption(&sample.label), &sample.label)
     }
 
     /// Shows a sample of a dataset from its files.
-    pub fn read(files: &Files) -> Result<Self, String> {
-        let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
-        let needed =
-            |suffix: &str| files.member(suffix).ok_or_else(|| named(suffix, String::from("is not in the shard")));
-        let label = SampleLabel::read(needed("json")?).map_err(|error| named("json", error))?;
+    pub fn read(files: &Files, wanted: &Wanted) -> Result<Self, String> {
+        let named = |reason: String| format!("{}.json: {reason}", files.key);
+        let json = files.member("json").ok_or_else(|| named(String::from("is not in the shard")))?;
+        let label = SampleLabel::read(json).map_err(named)?;
         let summary = label.summary();
-        if let Some((count, _)) = label.frames() {
-            let shown = (count as usize).min(FRAMES);
-            // The first, the last, and some between; of two fingers first those of the left one.
-            let fingers: &[Option<&str>] =
-                if label.sensors().len() > 1 { &[Some("left"), Some("right")] } else { &[None] };
-            let mut panels = Vec::new();
-            for finger in fingers {
-                for k in 0..shown {
-                    panels.push(tactile(files, k * (count as usize - 1) / (shown - 1).max(1), *finger)?);
+        match &label {
+            SampleLabel::Press(_) => {
+                let (columns, row) = read_row(files, None, wanted, &summary.png16)?;
+                Ok(Self::new(columns, vec![row], caption(summary), summary))
+            }
+            SampleLabel::Grip(grip, _) => {
+                let (mut columns, mut rows) = (Vec::new(), Vec::new());
+                for (name, finger) in grip.fingers() {
+                    let (found, row) = read_row(files, Some(name), wanted, &finger.png16)?;
+                    columns = found;
+                    rows.push(row);
                 }
+                Ok(Self::new(columns, rows, grip_caption(grip), summary))
             }
-            return Ok(Self { tactile: (0..panels.len()).collect(), panels, caption: caption(summary) });
-        }
-        if let SampleLabel::Grip(grip, _) = &label {
-            let (mut both, mut tactile) = (Vec::new(), Vec::new());
-            for (name, finger) in grip.fingers() {
-                tactile.push(both.len());
-                both.extend(Self::read_panels(&files.of_finger(name), &finger.png16)?);
+            SampleLabel::Sequence(sequence, _) => {
+                let time = |FrameLabel { t_s, phase, .. }: &FrameLabel| (*t_s, phase.clone());
+                let times: Vec<_> = sequence.frames.iter().map(time).collect();
+                let fingers = [(None, &sequence.common.png16)];
+                Self::of_frames(files, &times, &fingers, wanted, summary)
             }
-            return Ok(Self { panels: both, tactile, caption: grip_caption(grip) });
+            SampleLabel::GripSequence(sequence, _) => {
+                let time = |GripFrameLabel { t_s, phase, .. }: &GripFrameLabel| (*t_s, phase.clone());
+                let times: Vec<_> = sequence.frames.iter().map(time).collect();
+                let fingers = [(Some("left"), &sequence.left.png16), (Some("right"), &sequence.right.png16)];
+                Self::of_frames(files, &times, &fingers, wanted, summary)
+            }
         }
-        Ok(Self { panels: Self::read_panels(files, &summary.png16)?, tactile: vec![0], caption: caption(summary) })
     }
 
-    /// The panels of one press, from its files.
-    fn read_panels(files: &Files, steps: &Steps) -> Result<Vec<RgbImage>, String> {
-        let named = |suffix: &str, reason: String| format!("{}.{suffix}: {reason}", files.key);
-        let tactile = files.member("tactile.png").ok_or_else(|| String::from("is not in the shard"));
-        let tactile = tactile.and_then(image_file::decode_rgb).map_err(|reason| named("tactile.png", reason))?;
-        let depth = decode::depth_mm(files, steps)?;
-        let contact = files.member("contact.png").map(image_file::decode_rgb).transpose();
-        let contact = contact.map_err(|reason| named("contact.png", reason))?.map(|grey| Grid {
-            width: grey.width() as usize,
-            height: grey.height() as usize,
-            data: grey.pixels().map(|pixel| pixel.0[0]).collect(),
+    /// Some frames of a sequence: a column for each, a row for each finger and view.
+    fn of_frames(
+        files: &Files,
+        times: &[(f64, String)],
+        fingers: &[(Option<&'static str>, &Steps)],
+        wanted: &Wanted,
+        summary: &Label,
+    ) -> Result<Self, String> {
+        let numbers = frames_shown(times.len());
+        let columns = numbers.iter().map(|number| {
+            let (t_s, phase) = &times[*number];
+            Column::Frame { t_s: figure(*t_s), phase: letters::fitted(phase, PHASE_LETTERS) }
         });
-        Ok(panels(tactile, depth.as_ref(), contact.as_ref()))
+        let layers = match wanted {
+            Wanted::Usual => &[],
+            Wanted::These(layers) => layers.as_slice(),
+        };
+        let mut rows = Vec::new();
+        for (finger, steps) in fingers {
+            for view in std::iter::once(View::Tactile).chain(layers.iter().copied().map(View::Layer)) {
+                let part = |number: usize| {
+                    let finger = finger.map_or(String::new(), |finger| format!("{finger}."));
+                    format!("{}.{finger}", frame(number as u32))
+                };
+                let panels = numbers.iter().map(|number| needed(files, &part(*number), view, steps));
+                let view = Some(view).filter(|_| !layers.is_empty());
+                rows.push(Row { finger: *finger, view, panels: panels.collect::<Result<_, _>>()? });
+            }
+        }
+        Ok(Self::new(columns.collect(), rows, caption(summary), summary))
+    }
+
+    fn new(columns: Vec<Column>, rows: Vec<Row>, caption: String, label: &Label) -> Self {
+        Self { columns, rows, caption, split: label.split, index: label.index }
     }
 
     /// Class, depth and number.
-    pub fn caption(&self) -> &str {
-        &self.caption
+    pub fn caption(&self) -> String {
+        format!("{} #{}", self.caption, self.index)
     }
 
-    /// The panels beside each other, each made `panel_width` px wide at the most.
-    pub fn strip(&self, panel_width: u32) -> RgbImage {
-        beside(&scaled(&self.panels, panel_width))
+    /// When the frames were taken, by phase: `press 0.04, 0.28 s; slide 0.56 s`. Nothing of what is no sequence.
+    pub fn times(&self) -> String {
+        let mut phases: Vec<(&str, Vec<&str>)> = Vec::new();
+        for column in &self.columns {
+            let Column::Frame { t_s, phase } = column else { continue };
+            match phases.last_mut().filter(|(last, _)| last == phase) {
+                Some((_, times)) => times.push(t_s),
+                None => phases.push((phase, vec![t_s])),
+            }
+        }
+        let said = phases.iter().map(|(phase, times)| format!("{phase} {} s", times.join(", ")));
+        said.collect::<Vec<_>>().join("; ")
+    }
+
+    /// All of its pictures.
+    pub fn panels(&self) -> impl Iterator<Item = &Panel> {
+        self.rows.iter().flat_map(|row| &row.panels)
+    }
+
+    /// True if it has pictures of a layer.
+    pub fn shows(&self, layer: OutputLayer) -> bool {
+        let wanted = View::Layer(layer);
+        self.columns.contains(&Column::View(wanted)) || self.rows.iter().any(|row| row.view == Some(wanted))
+    }
+
+    /// True if it has pictures of two fingers.
+    pub fn has_fingers(&self) -> bool {
+        self.rows.iter().any(|row| row.finger.is_some())
+    }
+
+    /// Its pictures close to each other, each made `panel_width` px wide at the most.
+    pub fn strip(&self, scales: &Scales, panel_width: u32) -> RgbImage {
+        let drawn = |panel: &Panel| shrunk(&panel.picture(scales), panel_width);
+        joined(&self.rows.iter().map(|row| row.panels.iter().map(drawn).collect()).collect::<Vec<_>>())
     }
 
     /// The same of the tactile images alone: one of a press, the frames of a sequence.
     pub fn tactile(&self, panel_width: u32) -> RgbImage {
-        let tactile: Vec<RgbImage> = self.tactile.iter().map(|panel| self.panels[*panel].clone()).collect();
-        beside(&scaled(&tactile, panel_width))
+        let tactile = |row: &&Row| row.view.is_none_or(|view| view == View::Tactile);
+        let drawn = |row: &Row| {
+            let shown = row.panels.iter().zip(&self.columns);
+            let shown =
+                shown.filter(|(_, column)| matches!(column, Column::Frame { .. } | Column::View(View::Tactile)));
+            shown.map(|(panel, _)| shrunk(&panel.picture(&Scales::default()), panel_width)).collect::<Vec<_>>()
+        };
+        let rows: Vec<Vec<RgbImage>> = self.rows.iter().filter(tactile).map(drawn).collect();
+        // The images of two fingers stand beside each other, their frames below each other.
+        match rows.iter().all(|row| row.len() == 1) {
+            true => joined(&[rows.concat()]),
+            false => joined(&rows),
+        }
     }
 }
 
-/// Panels in a row.
-fn beside(panels: &[RgbImage]) -> RgbImage {
-    let height = panels.iter().map(RgbImage::height).max().unwrap_or(1);
-    let width: u32 = panels.iter().map(|panel| panel.width() + 2).sum();
-    let mut strip = RgbImage::from_pixel(width.saturating_sub(2).max(1), height, PAPER);
-    let mut left = 0;
-    for panel in panels {
-        imageops::replace(&mut strip, panel, left, 0);
-        left += i64::from(panel.width()) + 2;
-    }
-    strip
+/// Numbers of the frames that a sheet shows: the first, the last, and some between.
+fn frames_shown(count: usize) -> Vec<usize> {
+    let shown = count.min(FRAMES);
+    (0..shown).map(|k| k * (count - 1) / (shown - 1).max(1)).collect()
 }
 
-/// The panels that there are: tactile, depth (mm), contact (255 where the pad touches).
-fn panels(tactile: RgbImage, depth: Option<&Grid<f32>>, contact: Option<&Grid<u8>>) -> Vec<RgbImage> {
-    let mut panels = vec![tactile];
-    if let Some(depth) = depth {
-        let deepest = depth.data.iter().fold(f32::MIN_POSITIVE, |max, mm| max.max(*mm));
-        panels.push(grey(depth, |mm| (mm / deepest * 255.0) as u8));
+/// The views of a press or of one finger, and its row.
+fn read_row(
+    files: &Files,
+    finger: Option<&'static str>,
+    wanted: &Wanted,
+    steps: &Steps,
+) -> Result<(Vec<Column>, Row), String> {
+    let part = finger.map_or(String::new(), |finger| format!("{finger}."));
+    let mut found = vec![(View::Tactile, needed(files, &part, View::Tactile, steps)?)];
+    match wanted {
+        Wanted::Usual => {
+            for view in USUAL.map(View::Layer) {
+                found.extend(read(files, &part, view, steps)?.map(|panel| (view, panel)));
+            }
+        }
+        Wanted::These(layers) => {
+            for view in layers.iter().copied().map(View::Layer) {
+                found.push((view, needed(files, &part, view, steps)?));
+            }
+        }
     }
-    panels.extend(contact.map(|contact| grey(contact, |value| value)));
-    panels
+    let (views, panels): (Vec<View>, Vec<Panel>) = found.into_iter().unzip();
+    Ok((views.into_iter().map(Column::View).collect(), Row { finger, view: None, panels }))
+}
+
+/// A picture that must be among the files.
+fn needed(files: &Files, part: &str, view: View, steps: &Steps) -> Result<Panel, String> {
+    let missing = || format!("{}.{part}{}: is not in the shard", files.key, view.name());
+    read(files, part, view, steps)?.ok_or_else(missing)
+}
+
+/// A picture from a sample's files, whose names begin with `part`; none if it was written without it.
+fn read(files: &Files, part: &str, view: View, steps: &Steps) -> Result<Option<Panel>, String> {
+    let layer = match view {
+        View::Layer(layer) if matches!(layer.spec().form, Form::Floats { .. }) => {
+            let Some(planes) = decode::layer(files, part, layer, steps)? else { return Ok(None) };
+            let size = [planes.width, planes.height];
+            let planes: Vec<Vec<f32>> = planes.channels.into_iter().map(|(_, plane)| plane).collect();
+            let panel = Panel::of_planes(layer, size, &planes);
+            return panel.map(Some).ok_or_else(|| format!("{}.{part}{}: is no picture", files.key, view.name()));
+        }
+        view => view.name(),
+    };
+    let suffix = format!("{part}{layer}.png");
+    let Some(png) = files.member(&suffix) else { return Ok(None) };
+    let picture = image_file::decode_rgb(png).map_err(|reason| format!("{}.{suffix}: {reason}", files.key))?;
+    Ok(Some(match view {
+        View::Layer(OutputLayer::Instance) => {
+            let numbers: Vec<u8> = picture.pixels().map(|pixel| pixel.0[0]).collect();
+            let size = [picture.width() as usize, picture.height() as usize];
+            Panel::of_bytes(OutputLayer::Instance, size, &numbers).expect("as many as pixels")
+        }
+        _ => Panel::Picture(picture),
+    }))
+}
+
+/// A picture of a layer of a sample that was rendered; none of a layer that a picture cannot show.
+fn computed(sample: &Sample, layer: OutputLayer) -> Option<Panel> {
+    let Image { width, height, .. } = sample.impression.image;
+    match content(sample, layer) {
+        Content::Floats(values) => {
+            let channels = layer.channels().len();
+            let plane = |k: usize| values.iter().skip(k).step_by(channels).copied().collect();
+            Panel::of_planes(layer, [width, height], &(0..channels).map(plane).collect::<Vec<_>>())
+        }
+        Content::Bytes(bytes) if layer.spec().form == Form::Rgb => {
+            RgbImage::from_raw(width as u32, height as u32, bytes.into_owned()).map(Panel::Picture)
+        }
+        Content::Bytes(bytes) => Panel::of_bytes(layer, [width, height], &bytes),
+        Content::Markers(_) => None,
+    }
+}
+
+/// An image of the simulator's.
+fn picture(image: &Image) -> RgbImage {
+    let mut picture = RgbImage::new(image.width as u32, image.height as u32);
+    picture.copy_from_slice(&image.rgb);
+    picture
 }
 
 /// The files of a sample of a plan, made anew.
@@ -144,49 +319,11 @@ pub fn sample_files(plan: &Plan, index: u64) -> Files {
     Files { key: key(index), members: made.members.into_iter().map(file).collect() }
 }
 
-/// The tactile image of a frame, of a gripper that of one finger.
-fn tactile(files: &Files, number: usize, finger: Option<&str>) -> Result<RgbImage, String> {
-    let finger = finger.map_or(String::new(), |finger| format!("{finger}."));
+/// The tactile image of a frame; `finger` is the name of a gripper's finger with a point behind it, or nothing.
+fn frame_image(files: &Files, number: usize, finger: &str) -> Result<RgbImage, String> {
     let suffix = format!("{}.{finger}tactile.png", frame(number as u32));
     let png = files.member(&suffix).ok_or_else(|| format!("{}.{suffix}: is not in the shard", files.key))?;
     image_file::decode_rgb(png).map_err(|reason| format!("{}.{suffix}: {reason}", files.key))
-}
-
-/// The tactile image of a frame, of a gripper those of both fingers side by side.
-fn film_frame(files: &Files, number: usize, both: bool) -> Result<RgbImage, String> {
-    if !both {
-        return tactile(files, number, None);
-    }
-    let panels = [tactile(files, number, Some("left"))?, tactile(files, number, Some("right"))?];
-    Ok(beside(&panels))
-}
-
-/// All frames of a sequence as an animated PNG, at the speed at which they were taken.
-pub fn animation(files: &Files) -> Result<Vec<u8>, String> {
-    let label = files.member("json").ok_or_else(|| format!("{}.json: is not in the shard", files.key))?;
-    let label = SampleLabel::read(label).map_err(|error| format!("{}.json: {error}", files.key))?;
-    let Some((count, rate_hz)) = label.frames() else {
-        return Err(format!("sample {} is no sequence: nothing else moves", files.key));
-    };
-    let both = label.sensors().len() > 1;
-    let first = film_frame(files, 0, both)?;
-    let mut bytes = Vec::new();
-    let said = |error: ::png::EncodingError| error.to_string();
-    let mut encoder = ::png::Encoder::new(&mut bytes, first.width(), first.height());
-    encoder.set_color(::png::ColorType::Rgb);
-    encoder.set_animated(count, 0).map_err(said)?;
-    // A fraction of two whole numbers, as the format has it; slow and very fast ones in whole milliseconds.
-    let (time, per_second) = match rate_hz {
-        1.0..=600.0 => (100, (100.0 * rate_hz).round() as u16),
-        _ => ((1e3 / rate_hz).round().clamp(1.0, 65_535.0) as u16, 1000),
-    };
-    encoder.set_frame_delay(time, per_second).map_err(said)?;
-    let mut writer = encoder.write_header().map_err(said)?;
-    for number in 0..count as usize {
-        writer.write_image_data(&film_frame(files, number, both)?).map_err(said)?;
-    }
-    writer.finish().map_err(said)?;
-    Ok(bytes)
 }
 
 fn caption(label: &Label) -> String {
@@ -198,7 +335,7 @@ fn caption(label: &Label) -> String {
         0 | 1 => String::new(),
         count => format!(" and {} more", count - 1),
     };
-    format!("{}{others}  {depth}  #{}", ascii(&label.object.class), label.index)
+    format!("{}{others}  {depth}", label.object.class)
 }
 
 /// Left finger, right finger, and how they hold the object.
@@ -211,88 +348,17 @@ fn grip_caption(label: &GripLabel) -> String {
         }
         false => String::from("no contact"),
     };
-    format!("{}  {held}  #{}", ascii(&label.object.class), label.index)
+    format!("{}  {held}", label.object.class)
 }
 
-/// A name in the letters that the font has.
-fn ascii(name: &str) -> String {
-    name.chars().map(|c| if c.is_ascii_graphic() { c } else { '?' }).collect()
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn grey<T: Copy + Default>(grid: &Grid<T>, value: impl Fn(T) -> u8) -> RgbImage {
-    RgbImage::from_fn(grid.width as u32, grid.height as u32, |x, y| Rgb([value(grid.at(x as usize, y as usize)); 3]))
-}
-
-const GAP: u32 = 6;
-const CAPTION: u32 = 18;
-/// Width of a character.
-const CHARACTER: u32 = 7;
-const PAPER: Rgb<u8> = Rgb([24, 24, 26]);
-const INK: Rgb<u8> = Rgb([225, 225, 225]);
-
-/// Lays tiles out in rows of `columns`; panels are made `panel_width` px wide at the most.
-pub fn sheet(tiles: &[Tile], columns: usize, panel_width: u32) -> RgbImage {
-    let panels: Vec<Vec<RgbImage>> = tiles.iter().map(|tile| scaled(&tile.panels, panel_width)).collect();
-    let tile_width = panels.iter().map(|row| row.iter().map(|p| p.width() + 2).sum::<u32>()).max().unwrap_or(1);
-    let tile_height = panels.iter().flatten().map(RgbImage::height).max().unwrap_or(1) + CAPTION;
-    let columns = columns.clamp(1, tiles.len().max(1)) as u32;
-    let rows = (tiles.len() as u32).div_ceil(columns);
-    let (width, height) = (GAP + columns * (tile_width + GAP), GAP + rows * (tile_height + GAP));
-    let mut canvas = Canvas::new(width, height);
-    for (i, (tile, panels)) in tiles.iter().zip(panels).enumerate() {
-        let left = GAP + (i as u32 % columns) * (tile_width + GAP);
-        let top = GAP + (i as u32 / columns) * (tile_height + GAP);
-        let (mut x, mut below) = (left, top);
-        for panel in panels {
-            canvas.place(&panel, [x, top]);
-            x += panel.width() + 2;
-            below = below.max(top + panel.height());
-        }
-        canvas.write(&tile.caption, [left, below + 3], tile_width);
-    }
-    canvas.0
-}
-
-fn scaled(panels: &[RgbImage], width: u32) -> Vec<RgbImage> {
-    let scale = |panel: &RgbImage| match panel.width() > width {
-        true => {
-            let height = (u64::from(panel.height()) * u64::from(width)).div_ceil(u64::from(panel.width()));
-            imageops::resize(panel, width, height as u32, FilterType::Triangle)
-        }
-        false => panel.clone(),
-    };
-    panels.iter().map(scale).collect()
-}
-
-/// `to` less `from`, times `gain`, around grey. Both are of one size.
-pub fn difference(from: &RgbImage, to: &RgbImage, gain: i32) -> RgbImage {
-    let mut difference = RgbImage::new(from.width(), from.height());
-    for ((value, from), to) in difference.iter_mut().zip(from.iter()).zip(to.iter()) {
-        *value = (128 + gain * (i32::from(*to) - i32::from(*from))).clamp(0, 255) as u8;
-    }
-    difference
-}
-
-struct Canvas(RgbImage);
-
-impl Canvas {
-    fn new(width: u32, height: u32) -> Self {
-        Self(RgbImage::from_pixel(width, height, PAPER))
-    }
-
-    fn place(&mut self, panel: &RgbImage, [left, top]: [u32; 2]) {
-        imageops::replace(&mut self.0, panel, i64::from(left), i64::from(top));
-    }
-
-    /// Writes what of a text fits into `room` px.
-    fn write(&mut self, text: &str, [left, top]: [u32; 2], room: u32) {
-        let text: String = text.chars().take((room / CHARACTER) as usize).collect();
-        for [x, y] in dots(&text, &fonts::FONT_7X13, Baseline::Top) {
-            if let (Ok(x), Ok(y)) = ((left as i32 + x).try_into(), (top as i32 + y).try_into())
-                && let Some(pixel) = self.0.get_pixel_mut_checked(x, y)
-            {
-                *pixel = INK;
-            }
-        }
+    #[test]
+    fn the_first_and_the_last_frame_are_shown_and_some_between() {
+        assert_eq!(frames_shown(35), [0, 6, 13, 20, 27, 34]);
+        assert_eq!(frames_shown(3), [0, 1, 2]);
+        assert_eq!((frames_shown(1), frames_shown(0)), (vec![0], vec![]));
     }
 }

@@ -305,6 +305,14 @@ fn a_time_that_no_level_keeps_is_refused_with_what_was_measured() {
         }
         assert!(!folder.path("out").exists() && !folder.path("sheet.png").exists(), "nothing may be written");
     }
+    // What is advised is kept.
+    let said = folder.fail("preview job.toml --out sheet.png", 2);
+    let bound =
+        said.split_once("for example fidelity = ").and_then(|(_, rest)| rest.split_once(", or ")).expect("a bound").0;
+    folder.succeed(&format!("preview job.toml --out sheet.png --set fidelity={}", bound.replace(' ', "")));
+    let named =
+        said.split_once("name a level, for example ").and_then(|(_, rest)| rest.split_once(';')).expect("a level").0;
+    folder.succeed(&format!("preview job.toml --out named.png {named}"));
     let only_elastic = edited(&folder.read("job.toml"), &[("\"contact\"]", "\"pressure\"]")]);
     let text = Folder::with_job(&only_elastic).fail("generate job.toml", 2);
     assert!(!text.contains("paper") && text.contains("draft"), "a rung without the layer is no choice: {text}");

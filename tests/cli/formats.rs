@@ -391,22 +391,27 @@ fn the_bytes_of_a_sample_are_foreseen_for_both_containers() {
 fn the_card_has_the_columns_and_the_loader_of_its_container_and_format() {
     let folder = job("");
     for (container, format, present, absent) in [
-        ("tar", "exr", &["- name: depth.exr\n    dtype: binary", "read_exr(data)", "shardshuffle"][..], "imagefolder"),
-        ("tar", "npy", &["array3_d:\n        shape: [36, 48, 3]", "sample[\"depth.npy\"]"], "OpenEXR"),
+        ("tar", "exr", &["- {name: depth.exr, dtype: binary}", "read_exr(data)", "shardshuffle"][..], "imagefolder"),
+        ("tar", "npy", &["{array3_d: {shape: [36, 48, 3], dtype: float32}}", "sample[\"depth.npy\"]"], "OpenEXR"),
         (
             "tar",
             "png16",
-            &["- name: depth.png16\n    dtype: binary", "label[\"png16\"][\"depth_mm_per_step\"]"],
+            &["- {name: depth.png16, dtype: binary}", "label[\"png16\"][\"depth_mm_per_step\"]"],
             "array2_d",
         ),
-        ("folder", "exr", &["- data/val-*/metadata.jsonl", "- name: contact_image\n    dtype: image"], "webdataset"),
-        ("folder", "npy", &["- name: depth_path\n    dtype: string", "numpy.load(sample[\"depth_path\"])"], "OpenEXR"),
+        (
+            "folder",
+            "exr",
+            &["[data/val-*/metadata.jsonl, data/val-*/*.png]", "- {name: contact_image, dtype: image}"],
+            "webdataset",
+        ),
+        ("folder", "npy", &["- {name: depth_path, dtype: string}", "numpy.load(sample[\"depth_path\"])"], "OpenEXR"),
         (
             "folder",
             "png16",
             &[
-                "\n  features:\n  - name: image\n",
-                "- name: contact\n    struct:\n",
+                "\n  features:\n  - {name: image, dtype: image}\n",
+                "- {name: contact, struct: [{name: in_contact, dtype: bool}, ",
                 "Image.open(sample[\"depth_path\"])",
             ],
             "webdataset",

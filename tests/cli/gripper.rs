@@ -314,17 +314,21 @@ fn sheets_and_reports_show_both_fingers_and_what_looks_at_one_says_so() {
     folder.succeed("preview grips --out sheet.png");
     folder.succeed("preview job.toml --key 1 --out one.png");
     let picture = image::load_from_memory(&folder.read_bytes("one.png")).expect("a picture");
-    // Three panels of 80 px and three of 60, side by side.
-    assert!(picture.width() >= 3 * 80 + 3 * 60, "{}", picture.width());
+    // Three panels of 80 x 60 px, and below them three of 60 x 80.
+    let (width, height) = (picture.width(), picture.height());
+    assert!(width >= 3 * 80 && height >= 60 + 80, "{width} x {height}");
     folder.succeed("report grips --out page.html");
     let page = folder.read("page.html");
     for words in ["left.tactile.png", "right.depth.exr"] {
         assert!(page.contains(words), "{words}");
     }
     let card = folder.read("grips/README.md");
-    for words in
-        ["- name: left.tactile.png", "- name: right.depth.exr", "KEY.right.tactile.png", "`gelsight-mini` (60 x 80 px"]
-    {
+    for words in [
+        "- {name: left.tactile.png,",
+        "- {name: right.depth.exr,",
+        "KEY.right.tactile.png",
+        "`gelsight-mini` (60 x 80 px",
+    ] {
         assert!(card.contains(words), "{words}: {card}");
     }
     for (command, words) in [

@@ -204,12 +204,108 @@ fn folders_and_names_that_will_not_do_are_refused_before_anything_is_written() {
     for name in ["out/dataset.json", "page", "out"] {
         let before = folder.files("out");
         let text = folder.fail(&format!("report out --out {name}"), 2);
-        assert!(text.contains("cannot be the page's name") && text.contains(".html"), "{text}");
+        assert!(text.contains(".html"), "{text}");
         assert!(folder.files("out") == before);
     }
     folder.write("out/dataset.json", r#"{ "manifest_version": 99, "generator": { "version": "9.1.0" } }"#);
     let text = folder.fail("report out", 2);
     assert!(text.contains("dataset.json was written by gelsim 9.1.0"), "{text}");
     let text = folder.fail("report out --out missing/page.html", 2);
-    assert!(text.contains("9.1.0"), "{text}");
+    assert!(text.contains("there is no folder missing") && text.contains("mkdir -p missing"), "{text}");
+}
+
+/// What was advised after `start`, as arguments of `gelsim`.
+fn advised<'a>(said: &'a str, start: &str) -> &'a str {
+    let rest = said.split_once(start).unwrap_or_else(|| panic!("{start:?} in {said}")).1;
+    rest.lines().next().unwrap_or_default().trim_end()
+}
+
+#[test]
+fn the_page_goes_where_the_remedy_says() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet --out out");
+    fs::create_dir(folder.path("d.html")).expect("a folder");
+    let text = folder.fail("report out --out d.html", 2);
+    assert!(text.contains("d.html is a folder"), "{text}");
+    folder.succeed(&format!("report out {}", advised(&text, "name a file in it: ")));
+    assert!(folder.path("d.html/report.html").is_file());
+    let text = folder.fail("report out --out page.txt", 2);
+    folder.succeed(&format!("report out {}", advised(&text, "name such a file: ")));
+    assert!(folder.path("report.html").is_file());
+    let text = folder.fail("report out --out s3://bucket/page.html", 2);
+    assert!(text.contains("is in an object store"), "{text}");
+}
+
+#[test]
+fn warnings_end_with_the_command_that_mends_or_says_more() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet --out out");
+    fs::remove_file(folder.path("out/dataset.json")).expect("a file");
+    let said = folder.succeed("report out");
+    assert!(said.starts_with("warning: dataset.json: is missing or not whole\n"), "{said}");
+    folder.succeed(advised(&said, "mend it with gelsim "));
+    assert_eq!(folder.succeed("report out"), "");
+
+    for name in ["data/train-000001.tar", "stats/train-000001.json", "dataset.json"] {
+        fs::remove_file(folder.path(&format!("out/{name}"))).expect("a file");
+    }
+    let said = folder.succeed("report out");
+    assert!(said.contains("1 of 4 shards are not there: train-000001"), "{said}");
+    folder.succeed(advised(&said, "mend it with gelsim "));
+    assert_eq!(folder.succeed("report out"), "");
+
+    // A tar alone is gone: nothing says that all shards are there.
+    fs::remove_file(folder.path("out/data/train-000001.tar")).expect("a file");
+    fs::remove_file(folder.path("out/dataset.json")).expect("a file");
+    let said = folder.succeed("report out");
+    assert!(!said.contains("all shards are there") && said.contains("train-000001.tar: is missing"), "{said}");
+    let verify = advised(&said, "warning: gelsim ").split_once(" names").expect("what it does").0;
+    let found = folder.gelsim(verify).assert().code(1);
+    let found = String::from_utf8_lossy(&found.get_output().stdout).into_owned();
+    folder.succeed(advised(&found, "  gelsim "));
+    assert_eq!(folder.succeed("report out"), "");
+}
+
+#[test]
+fn one_cause_in_many_files_is_one_warning() {
+    let folder = Folder::with_job(&edited(JOB, &[("samples_per_shard = 3", "samples_per_shard = 1")]));
+    folder.succeed("generate job.toml --quiet --out out");
+    fs::remove_dir_all(folder.path("out/stats")).expect("a folder");
+    let (page, said) = written(&folder);
+    assert_eq!(said.lines().count(), 2, "{said}");
+    let first = "warning: stats/train-000000.json, stats/train-000001.json, stats/train-000002.json and 5 more: each is missing";
+    assert!(said.starts_with(first) && page.contains("and 5 more"), "{said}");
+}
+
+#[test]
+fn names_are_written_as_they_are_and_the_depth_of_white_is_said() {
+    let name = "[[object]]\npath = \"cube.obj\"\nclass = \"hex nut \u{7403}\"";
+    let folder = Folder::with_job(&edited(JOB, &[("[[object]]\npath = \"cube.obj\"", name)]));
+    let (page, _) = reported(&folder);
+    let document = parsed(&page);
+    let captions: Vec<String> =
+        document.descendants().filter(|node| node.has_tag_name("figcaption")).map(text).collect();
+    assert!(captions.iter().any(|caption| caption.contains("hex nut \u{7403} ")), "{captions:?}");
+    assert!(page.contains("depth (black at 0, white at 1.") && page.contains("contact (white)"), "one scale");
+}
+
+#[test]
+fn sequences_have_their_times_and_those_of_grippers_the_forces_of_both_fingers() {
+    let press = ("[indentation]\ndepth_mm = { log_uniform = [0.3, 1.2] }\nno_contact = 0.25\n", "");
+    let lift = "\n[gripper]\n[sequence]\nframe_rate_hz = 10.0\nfriction = { coefficient = 0.5 }\n\
+                [[sequence.phase]]\nname = \"close\"\nduration_s = 0.3\nsqueeze_mm = 0.8\n\
+                [[sequence.phase]]\nname = \"lift\"\nduration_s = 0.4\ny_mm = 1.0\n";
+    let folder = Folder::with_job(&(edited(JOB, &[press]) + lift));
+    folder.succeed("generate job.toml --quiet --out out --samples 2");
+    let (page, _) = written(&folder);
+    let document = parsed(&page);
+    assert!(page.contains("above the left finger, below the right one"));
+    assert!(page.contains("close 0.1, 0.2, 0.3 s; lift 0.4, 0.5, 0.7 s"), "times of frames");
+    let titles = titles(&document);
+    for title in ["Largest normal force", "Friction coefficient"] {
+        assert!(titles.iter().any(|found| found == title), "{title} in {titles:?}");
+    }
+    assert_eq!(titles.iter().filter(|title| title.ends_with(", left")).count(), 2, "{titles:?}");
+    assert_eq!(titles.iter().filter(|title| title.ends_with(", right")).count(), 2, "{titles:?}");
+    assert!(page.contains("n 4 fingers") && page.contains("14 frames in all"));
 }

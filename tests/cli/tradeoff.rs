@@ -310,7 +310,9 @@ fn images_of_odd_sizes_are_compared_too() {
 fn a_folder_that_cannot_be_written_ends_with_status_1() {
     let folder = Folder::with_job(JOB);
     let text = folder.fail("tradeoff job.toml --samples 1 --out cube.obj/out", 1);
-    assert!(text.starts_with("error: cube.obj/out: ") && text.lines().count() == 1, "{text}");
+    assert!(text.starts_with("error: cube.obj/out: ") && text.contains("choose another folder with --out"), "{text}");
+    let text = folder.fail("tradeoff job.toml --samples 1 --out s3://bucket/out", 2);
+    assert!(text.contains("is in an object store") && !folder.path("s3:").exists(), "{text}");
     // A name that is taken by a folder.
     fs::create_dir_all(folder.path("out/tradeoff.json")).expect("a folder");
     let text = folder.fail("tradeoff job.toml --samples 1 --out out", 1);

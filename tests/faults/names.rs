@@ -90,7 +90,7 @@ fn assert_safe(folder: &Folder, classes: &[String]) {
 fn assert_card(card: &str, classes: usize) {
     let (front, body) = card.strip_prefix("---\n").and_then(|card| card.split_once("\n---\n")).expect("front matter");
     for line in front.lines() {
-        let key = line.trim_start_matches([' ', '-']).split(':').next().unwrap_or_default();
+        let key = line.trim_start_matches([' ', '-', '{']).split(':').next().unwrap_or_default();
         let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '.');
         assert!(key.chars().all(plain), "{line:?}");
     }

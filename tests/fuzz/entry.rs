@@ -41,7 +41,7 @@ use gelsim::job::layout::Layout;
 use gelsim::job::plan::Plan;
 use gelsim::job::steps::{self, Steps};
 use gelsim::lab::presses::{self as press_file, Circle};
-use gelsim::lab::preview::{Tile, sheet};
+use gelsim::lab::preview::{Tile, Wanted, sheet};
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
@@ -310,7 +310,7 @@ pub fn shard(bytes: &[u8]) {
     let (mut length, mut samples) = (0, Vec::new());
     let read = archive::read(bytes, |files| {
         length += files.members.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
-        Tile::read(&files).map(|tile| sheet(&[tile], 1, 64)).ok();
+        Tile::read(&files, &Wanted::Usual).map(|tile| sheet(&[tile], 1, 64)).ok();
         samples.push(files);
         ControlFlow::Continue(())
     });

@@ -66,5 +66,35 @@ fn caption(row: &ImageRow, rank: &str) -> String {
         .scores
         .contact
         .map_or(String::new(), |contact| format!("; contact: MAE {:.2}, SSIM {:.3}", contact.mae, contact.ssim));
-    format!("{rank} of {}: {}  MAE {:.2}, SSIM {:.3}{contact}", row.sensor, row.file, full_image.mae, full_image.ssim)
+    let file = last_letters(&row.file, 48);
+    format!("{rank} of {}: {file}  MAE {:.2}, SSIM {:.3}{contact}", row.sensor, full_image.mae, full_image.ssim)
+}
+
+/// The end of a long name, which tells it from others, so that there is room for what is said of it.
+fn last_letters(name: &str, most: usize) -> String {
+    let letters = name.chars().count();
+    if letters <= most {
+        return name.to_owned();
+    }
+    "...".chars().chain(name.chars().skip(letters - most.saturating_sub(3))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_long_name_the_end_is_shown() {
+        assert_eq!(last_letters("press_0007.png", 48), "press_0007.png");
+        assert_eq!(last_letters("recordings/monday/press_0007.png", 17), "...press_0007.png");
+    }
+
+    #[test]
+    fn every_title_and_caption_of_a_sheet_of_small_pictures_fits() {
+        let small = RgbImage::new(16, 12);
+        let long = format!("best of sensor: {}  MAE 12.34, SSIM 0.123; contact: MAE 12.34, SSIM 0.123", "x".repeat(48));
+        let sheet = sheet(vec![row(long.clone(), &small, &small)], PANEL);
+        let needed = [3 * 7 * TITLES[2].len(), 7 * long.len()];
+        assert!(needed.iter().all(|needed| sheet.width() as usize > *needed), "{} px for {needed:?}", sheet.width());
+    }
 }

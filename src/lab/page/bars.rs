@@ -44,7 +44,8 @@ pub fn histogram<const KINDS: usize>(
             (from, plot.place([bar.to, below as f64]), *colour)
         });
         let stacked: Vec<_> = stacked.collect();
-        let hint = format!("{} to {}: {}", figure(bar.from), figure(bar.to), counts.join(", "));
+        let [from, to] = [bar.from, bar.to].map(|end| told(end, bar.to - bar.from));
+        let hint = format!("{from} to {to}: {}", counts.join(", "));
         plot.page.hinted(&hint, |page| {
             for ([left, low], [right, high], colour) in stacked {
                 // A line of paper between bars, unless they are too narrow for one.
@@ -54,6 +55,17 @@ pub fn histogram<const KINDS: usize>(
         });
     }
     plot.svg()
+}
+
+/// A figure with as many digits as tell it from others that are `span` apart.
+pub fn told(value: f64, span: f64) -> String {
+    let plain = figure(value);
+    let decimals = match span > 0.0 && span.is_finite() {
+        true => (-libm::floor(libm::log10(span))).clamp(0.0, 9.0) as usize,
+        false => 0,
+    };
+    let has = plain.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    if has >= decimals || plain.contains('e') { plain } else { format!("{value:.decimals$}") }
 }
 
 /// A plot's place with words instead.
@@ -96,6 +108,15 @@ mod tests {
         assert!((drawn[0].2 - 3.0 * unit).abs() < 0.05 && (drawn[1].2 - unit).abs() < 0.05, "{drawn:?}");
         assert!((drawn[1].1 + drawn[1].2 - drawn[0].1).abs() < 0.05, "on each other: {drawn:?}");
         assert!(svg.contains("0 to 1: 3 near, 1 far") && svg.contains("2 to 3: 8 far"), "{svg}");
+    }
+
+    #[test]
+    fn figures_close_to_each_other_are_told_apart() {
+        assert_eq!([102.9051, 102.94, 102.969].map(|value| told(value, 0.064)), ["102.91", "102.94", "102.97"]);
+        assert_eq!([0.0, 0.31, 1250.4].map(|value| told(value, 1000.0)), ["0", "0.31", "1250"]);
+        assert_eq!((told(0.5, 0.0), told(1e-7, 1e-8)), (String::from("0.5"), String::from("1.00e-7")));
+        let svg = histogram("t", ["mm", "samples"], &[Bar { from: 102.9, to: 102.91, counts: [1, 2] }], &KINDS);
+        assert!(svg.contains("102.90 to 102.91: 1 near, 2 far"), "{svg}");
     }
 
     #[test]

@@ -4,19 +4,14 @@
 //! round strokes, and the edge of every shape is smoothed by the distance of the pixels' centres from it.
 
 use std::collections::BTreeSet;
-use std::convert::Infallible;
 use std::fmt::Write;
 
-use embedded_graphics::Pixel;
-use embedded_graphics::geometry::{OriginDimensions, Size};
-use embedded_graphics::mono_font::iso_8859_1::{FONT_9X15, FONT_9X15_BOLD};
-use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
-use embedded_graphics::pixelcolor::BinaryColor;
-use embedded_graphics::prelude::{DrawTarget, Drawable};
-use embedded_graphics::text::{Baseline, Text};
+use embedded_graphics::text::Baseline;
+use image::RgbImage;
 
 use super::escaped;
-use crate::files::png::encode_rgb;
+use super::letters::{self, Face, dots};
+use crate::files::png::encode_small;
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
@@ -137,7 +132,8 @@ impl Page {
         let [width, height] = self.size.map(|length| (SCALE * length).ceil() as usize);
         let mut canvas = Canvas { width, rgb: vec![255; 3 * width * height] };
         self.elements.iter().for_each(|element| element.paint(&mut canvas));
-        encode_rgb(width, height, &canvas.rgb)
+        let picture = RgbImage::from_raw(width as u32, height as u32, canvas.rgb);
+        encode_small(&picture.expect("three bytes for each pixel"))
     }
 }
 
@@ -220,11 +216,11 @@ impl Element {
                     Align::Middle => at[0] - 0.5 * width(text, *how),
                     Align::Right => at[0] - width(text, *how),
                 };
-                let font = if how.bold { &FONT_9X15_BOLD } else { &FONT_9X15 };
-                let pitch = width(" ", *how) / f64::from(font.character_size.width);
+                let face = if how.bold { Face::Bold } else { Face::Plain };
+                let pitch = width(" ", *how) / f64::from(face.width());
                 let place =
                     |[x, y]: [i32; 2]| [start + (f64::from(x) + 0.5) * pitch, at[1] + (f64::from(y) - 0.5) * pitch];
-                for [from, to] in strokes(&dots(text, font, Baseline::Alphabetic)) {
+                for [from, to] in strokes(&dots(text, face, Baseline::Alphabetic)) {
                     canvas.stroke([place(from), place(to)], how.colour, 1.2 * pitch);
                 }
             }
@@ -292,32 +288,6 @@ impl Canvas {
     }
 }
 
-/// The dots that a bitmap font sets for a line of text: columns from its start, rows from `baseline` down.
-pub fn dots(text: &str, font: &MonoFont, baseline: Baseline) -> BTreeSet<[i32; 2]> {
-    struct Dots(BTreeSet<[i32; 2]>);
-
-    impl OriginDimensions for Dots {
-        fn size(&self) -> Size {
-            Size::new(u32::MAX, u32::MAX)
-        }
-    }
-
-    impl DrawTarget for Dots {
-        type Color = BinaryColor;
-        type Error = Infallible;
-
-        fn draw_iter<I: IntoIterator<Item = Pixel<BinaryColor>>>(&mut self, pixels: I) -> Result<(), Infallible> {
-            self.0.extend(pixels.into_iter().map(|Pixel(at, _)| [at.x, at.y]));
-            Ok(())
-        }
-    }
-
-    let mut dots = Dots(BTreeSet::new());
-    let style = MonoTextStyle::new(font, BinaryColor::On);
-    let Ok(_) = Text::with_baseline(text, Default::default(), style, baseline).draw(&mut dots);
-    dots.0
-}
-
 /// Lines between neighbouring dots, diagonal ones where no dot is beside both, and every dot by itself.
 fn strokes(dots: &BTreeSet<[i32; 2]>) -> Vec<[[i32; 2]; 2]> {
     let set = |x: i32, y: i32| dots.contains(&[x, y]);
@@ -334,14 +304,10 @@ fn strokes(dots: &BTreeSet<[i32; 2]>) -> Vec<[[i32; 2]; 2]> {
 
 /// Width of `text`, pixels: that of the PNG. Most viewers' letters are narrower.
 pub fn width(text: &str, how: Type) -> f64 {
-    0.56 * f64::from(how.size) * text.chars().count() as f64
+    0.56 * f64::from(how.size) * letters::count(text) as f64
 }
 
 /// `text`, its end replaced by dots if it is wider than `limit` pixels.
 pub fn fitted(text: &str, how: Type, limit: f64) -> String {
-    let room = (limit / width(" ", how)) as usize;
-    match text.chars().count() > room {
-        true => text.chars().take(room.saturating_sub(3)).chain("...".chars()).collect(),
-        false => text.to_owned(),
-    }
+    letters::fitted(text, (limit / width(" ", how)) as usize)
 }

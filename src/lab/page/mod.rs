@@ -7,6 +7,7 @@ use crate::files::spelling::{is_hidden, visible};
 
 pub mod bars;
 pub(crate) mod ink;
+pub mod letters;
 pub mod plot;
 
 /// A whole page; `title` is plain text, `body` is HTML.
@@ -128,9 +129,9 @@ th { font-weight: normal; color: #555; vertical-align: top } td { overflow-wrap:
 figure { display: inline-block; margin: 0 12px 16px 0; vertical-align: top } figcaption { font-size: 13px; color: #555 }
 .figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(330px, 100%), 1fr)); gap: 16px 20px }
 .figures { margin: 12px 0 } .figures figure { margin: 0 }
-svg, img { max-width: 100%; height: auto }
+svg, img { max-width: 100%; height: auto } .figures img { outline: 1px solid #bbb }
 .large { display: none } .large:target { display: flex; align-items: center; justify-content: center; position: fixed; inset: 0 }
-.large { z-index: 1; background: rgba(0, 0, 0, 0.85) } .large img { max-height: 98vh; width: auto; max-width: 98vw; object-fit: contain }
+.large { z-index: 1; background: rgba(0, 0, 0, 0.85) } .figures .large img { outline: none } .large img { max-height: 98vh; width: auto; max-width: 98vw; object-fit: contain }
 section { margin: 0 0 20px } section p { margin: 2px 0; font-size: 13px } section svg { margin-right: 8px }
 .bad { color: #a01e28 } .note { font-size: 13px; color: #555 }
 .cards { display: flex; flex-wrap: wrap; gap: 10px; margin: 16px 0 }

@@ -1,6 +1,6 @@
 //! Plots with two linear axes, as SVG; lines and marks are those of `tradeoff`'s drawing.
 
-use super::ink::{Align, Colour, Page, Point, Type};
+use super::ink::{Align, Colour, Page, Point, Type, width};
 
 /// Text and outlines.
 pub const BLACK: Colour = [30, 30, 30];
@@ -21,6 +21,9 @@ pub struct Plot {
     ranges: [[f64; 2]; 2],
 }
 
+/// Room between names of ticks, and beside those of the vertical axis, px.
+const GAP: f64 = 8.0;
+
 /// Room around the data: left, top, right, bottom, px.
 pub const ROOM: [f64; 4] = [52.0, 34.0, 14.0, 42.0];
 
@@ -34,7 +37,18 @@ impl Plot {
         });
         let mut plot = Self { ranges, ..Self::bare(size, title) };
         for (axis, name) in names.iter().enumerate() {
-            for (value, label) in ticks(plot.ranges[axis]) {
+            let [left, top, right, bottom] = ROOM;
+            let (length, room) = match axis {
+                // Names stand beside each other, with a gap between them.
+                0 => (size[0] - left - right, None),
+                _ => (size[1] - top - bottom, Some(left - GAP)),
+            };
+            let too_wide = |labels: &[(f64, String)], step: f64| {
+                let apart =
+                    room.unwrap_or_else(|| length * step / (plot.ranges[axis][1] - plot.ranges[axis][0]).abs() - GAP);
+                labels.iter().any(|(_, label)| width(label, TEXT) > apart)
+            };
+            for (value, label) in ticks(plot.ranges[axis], too_wide) {
                 plot.tick(axis, value, &label);
             }
             let baseline = if axis == 0 { size[1] - 8.0 } else { 18.0 };
@@ -56,7 +70,12 @@ impl Plot {
         let (from, to) = (self.place(from), self.place(to));
         self.page.line(&[from, to], if value == 0.0 { GREY } else { FAINT }, 1.0, None);
         match axis {
-            0 => self.page.text([from[0], self.size[1] - ROOM[3] + 16.0], label, TEXT, Align::Middle),
+            0 => {
+                // A name that would reach over the page's edge is left out; its line says enough.
+                if from[0] + 0.5 * width(label, TEXT) <= self.size[0] {
+                    self.page.text([from[0], self.size[1] - ROOM[3] + 16.0], label, TEXT, Align::Middle);
+                }
+            }
             _ => self.page.text([from[0] - 6.0, from[1] + 4.0], label, TEXT, Align::Right),
         }
     }
@@ -88,21 +107,49 @@ fn step(length: f64) -> f64 {
     factor * decade
 }
 
-/// The round values in a range, with what is written beside them.
-fn ticks([from, to]: [f64; 2]) -> Vec<(f64, String)> {
+/// The round values in a range, with what is written beside them: so many that no name is too wide for its place.
+fn ticks([from, to]: [f64; 2], too_wide: impl Fn(&[(f64, String)], f64) -> bool) -> Vec<(f64, String)> {
     let (low, high) = (from.min(to), from.max(to));
-    let step = step(high - low);
+    let mut step = step(high - low);
+    // Wider names need wider steps; of those that never fit the last ones are taken.
+    for _ in 0..6 {
+        let ticks = ticks_at(low, high, step);
+        if ticks.len() <= 2 || !too_wide(&ticks, step) {
+            return ticks;
+        }
+        step = wider(step);
+    }
+    ticks_at(low, high, step)
+}
+
+/// The multiples of `step` in a range.
+fn ticks_at(low: f64, high: f64, step: f64) -> Vec<(f64, String)> {
     let first = (low / step - 1e-9).ceil();
     // Counted, because adding a step to a large number may not change it.
     let values = (0..12).map(|k| (first + f64::from(k)) * step).take_while(|value| *value <= high + 1e-9 * step);
     values.map(|value| (value, label(value, step))).collect()
 }
 
+/// The next step of 1, 2, 5 times a power of ten.
+fn wider(step: f64) -> f64 {
+    let lead = step / libm::pow(10.0, libm::floor(libm::log10(step) + 1e-9));
+    step * if (1.5..3.5).contains(&lead) { 2.5 } else { 2.0 }
+}
+
+/// A tick's value with as many digits as tell it from the next one.
 fn label(value: f64, step: f64) -> String {
+    let places = |value: f64| libm::floor(libm::log10(value.abs()) + 1e-9);
     match value.abs() {
         0.0 => String::from("0"),
         size if size >= 1e6 && step >= 1e4 && size < 1e10 => format!("{}M", (value / 1e4).round() / 1e2),
-        size if size >= 1e6 || step < 1e-5 => format!("{value:.1e}"),
+        size if step < 1e-5 && (1e-3..1e6).contains(&size) => {
+            let decimals = (-places(step)).clamp(0.0, 15.0) as usize;
+            format!("{value:.decimals$}")
+        }
+        size if size >= 1e6 || step < 1e-5 => {
+            let digits = (places(value) - places(step)).clamp(1.0, 15.0) as usize;
+            format!("{value:.digits$e}")
+        }
         _ => format!("{}", (value * 1e6).round() / 1e6),
     }
 }
@@ -124,17 +171,46 @@ mod tests {
 
     #[test]
     fn axes_begin_anywhere_and_run_either_way() {
-        let labels = |range| ticks(range).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
+        let labels = |range| ticks(range, |_, _| false).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
         assert_eq!(labels([-7.5, 7.5]), ["-6", "-4", "-2", "0", "2", "4", "6"]);
         assert_eq!(labels([7.5, -7.5]), labels([-7.5, 7.5]));
         assert_eq!(labels([0.31, 0.52]), ["0.35", "0.4", "0.45", "0.5"]);
         assert_eq!(labels([0.0, 2e6]), ["0", "500000", "1M", "1.5M", "2M"]);
         assert_eq!(labels([0.0, 4e-9]), ["0", "1.0e-9", "2.0e-9", "3.0e-9", "4.0e-9"]);
+        assert_eq!(labels([102.905, 102.975]), ["102.91", "102.92", "102.93", "102.94", "102.95", "102.96", "102.97"]);
+        assert_eq!(labels([7.000_001, 7.000_004]), ["7.000001", "7.000002", "7.000003", "7.000004"]);
         for range in [[1e17, 1e17 + 64.0], [-1e300, 1e300], [1e-310, 3e-310], [5.0, 5.0], [0.0, f64::NAN]] {
             let plot = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, range]);
             assert!(plot.svg().len() < 20_000, "{range:?}");
             let at = plot.place([range[0], range[1]]);
             assert!(at.iter().all(|at| (0.0..=330.0).contains(at)), "{range:?}: {at:?}");
+        }
+    }
+
+    /// Left and right end of every name of the horizontal axis.
+    fn names(range: [f64; 2]) -> Vec<(f64, f64)> {
+        let svg = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, [0.0, 9.0]]).svg();
+        let parsed = roxmltree::Document::parse(&svg).expect("well-formed");
+        let number =
+            |node: &roxmltree::Node, name: &str| node.attribute(name).and_then(|text| text.parse::<f64>().ok());
+        let names = parsed.descendants().filter(|node| number(node, "y") == Some(220.0 - ROOM[3] + 16.0));
+        let ends = names.map(|node| {
+            let half = 0.5 * width(node.text().unwrap_or_default(), TEXT);
+            let middle = number(&node, "x").expect("a place");
+            (middle - half, middle + half)
+        });
+        ends.collect()
+    }
+
+    #[test]
+    fn names_of_ticks_neither_touch_each_other_nor_leave_the_page() {
+        for range in
+            [[102.905, 102.975], [0.3, 2.83], [0.0, 4e-9], [1e6, 1.9e6], [-1234.5, 1234.5], [7.000_001, 7.000_004]]
+        {
+            let names = names(range);
+            assert!(names.len() >= 2, "{range:?}: {names:?}");
+            assert!(names.windows(2).all(|pair| pair[0].1 + 4.0 <= pair[1].0), "{range:?}: {names:?}");
+            assert!(names.iter().all(|(left, right)| *left >= 0.0 && *right <= 330.0), "{range:?}: {names:?}");
         }
     }
 }

@@ -4,9 +4,9 @@
 use image::RgbImage;
 use rayon::prelude::*;
 
+use super::canvas::{GAP, difference};
+use super::picture;
 use super::rows::{self, Row};
-use super::{GAP, difference};
-use crate::core::camera::Image;
 use crate::core::effects::{Effect, EffectPolicy};
 use crate::job::plan::Plan;
 use crate::job::sample::render;
@@ -57,12 +57,6 @@ fn first_runs(plan: &Plan, indices: &[u64]) -> Vec<(Effect, u64, String, RgbImag
     ran
 }
 
-fn picture(image: &Image) -> RgbImage {
-    let mut picture = RgbImage::new(image.width as u32, image.height as u32);
-    picture.copy_from_slice(&image.rgb);
-    picture
-}
-
 impl EffectComparison {
     /// Changes of all values, grey levels.
     fn changes(&self) -> impl Iterator<Item = i32> {
@@ -105,7 +99,7 @@ pub fn sheet(comparisons: &[EffectComparison], panel_width: u32) -> RgbImage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::CAPTION;
+    use super::super::canvas::CAPTION;
     use super::*;
     use image::Rgb;
 

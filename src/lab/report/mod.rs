@@ -31,7 +31,7 @@ use crate::files::input;
 use crate::job::config::document::MOST_READ;
 use crate::job::label::key;
 use crate::job::layout::{Layout, Shard, Split};
-use crate::lab::preview::Tile;
+use crate::lab::preview::{Tile, Wanted};
 
 /// Tactile images of which the brightness is taken, at most.
 pub const MOST_IMAGES: u64 = 1000;
@@ -214,9 +214,11 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
     let label = SampleLabel::read(bytes).map_err(|error| format!("{key}.json: {error}"))?;
     gathered.count(split, label.summary());
     let index = key.parse::<u64>();
-    if let SampleLabel::Sequence(sequence, _) = &label {
-        let shown = index.as_ref().is_ok_and(|index| picks.sheet.contains(index));
-        gathered.sequences.count(split, sequence, shown);
+    let shown = index.as_ref().is_ok_and(|index| picks.sheet.contains(index));
+    match &label {
+        SampleLabel::Press(_) | SampleLabel::Grip(..) => {}
+        SampleLabel::Sequence(sequence, _) => gathered.sequences.count(split, sequence, shown),
+        SampleLabel::GripSequence(sequence, _) => gathered.sequences.count_grip(split, sequence, shown),
     }
     let Ok(index) = index else { return Ok(()) };
     if picks.brightness.contains(&index) {
@@ -232,7 +234,7 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
         gathered.brightness.count(split, sum as f64 / (image.len().max(1)) as f64);
     }
     if picks.sheet.contains(&index) {
-        gathered.show(index, split, Tile::read(sample)?);
+        gathered.show(index, split, Tile::read(sample, &Wanted::Usual)?);
     }
     Ok(())
 }
@@ -246,6 +248,7 @@ mod tests {
     use crate::job::config::Overrides;
     use crate::job::config::dataset::Splits;
     use crate::job::plan::Plan;
+    use crate::lab::preview::panel::Scales;
 
     /// 30 small samples in shards of 4, in `folder`/out.
     fn dataset(folder: &Path) -> Recorded {
@@ -279,7 +282,8 @@ mod tests {
         let (forth, back) = (sum(&mut shards.iter()), sum(&mut shards.iter().rev()));
         let counts = |sum: &Gathered| {
             let bars: Vec<_> = sum.histograms.iter().chain([&sum.brightness]).map(|one| one.bars(20)).collect();
-            let tiles: Vec<_> = sum.tiles.iter().map(|tile| (tile.index, tile.tile.strip(108))).collect();
+            let tiles: Vec<_> =
+                sum.tiles.iter().map(|tile| (tile.index, tile.tile.strip(&Scales::default(), 108))).collect();
             let totals = (sum.totals.shards, sum.totals.samples, sum.totals.bytes);
             let told = format!("{:?} {:?} {:?} {totals:?}", sum.classes, sum.objects, sum.reasons);
             (told, bars, tiles, sum.files.clone(), (sum.samples, sum.in_contact), sum.places.svg("t", 300.0))

@@ -210,7 +210,16 @@ fn refusal(bound: FidelityChoice, measured: &[ChosenLevel]) -> Report {
         FidelityChoice::MaxMs(ms) => format!("no fidelity level renders a sample of this job in {ms} ms"),
         _ => String::from("no fidelity level is exact enough for this job"),
     };
-    user_error(what, format!("measured: {}", levels.join("; ")))
+    // Twice what the cheapest level took is kept by it on a busy machine, too.
+    let cheapest = measured.iter().map(|found| found.ms).fold(f64::INFINITY, f64::min);
+    let bound = match bound {
+        FidelityChoice::MaxMs(_) if cheapest.is_finite() => {
+            format!("allow more, for example fidelity = {{ max_ms = {:.1} }}, or ", (2.0 * cheapest).max(0.1))
+        }
+        _ => String::new(),
+    };
+    let named = measured.last().map_or("LEVEL", |found| found.level.name());
+    user_error(what, format!("{bound}name a level, for example --fidelity {named}; measured: {}", levels.join("; ")))
 }
 
 #[cfg(test)]

@@ -130,7 +130,7 @@ fn once(draft: &mut Draft<'_>, unit: usize, known: &mut Known, row: &Row, image:
         let (message, cause) = match is_absolute {
             true => (format!("{image} is an absolute path, of another place or machine"), "images have absolute paths"),
             false => (
-                format!("{image} is not in the folder of input.path", row.image),
+                format!("{} is not in the folder of input.path", row.image),
                 "images are not in the folder of input.path",
             ),
         };

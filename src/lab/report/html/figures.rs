@@ -63,8 +63,9 @@ fn figure_of(gathered: &Gathered, quantity: &LabelQuantity, histogram: &Histogra
 pub(super) fn drawn(title: &str, axes: [&str; 2], among: &str, histogram: &Histogram) -> String {
     let axis = axes[0];
     let HistogramSummary { count, least, largest, .. } = histogram.all();
-    let mean = histogram.all().mean().map(figure).unwrap_or_default();
-    let (number, least_text, largest_text) = (HumanCount(count), figure(least), figure(largest));
+    let told = |value: f64| bars::told(value, largest - least);
+    let mean = histogram.all().mean().map(told).unwrap_or_default();
+    let (number, least_text, largest_text) = (HumanCount(count), told(least), told(largest));
     if least == largest {
         let words = format!("{least_text} {axis} in all {number}");
         return page::figure(&bars::nothing(title, &words), &format!("n {number} {among}"));
@@ -103,9 +104,10 @@ fn places(gathered: &Gathered) -> String {
 fn by_split(gathered: &Gathered) -> String {
     let row = |name: String, histogram: &Histogram| -> Option<Vec<String>> {
         let all = histogram.all();
-        let mean = |summary: &HistogramSummary| summary.mean().map_or(String::from("-"), figure);
+        let told = |value: f64| bars::told(value, all.largest - all.least);
+        let mean = |summary: &HistogramSummary| summary.mean().map_or(String::from("-"), told);
         let means = Split::ALL.map(|split| mean(histogram.summary(split)));
-        let figures = [HumanCount(all.count).to_string(), figure(all.least), figure(all.largest), mean(&all)];
+        let figures = [HumanCount(all.count).to_string(), told(all.least), told(all.largest), mean(&all)];
         (all.count > 0).then(|| [name].into_iter().chain(figures).chain(means).collect())
     };
     let quantities = QUANTITIES.iter().zip(&gathered.histograms);

@@ -14,11 +14,14 @@ use crate::lab::numbers::{HumanBytes, HumanCount};
 use super::gather::{Gathered, Picture};
 use super::histogram::PerSplit;
 use super::{Dataset, Missing};
+use crate::dataset::verify::{Cure, Finding, cures, shell_word};
 use crate::files::figures::{counted, figure, percent};
 use crate::files::png::{encode_rgb, encode_small};
+use crate::job::layers::OutputLayer;
 use crate::job::layout::Split;
 use crate::lab::page::ink::Colour;
 use crate::lab::page::{self, escaped, escaped_lines};
+use crate::lab::preview::panel::Scales;
 
 /// Findings and ranges of missing shards that are listed; the rest are counted.
 const MOST_LISTED: usize = 40;
@@ -63,10 +66,11 @@ fn name(dataset: &Dataset) -> &str {
     dataset.recorded.name()
 }
 
-/// What is wrong or not there yet.
+/// What is wrong or not there yet, and what to do about it.
 pub(super) fn warnings(dataset: &Dataset) -> Vec<String> {
     let Dataset { gathered, missing, manifest, recorded, .. } = dataset;
     let mut texts = Vec::new();
+    let mut cured: Vec<Finding> = Vec::new();
     if !missing.is_empty() {
         let range = |Missing { first, last }: &Missing| match first == last {
             true => first.name(),
@@ -80,16 +84,51 @@ pub(super) fn warnings(dataset: &Dataset) -> Vec<String> {
         let (count, all) = (HumanCount(count), HumanCount(recorded.layout.shard_count()));
         texts
             .push(format!("the dataset is not complete: {count} of {all} shards are not there: {}", ranges.join(", ")));
+        cured.push(Finding::new("data", "is not complete"));
     } else if manifest.is_none() {
-        texts.push(String::from("dataset.json is missing or not whole; all shards are there"));
+        let file = Finding::new("dataset.json", "is missing or not whole").mended_by(Cure::Finalize);
+        texts.push(file.to_string());
+        cured.push(file);
     }
     let jobs = fingerprints(dataset).len();
     if jobs > 1 {
         texts.push(format!("shards and dataset.json are of {jobs} different jobs, by their fingerprints"));
     }
-    texts.extend(gathered.findings.iter().take(MOST_LISTED).map(|finding| finding.to_string()));
-    if gathered.findings.len() > MOST_LISTED {
-        texts.push(format!("and {} more; gelsim verify names them all", gathered.findings.len() - MOST_LISTED));
+    texts.extend(grouped(&gathered.findings));
+    if jobs > 1 || !gathered.findings.is_empty() {
+        texts.push(format!("gelsim verify {} names all that is wrong, and what mends it", shell_word(&recorded.root)));
+    } else if !cured.is_empty() {
+        texts.push(format!("mend it with {}", cures(&recorded.root, &cured).join(" && ")));
+    }
+    texts
+}
+
+/// Findings as they are shown: a cause that many files share once, with the first of them.
+fn grouped(findings: &[Finding]) -> Vec<String> {
+    const FEW: usize = 3;
+    let mut causes: Vec<(&str, Vec<&str>)> = Vec::new();
+    for Finding { file, what, .. } in findings {
+        match causes.iter_mut().find(|(cause, _)| cause == what) {
+            Some((_, files)) => files.push(file),
+            None => causes.push((what, vec![file])),
+        }
+    }
+    let mut texts: Vec<String> = Vec::new();
+    for (cause, files) in &causes {
+        match files.len() {
+            count if count > FEW => {
+                texts.push(format!(
+                    "{} and {} more: each {cause}",
+                    files[..FEW].join(", "),
+                    HumanCount((count - FEW) as u64)
+                ));
+            }
+            _ => texts.extend(files.iter().map(|file| format!("{file}: {cause}"))),
+        }
+    }
+    if texts.len() > MOST_LISTED {
+        let more = texts.split_off(MOST_LISTED).len();
+        texts.push(format!("and {more} more"));
     }
     texts
 }
@@ -202,29 +241,52 @@ fn listed(head: &[String], rows: Vec<Vec<String>>, all: usize) -> String {
 
 /// Some samples of each split.
 fn sheet(gathered: &Gathered) -> String {
-    if gathered.tiles.is_empty() {
+    let tiles = &gathered.tiles;
+    if tiles.is_empty() {
         return String::new();
     }
-    let html = String::from(
-        "<h2>Samples</h2>\n<p class=\"note\">Tactile image, then depth and contact where the dataset has them. Depth is \
-         brightest at the deepest point of each sample. A click shows the tactile image large, another one closes it.</p>\n",
-    );
-    let html = match gathered.sequences.frames {
-        0 => html,
-        _ => String::from(
-            "<h2>Samples</h2>\n<p class=\"note\">Some frames of each sequence, from first to last. A click shows \
-                 them large, another one closes them.</p>\n",
-        ),
-    };
+    let scales = Scales::over(tiles.iter().flat_map(|picture| picture.tile.panels()));
+    let mut html = format!("<h2>Samples</h2>\n<p class=\"note\">{}</p>\n", escaped(&shown(gathered, &scales)));
     let mut figures = String::new();
-    for (Picture { index, split, tile }, large) in gathered.tiles.iter().zip(large(&gathered.tiles)) {
-        let caption = escaped(tile.caption());
-        let strip = tile.strip(PANEL);
+    for (Picture { index, split, tile }, large) in tiles.iter().zip(large(tiles)) {
+        let caption = escaped(&tile.caption());
+        let strip = tile.strip(&scales, PANEL);
         let [small, large] = [page::image(&encode_small(&strip), strip.dimensions(), &caption), large(&caption)];
         let image = page::opens(&format!("sample-{index}"), &small, &large);
-        figures += &page::figure(&image, &format!("{} {caption}", keyed(*split)));
+        let times = match tile.times() {
+            times if times.is_empty() => times,
+            times => format!("<br/>{}", escaped(&times)),
+        };
+        figures += &page::figure(&image, &format!("{} {caption}{times}", keyed(*split)));
     }
-    html + &page::figures(&figures)
+    html += &page::figures(&figures);
+    html
+}
+
+/// What the pictures of the samples show, in sentences.
+fn shown(gathered: &Gathered, scales: &Scales) -> String {
+    let has = |layer: OutputLayer| gathered.tiles.iter().any(|picture| picture.tile.shows(layer));
+    let fingers = match gathered.tiles.iter().any(|picture| picture.tile.has_fingers()) {
+        true => "; above the left finger, below the right one",
+        false => "",
+    };
+    if gathered.sequences.frames > 0 {
+        return format!(
+            "Some frames of each sequence from first to last, with their times below{fingers}. A click shows them large, another one \
+             closes them."
+        );
+    }
+    let mut views = vec![String::from("tactile image")];
+    if has(OutputLayer::Depth) {
+        let scale = scales.ends(OutputLayer::Depth);
+        let scale = scale.map_or(String::new(), |(low, high)| format!(" (black at {low}, white at {high})"));
+        views.push(format!("depth{scale}"));
+    }
+    if has(OutputLayer::Contact) {
+        views.push(String::from("contact (white)"));
+    }
+    let views = views.join(", ");
+    format!("From left to right: {views}{fingers}. A click shows the tactile image large, another one closes it.")
 }
 
 /// The tactile images of all samples as large as they are, or as they may be for the page to stay small; each awaits its

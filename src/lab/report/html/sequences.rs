@@ -8,7 +8,7 @@ use crate::lab::page::ink::Colour;
 use crate::lab::page::plot::Plot;
 use crate::lab::page::{self, escaped};
 use crate::lab::report::gather::Gathered;
-use crate::lab::report::sequences::{Curve, Point, QUANTITIES};
+use crate::lab::report::sequences::{Curve, EACH, Point, QUANTITIES};
 
 const SIZE: [f64; 2] = [330.0, 220.0];
 const NORMAL: Colour = [0, 114, 178];
@@ -24,9 +24,12 @@ pub(super) fn sequences(gathered: &Gathered) -> String {
         return String::new();
     }
     let all = QUANTITIES.iter().zip(&sequences.histograms).filter(|(_, histogram)| histogram.all().count > 0);
-    let histograms: String = all
-        .map(|(quantity, histogram)| drawn(quantity.title, [quantity.axis, "sequences"], quantity.among, histogram))
-        .collect();
+    let each = if sequences.of_fingers { "fingers" } else { EACH };
+    let histograms = all.map(|(quantity, histogram)| {
+        let (counted, among) = if quantity.among == EACH { (each, each) } else { (EACH, quantity.among) };
+        drawn(quantity.title, [quantity.axis, counted], among, histogram)
+    });
+    let histograms: String = histograms.collect();
     let key = |colour: Colour, words: &str| {
         let [r, g, b] = colour;
         format!("<span class=\"keyed\"><i style=\"background: rgb({r}, {g}, {b})\"></i>{words}</span>")

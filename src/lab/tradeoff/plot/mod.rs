@@ -3,7 +3,8 @@
 //! A thin line for each object, a thick one for all samples together, whose points carry the levels' names and numbers.
 //! A line across shows what the theory itself is off by, a dashed curve that and the level's error together: below the
 //! line, time buys digits that the model does not have.
-//! The reference stands at the lower edge, because error 0 is on no logarithmic axis. Colours are those of Okabe and Ito,
+//! The more objects there are, the fainter they are, so that the thick line stays what is seen first; marks at the right edge
+//! say what the theory is off by for each. The reference stands at the lower edge, because error 0 is on no logarithmic axis. Colours are those of Okabe and Ito,
 //! with a grey and Tol's wine instead of their yellow, which is faint on white, and their black. Objects differ in their
 //! marks too, for eyes and printers without colours.
 
@@ -45,6 +46,8 @@ const COLOURS: [Colour; 8] = [
 ];
 const SHAPES: [Shape; 4] = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
 const MARK_PX: f64 = 3.0;
+/// Room that a mark takes at the right edge, pixels.
+const DODGE_PX: f64 = 9.0;
 const RUNG_MARK_PX: f64 = 6.5;
 
 const TITLE: Type = Type { size: 20, bold: true, colour: BLACK };
@@ -68,11 +71,13 @@ pub(crate) fn draw(tradeoff: &Tradeoff) -> Page {
     let mut drawing = Drawing::new(tradeoff);
     drawing.axes();
     let model = drawing.model_error();
+    let own = drawing.model_errors_of_objects();
     drawing.objects();
     let mut labels = drawing.levels();
     labels.extend(drawing.reference());
     labels.extend(drawing.grid_error());
     labels.extend(model);
+    labels.extend(own);
     labels.iter().for_each(|label| drawing.label(label));
     drawing.legend();
     drawing.words();
@@ -108,7 +113,8 @@ impl<'a> Drawing<'a> {
         let rows = || tradeoff.objects.iter().flat_map(|object| &object.levels).chain(&tradeoff.levels);
         // Room at the lower edge for what has error 0, at the right for the names of the last levels.
         let times = rows().filter(|row| has_place(error_um(row))).chain(&tradeoff.levels).map(ms);
-        let x = Axis::over(times, 0.5, [0.06, 0.08], [FRAME.min[0], FRAME.max[0]]);
+        let right = 0.08 + DODGE_PX / (FRAME.max[0] - FRAME.min[0]) * tradeoff.objects.len().min(12) as f64 / 2.0;
+        let x = Axis::over(times, 0.5, [0.06, right], [FRAME.min[0], FRAME.max[0]]);
         // Of every object.
         let models = rows().map(|row| row.errors.model_rms_um);
         let errors = rows().filter(|row| has_place(ms(row))).map(error_um).chain(grid_error_um).chain(models);
@@ -148,16 +154,20 @@ impl<'a> Drawing<'a> {
     }
 
     fn objects(&mut self) {
+        let many = self.tradeoff.objects.len();
+        // Labels may cover faint lines rather than stand far from their points.
+        let weight = (3.0 / many.max(1) as f64).min(1.0);
         for (i, object) in self.tradeoff.objects.iter().enumerate() {
             let (colour, shape) = style(i);
             let points: Vec<Point> = object.levels.iter().filter_map(|level| self.place(level)).collect();
-            self.page.line(&points, faint(colour), 1.2, None);
-            self.obstacles.line(&points, 1.0);
+            self.page.line(&points, faint(colour, line_share(many)), 1.2, None);
+            self.obstacles.line(&points, weight);
             for level in &object.levels {
                 let Some(point) = self.place(level) else { continue };
                 let hint = format!("{}, {}: {}", object.object, level.level, numbers(level));
-                self.page.hinted(&hint, |page| page.mark(shape, point, MARK_PX, colour, colour));
-                self.obstacles.area(Area::around(point, [2.5 * MARK_PX; 2]), 1.0);
+                let (colour, radius) = (faint(colour, mark_share(many)), mark_px(many));
+                self.page.hinted(&hint, |page| page.mark(shape, point, radius, colour, colour));
+                self.obstacles.area(Area::around(point, [2.5 * radius; 2]), weight);
             }
         }
     }
@@ -226,8 +236,8 @@ impl<'a> Drawing<'a> {
         Some(Label { point: line[0], lines })
     }
 
-    /// What the theory itself is off by, over all samples and, at the right edge, for each object; and that together with the
-    /// levels' errors. Returns what to write beside it.
+    /// What the theory itself is off by over all samples, and that together with the levels' errors. Returns what to write beside
+    /// it.
     fn model_error(&mut self) -> Option<Label> {
         let error = self.model_error_um?;
         let (y, colour) = (self.y.px(error), MODEL_ERROR.colour);
@@ -240,19 +250,37 @@ impl<'a> Drawing<'a> {
         let both: Vec<Point> = shown.map(|row| [self.x.px(ms(row)), self.y.px(total(row))]).collect();
         self.page.line(&both, colour, 2.0, Some(3));
         self.obstacles.line(&both, 2.0);
-        for (i, object) in self.tradeoff.objects.iter().enumerate() {
-            let of_object = object.levels.first().map(|row| row.errors.model_rms_um);
-            let Some(own) = of_object.filter(|own| has_place(*own)) else { continue };
-            let (at, (object_colour, shape)) = ([right - 6.0, self.y.px(own)], style(i));
-            let hint = format!("{}: the linear theory is off by {} \u{b5}m", object.object, figure(own));
-            self.page.line(&[[right - 14.0, at[1]], [right, at[1]]], colour, 1.2, None);
-            self.page.hinted(&hint, |page| page.mark(shape, at, MARK_PX, object_colour, object_colour));
-        }
         let lines = vec![
             (format!("error of the linear theory: {} \u{b5}m; dashed: both", figure(error)), MODEL_ERROR),
             ("below this line time buys digits that the model does not have".to_owned(), MODEL_ERROR),
         ];
         Some(Label { point: [left + 0.3 * (right - left), y], lines })
+    }
+
+    /// At the right edge what the theory is off by for each object; returns what to write beside it.
+    fn model_errors_of_objects(&mut self) -> Option<Label> {
+        // Of a single one the line says the same.
+        if self.tradeoff.objects.len() < 2 {
+            return None;
+        }
+        let own = self.tradeoff.objects.iter().enumerate().filter_map(|(i, object)| {
+            let error = object.levels.first().map(|row| row.errors.model_rms_um).filter(|error| has_place(*error))?;
+            Some((i, object.object.as_str(), error, self.y.px(error)))
+        });
+        let mut own: Vec<_> = own.collect();
+        own.sort_by(|(.., a), (.., b)| a.total_cmp(b));
+        let right = FRAME.max[0] - DODGE_PX;
+        let columns = side_by_side(&own.iter().map(|(.., y)| *y).collect::<Vec<_>>(), DODGE_PX);
+        let mut topmost = None;
+        for ((i, object, error, y), column) in own.into_iter().zip(columns) {
+            let (at, (colour, shape)) = ([right - DODGE_PX * column as f64, y], style(i));
+            let hint = format!("{object}: the linear theory is off by {} \u{b5}m", figure(error));
+            self.page.hinted(&hint, |page| page.mark(shape, at, MARK_PX, colour, colour));
+            self.obstacles.area(Area::around(at, [DODGE_PX; 2]), 20.0);
+            topmost.get_or_insert(at);
+        }
+        let lines = ["the linear theory's", "error, by object"].map(|line| (line.to_owned(), MODEL_ERROR));
+        Some(Label { point: topmost?, lines: lines.to_vec() })
     }
 
     fn label(&mut self, label: &Label) {
@@ -295,7 +323,7 @@ impl<'a> Drawing<'a> {
         let pitch = ((FRAME.max[1] - y) / (objects.len() as f64)).clamp(ROW_PX[0], ROW_PX[1]);
         for (i, ObjectRows { object, .. }) in objects[..shown].iter().enumerate() {
             let (colour, shape) = style(i);
-            self.page.line(&[[left, y], [text_left - 8.0, y]], faint(colour), 1.2, None);
+            self.page.line(&[[left, y], [text_left - 8.0, y]], faint(colour, line_share(objects.len())), 1.2, None);
             self.page.mark(shape, [middle, y], MARK_PX + 0.4, colour, colour);
             let name = fitted(object, PLAIN, SIZE[0] - text_left - 8.0);
             self.page.text([text_left, y + 4.5], &name, PLAIN, Align::Left);
@@ -350,9 +378,36 @@ fn style(i: usize) -> (Colour, Shape) {
     (COLOURS[i % COLOURS.len()], SHAPES[(i + i / COLOURS.len()) % SHAPES.len()])
 }
 
-/// The same colour, nearer to white.
-fn faint(colour: Colour) -> Colour {
-    colour.map(|level| level + (255 - level) / 3)
+/// The same colour, nearer to white by this share of the way.
+fn faint(colour: Colour, share: f64) -> Colour {
+    colour.map(|level| (f64::from(level) + share * (255.0 - f64::from(level))).round() as u8)
+}
+
+/// How near to white the lines of so many objects are.
+fn line_share(objects: usize) -> f64 {
+    (0.33 + 0.045 * objects.saturating_sub(3) as f64).min(0.78)
+}
+
+/// The same of their marks.
+fn mark_share(objects: usize) -> f64 {
+    line_share(objects) - 0.33
+}
+
+/// Radius of the marks of so many objects.
+fn mark_px(objects: usize) -> f64 {
+    if objects > 6 { 2.4 } else { MARK_PX }
+}
+
+/// Columns, counted from the edge, in which marks at sorted heights lie without one on another of `size`.
+fn side_by_side(heights: &[f64], size: f64) -> Vec<usize> {
+    let mut ends: Vec<f64> = Vec::new();
+    let place = |height: &f64| {
+        let column = ends.iter().position(|end| *end + size <= *height).unwrap_or(ends.len());
+        ends.resize(ends.len().max(column + 1), *height);
+        ends[column] = *height;
+        column
+    };
+    heights.iter().map(place).collect()
 }
 
 #[cfg(test)]
@@ -407,6 +462,31 @@ mod tests {
         for wanted in names.chain(numbers).chain(words) {
             assert_eq!(found.iter().filter(|text| *text == wanted).count(), 1, "{wanted} in {found:?}");
         }
+    }
+
+    #[test]
+    fn the_more_objects_the_fainter_and_the_thick_line_stays_dark() {
+        let lightest = |count: usize| {
+            let names: Vec<String> = (0..count).map(|i| format!("object {i}")).collect();
+            let svg = draw(&example(&names.iter().map(String::as_str).collect::<Vec<_>>())).svg();
+            let explained = texts(&svg).iter().filter(|text| *text == "the linear theory's").count();
+            assert_eq!(explained, usize::from(count > 1), "{count}");
+            let document = roxmltree::Document::parse(&svg).expect("the SVG is XML");
+            let lines = document.descendants().filter(|node| node.attribute("stroke-width") == Some("1.2"));
+            let strokes = lines.filter(|node| node.attribute("stroke-dasharray").is_none());
+            let light = strokes.filter_map(|node| u32::from_str_radix(&node.attribute("stroke")?[5..7], 16).ok());
+            light.max().expect("lines")
+        };
+        assert!(lightest(1) < lightest(12) && lightest(12) < 250);
+        assert_eq!(faint([0, 100, 200], 0.5), [128, 178, 228]);
+        assert_eq!([1, 3, 12, 30].map(|count| (100.0 * line_share(count)).round()), [33.0, 33.0, 74.0, 78.0]);
+    }
+
+    #[test]
+    fn marks_at_one_height_lie_beside_each_other() {
+        assert_eq!(side_by_side(&[1.0, 2.0, 3.0, 20.0, 21.0], 8.0), [0, 1, 2, 0, 1]);
+        assert_eq!(side_by_side(&[1.0, 9.0, 10.0], 8.0), [0, 0, 1]);
+        assert!(side_by_side(&[], 8.0).is_empty());
     }
 
     #[test]
