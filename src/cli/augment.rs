@@ -25,7 +25,8 @@ use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report
 Example:
   gelsim generate configs/quickstart.toml
   gelsim augment configs/augment.toml
-  gelsim augment configs/augment.toml --out larger --seed 8 --set mixing.synthetic_per_real=2.0
+  gelsim augment configs/augment.toml --seed 8 --out larger
+  gelsim augment configs/augment.toml --set mixing.synthetic_per_real=2.0
 
 The input is a folder of images with a CSV or JSON Lines table, with a folder for each class, with COCO annotations, \
 WebDataset tars, or a Hugging Face imagefolder. It is not changed. Samples are added to the split for training alone, unless \

@@ -3,34 +3,39 @@
 mod summary;
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use image::RgbImage;
 
-use self::summary::{HEAD, camera_summary, leds_summary, lines, row, summary};
+use self::summary::{HEAD, camera_summary, dots_summary, leds_summary, lines, row, summary, verdict_summary};
 use super::guesses::whole;
+use super::log::Log;
+use super::progress::bar::Bar;
 use super::store::local_output;
 use super::{Failure, checked_threads, no_threads, print, say};
 use crate::core::fidelity::Fidelity;
 use crate::core::optics::calibrated::{Colors, Table};
 use crate::dataset::encode::json;
-use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use crate::files::hash::sha256;
 use crate::files::png::encode_rgb;
 use crate::files::sensor::Sensor;
 use crate::files::write::write_output;
 use crate::job::plan::standalone;
 use crate::lab::calibrate::camera::{MeasuredCamera, measure};
-use crate::lab::calibrate::evaluate::{Evaluated, evaluate, picture_name};
+use crate::lab::calibrate::evaluate::{Evaluated, Evaluation, Options, evaluate, picture_name};
 use crate::lab::calibrate::gelsight::{self, Left};
+use crate::lab::calibrate::judge::{self, Findings, background, fit, scale};
 use crate::lab::calibrate::leds::FittedLeds;
+use crate::lab::calibrate::outliers::OutlierReason;
 use crate::lab::calibrate::page::{Page, PressPanel};
-use crate::lab::calibrate::run::{Calibration, Request, run, run_leds};
+use crate::lab::calibrate::run::{Calibration, LedsAlone, Request, Unfit, doubts, run_heard, run_leds};
 use crate::lab::calibrate::taxim::{Imported, import};
 use crate::lab::calibrate::train::Settings;
 use crate::lab::calibrate::{Geometry, Session, session, surfaces};
-use crate::lab::compare::score::Score;
+use crate::lab::compare::score::{Score, Scores};
 
 /// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
 #[derive(Debug, Args)]
@@ -75,11 +80,18 @@ pub struct Calibrate {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     surfaces: Option<PathBuf>,
     /// Look for circles that the table lacks, and say how sure each is
-    #[arg(long, conflicts_with = "evaluate")]
+    #[arg(long)]
     detect: bool,
     /// Leave out presses that may be unusable
     #[arg(long, conflicts_with = "evaluate")]
     drop_bad: bool,
+    /// Turn the background image, take its channels in another order and make it brighter or darker, as the presses have it
+    /// away from their discs
+    #[arg(long, conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
+    match_background: bool,
+    /// Go on where the result will be none: what speaks against it becomes a warning
+    #[arg(long)]
+    keep_anyway: bool,
     /// Thickness of the pad, mm [default: chosen]
     #[arg(long, value_name = "MM", value_parser = above_zero, conflicts_with = "evaluate")]
     thickness_mm: Option<f64>,
@@ -97,6 +109,9 @@ pub struct Calibrate {
     /// Fidelity level for --evaluate
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level(), default_value = "standard", requires = "evaluate")]
     fidelity: Fidelity,
+    /// Print nothing but what was found and errors
+    #[arg(short, long)]
+    quiet: bool,
 }
 
 /// What of a gel that has a shape cannot be calibrated, and what to do instead.
@@ -121,11 +136,11 @@ fn steps(text: &str) -> Result<u32, String> {
     })
 }
 
-/// What a table of measured light may hold.
+/// Beyond this no contact has the visible disc: people see it, and a little more.
 fn fraction(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if (0.1..=10.0).contains(&value) => Ok(value),
-        _ => Err(String::from("write a number from 0.1 to 10")),
+        Ok(value) if (0.5..=1.5).contains(&value) => Ok(value),
+        _ => Err(String::from("write a number from 0.5 to 1.5; where it was fitted it is 0.88 to 1")),
     }
 }
 
@@ -176,6 +191,25 @@ impl Calibrate {
         }
     }
 
+    fn log(&self) -> Log {
+        Log::text(self.quiet)
+    }
+
+    /// Says what was found. Where it makes a result none, nothing is done, unless that is wished all the same. What is said as
+    /// warnings.
+    fn judged(&self, findings: Findings) -> Result<Vec<Diagnostic>, Failure> {
+        if findings.are_hopeless() && !self.keep_anyway {
+            Log::text(false).notes(&report(findings.0));
+            let last = Diagnostic::note("nothing is written")
+                .help("--keep-anyway goes on all the same, with these as warnings");
+            Log::text(false).notes(&last.into());
+            return Err(Failure::reported(1));
+        }
+        let findings = findings.forgiven();
+        self.log().notes(&report(findings.0.clone()));
+        Ok(findings.0)
+    }
+
     fn evaluate(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
         let sensor = standalone::flat_sensor(sensor, FLAT_ONLY)?.sensor;
         if self.out.exists() && !self.out.is_dir() {
@@ -183,31 +217,62 @@ impl Calibrate {
                 user_error(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into()
             );
         }
-        let presses = evaluate(table, &sensor, self.contact_over_disc, self.fidelity)?;
-        fs::create_dir_all(&self.out).map_err(|error| failed(&self.out, &error))?;
+        let options =
+            Options { contact_over_disc: self.contact_over_disc, fidelity: self.fidelity, detects: self.detect };
+        let Evaluation { presses, findings } = evaluate(table, &sensor, options)?;
+        self.judged(findings)?;
+        fs::create_dir_all(&self.out).map_err(|error| denied(&self.out, &error))?;
         let mut lines = Vec::new();
-        for Evaluated { file, simulated, scores, warnings } in &presses {
-            warnings.iter().for_each(|warning| say(&format!("warning: {file}: {warning}")));
+        for Evaluated { file, simulated, scores, .. } in &presses {
             let path = self.out.join(picture_name(file));
             let [width, height] = sensor.resolution_px;
             write(&path, &encode_rgb(width, height, simulated))?;
             let figures = scores.as_ref().map(|scores| row(scores.contact.as_ref(), Some(&scores.full_image)));
             lines.push(format!("{file:<28} {}", figures.unwrap_or_default()));
         }
-        let scores: Vec<_> = presses.iter().filter_map(|press| press.scores.as_ref()).collect();
-        let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
-        let full_image = Score::mean(scores.iter().map(|scores| &scores.full_image));
-        let total = format!("mean of {}", scores.len());
-        lines.push(format!("{total:<28} {}", row(contact.as_ref(), full_image.as_ref())));
+        let compared = presses.iter().filter(|press| press.scores.is_some()).count();
+        let means = |of: &dyn Fn(&Evaluated) -> Option<Scores>| {
+            let scores: Vec<Scores> = presses.iter().filter_map(of).collect();
+            let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
+            (contact, Score::mean(scores.iter().map(|scores| &scores.full_image)))
+        };
+        let ((contact, full_image), (bare, bare_image)) = (means(&|press| press.scores), means(&|press| press.bare));
+        lines.push(format!("{:<28} {}", format!("mean of {compared}"), row(contact.as_ref(), full_image.as_ref())));
+        lines.push(format!("{:<28} {}", "background alone", row(bare.as_ref(), bare_image.as_ref())));
         print(&format!("{:<28} {}\n{}\n", "", HEAD, lines.join("\n")))?;
-        say(&format!("-> {}", self.out.display()));
+        if let (Some(contact), Some(bare)) = (contact, bare)
+            && contact.mae >= fit::MOST_LEFT * bare.mae
+        {
+            let left = 100.0 * contact.mae / bare.mae;
+            let message = match left < 100.0 {
+                true => format!("the sensor leaves {left:.0} % of what presses change around the contact unexplained"),
+                false => {
+                    String::from("the sensor is further from the presses around the contact than the background alone")
+                }
+            };
+            let help = "fit a sensor file to presses of this very sensor; check circles and balls in the table";
+            self.log().notes(&Diagnostic::warning(message).help(help).into());
+        }
+        self.say_written(&self.out.display().to_string());
         Ok(())
     }
 
-    fn calibrate(&self, presses: &Path, background: &Path, sensor: Sensor) -> Result<(), Failure> {
+    fn calibrate(&self, presses: &Path, background_image: &Path, sensor: Sensor) -> Result<(), Failure> {
         let fewest = if self.leds { session::FEWEST_FOR_LEDS } else { session::FEWEST };
-        let (session, notes) = session::read(presses, background, sensor, self.detect, fewest)?;
-        notes.iter().for_each(|note| say(&format!("note: {note}")));
+        let named = self.sensor.as_deref().map(|name| (name, sensor.field_of_view_mm));
+        let (mut session, notes) = session::read(presses, background_image, sensor, self.detect, fewest)?;
+        self.log().notes(&Report::new(&notes, &[]));
+        let mut said: Vec<Diagnostic> = notes.into_iter().collect();
+        if self.match_background {
+            let (matched, what) = background::matched(session);
+            session = matched;
+            self.log().note(&what);
+            said.push(Diagnostic::note(what));
+        }
+        if let Some(found) = dots_note(&session) {
+            self.log().notes(&found.clone().into());
+            said.push(found);
+        }
         let defaults = Settings::default();
         let request = Request {
             settings: Settings { steps: self.steps.map_or(defaults.steps, |steps| steps as usize), ..defaults },
@@ -215,50 +280,72 @@ impl Calibrate {
             contact_over_disc: self.contact_over_disc,
             drops_bad: self.drop_bad,
         };
+        let doubts = doubts(&session);
+        said.extend(self.judged(before(&session, &request, named, &doubts))?);
         if self.leds {
             return self.fit_leds(&session, &request);
         }
-        let count = session.observations.len();
-        let Some(found) = run(session, &request) else {
-            let message = format!("of {count} presses too few are usable");
-            return Err(user_error(message, "leave --drop-bad out to see what speaks against each").into());
-        };
-        let mut warnings = Vec::new();
-        for (file, doubts) in &found.dropped {
-            warnings.push(format!("{file} left out: {}", doubts.join("; ")));
-        }
-        for (observation, doubts) in
-            found.session.observations.iter().zip(&found.outlier_reasons).filter(|(_, doubts)| !doubts.is_empty())
-        {
-            warnings.push(format!("{}: {}", observation.file, doubts.join("; ")));
-        }
-        warnings.iter().for_each(|warning| say(&format!("warning: {warning}")));
+        let files: Vec<String> = session.observations.iter().map(|press| press.file.clone()).collect();
+        let bar = Bar::thousandths(!self.quiet);
+        let found = run_heard(session, doubts, &request, &|done, what| bar.show((1000.0 * done) as u64, what));
+        bar.end();
+        let found = found.map_err(|unfit| unfit_failure(&unfit, files.len()))?;
+        said.extend(self.judged(after(&found))?);
+        self.write_fit(&found, &said)
+    }
 
-        let summary = summary(&found);
+    fn write_fit(&self, found: &Calibration, said: &[Diagnostic]) -> Result<(), Failure> {
+        let summary = summary(found);
         let sensor = with_leds(found.session.sensor(found.geometry.thickness_mm), &found.leds);
-        let sensor = with_camera(sensor, found.camera.as_ref());
+        let sensor = with_camera(with_print(sensor, &found.session), found.camera.as_ref());
+        let sensor = self.named(sensor);
+        holds(&sensor, Some(&found.table))?;
         self.write_surfaces(&found.session, found.geometry)?;
         let page_path = self.out.with_extension("html");
-        let page = page(&self.name(), &found, &summary, &warnings);
-        self.write_sensor(sensor, &found.session.background, Some(&found.table), &summary, Some((&page_path, page)))?;
+        let page = page(&self.name(), found, &summary, &report(said.to_vec()).texts());
+        self.write_sensor(
+            sensor,
+            background_of(&found.session),
+            Some(&found.table),
+            &summary,
+            Some((&page_path, page)),
+        )?;
         print(&lines(&summary))?;
-        say(&format!("-> {}, {}", self.out.display(), page_path.display()));
+        self.say_written(&format!("{}, {}", self.out.display(), page_path.display()));
         Ok(())
+    }
+
+    /// Says where the work went.
+    fn say_written(&self, what: &str) {
+        if !self.quiet {
+            say(&format!("-> {what}"));
+        }
     }
 
     /// Fits the LEDs alone.
     fn fit_leds(&self, session: &Session, request: &Request) -> Result<(), Failure> {
         let geometry = request.geometry(session);
-        let found = run_leds(session, geometry).ok_or_else(|| {
-            user_error("no pixel of the presses can be learnt from", "they are out of view, or the background is white")
-        })?;
+        let found =
+            run_leds(session, geometry).ok_or_else(|| unfit_failure(&Unfit::NoPixel, session.observations.len()))?;
+        let LedsAlone { leds, verdict, too_large } = &found;
+        let large = too_large.iter().filter(|too_large| **too_large).count();
+        let mut findings = Findings::default();
+        findings.extend(fit::leds(leds));
+        findings.extend(verdict.finding(large, too_large.len()));
+        let warned = session.observations.iter().zip(too_large).filter(|(_, too_large)| **too_large);
+        findings.extend(warned.map(|(press, _)| OutlierReason::TooLarge.warning(&press.file)));
+        self.judged(findings)?;
         let camera = measure(session);
-        let sensor = with_camera(with_leds(session.sensor(geometry.thickness_mm), &found), camera.as_ref());
+        let sensor = with_print(with_leds(session.sensor(geometry.thickness_mm), leds), session);
+        let sensor = self.named(with_camera(sensor, camera.as_ref()));
+        holds(&sensor, None)?;
         self.write_surfaces(session, geometry)?;
-        let about = [leds_summary(&found), camera_summary(camera.as_ref())].concat();
-        self.write_sensor(sensor, &session.background, None, &about, None)?;
+        let about =
+            [verdict_summary(verdict), dots_summary(session), leds_summary(leds), camera_summary(camera.as_ref())];
+        let about = about.concat();
+        self.write_sensor(sensor, background_of(session), None, &about, None)?;
         print(&lines(&about))?;
-        say(&format!("-> {}", self.out.display()));
+        self.say_written(&self.out.display().to_string());
         Ok(())
     }
 
@@ -267,8 +354,15 @@ impl Calibrate {
         let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
         let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
         let about = [(String::from("colours"), format!("Taxim's of {name}"))];
-        self.write_sensor(sensor, &background, Some(&Table::new(Colors::Taxim(colors), 1.0)), &about, None)?;
-        say(&format!("-> {}", self.out.display()));
+        let (sensor, table) = (self.named(sensor), Table::new(Colors::Taxim(colors), 1.0));
+        let longer_px = f64::from(resolution_px[0].max(resolution_px[1]));
+        let mm_per_px = field_of_view_mm[0] / f64::from(resolution_px[0]);
+        let mut findings = Findings::default();
+        findings.extend(scale::view("`pixmm` in params.json", longer_px, mm_per_px));
+        self.judged(findings)?;
+        holds(&sensor, Some(&table))?;
+        self.write_sensor(sensor, &background, Some(&table), &about, None)?;
+        self.say_written(&self.out.display().to_string());
         Ok(())
     }
 
@@ -277,7 +371,9 @@ impl Calibrate {
         let mut about = vec![(String::from("lamps"), format!("GelSight's of {name}"))];
         match flat_field {
             Err(reason) => {
-                say(&format!("warning: {reason}: the flat field is taken as even, images lack the vignetting"))
+                let message = format!("{reason}: the flat field is taken as even, and images lack the vignetting");
+                let help = "put the PNG that is published beside the YAML file there, and calibrate again";
+                self.log().notes(&Diagnostic::warning(message).help(help).into());
             }
             Ok(fitted) => about.extend(lamps.iter().zip(fitted).map(|(lamp, Left { rms, most })| {
                 let left = format!("{rms:.2} grey levels RMS left by the polynomial, {most:.1} at most");
@@ -286,7 +382,7 @@ impl Calibrate {
         }
         about.push((
             String::from("gelpad"),
-            String::from("not in the calibration: thickness and stiffness are nominal"),
+            String::from("not in the calibration: thickness (--thickness-mm) and stiffness (--sensor) are nominal"),
         ));
         let sensor = Sensor {
             name: self.name(),
@@ -307,6 +403,13 @@ impl Calibrate {
             unit: None,
             ..sensor
         };
+        let mut findings = Findings::default();
+        let longer_px = f64::from(resolution_px[0].max(resolution_px[1]));
+        let mm_per_px = field_of_view_mm[0] / f64::from(resolution_px[0]);
+        findings.extend(scale::view("`mmperpixel`", longer_px, mm_per_px));
+        findings.extend(gelsight::darkness(&lamps));
+        self.judged(findings)?;
+        holds(&Sensor { lamp: lamps.clone(), ..sensor.clone() }, None)?;
         let internal = |error: toml::ser::Error| Failure::running(error.to_string());
         let mut table = toml::Table::try_from(&sensor).map_err(internal)?;
         // The lamps show the untouched pad.
@@ -316,26 +419,38 @@ impl Calibrate {
         self.make_folder()?;
         write(&self.out, text.as_bytes())?;
         print(&lines(&about))?;
-        say(&format!("-> {}", self.out.display()));
+        self.say_written(&self.out.display().to_string());
         Ok(())
     }
 
     /// Makes the folder of the sensor file.
     fn make_folder(&self) -> Result<(), Failure> {
         match self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            Some(folder) => fs::create_dir_all(folder).map_err(|error| failed(folder, &error)),
+            Some(folder) => fs::create_dir_all(folder).map_err(|error| denied(folder, &error)),
             None => Ok(()),
         }
     }
 
     fn write_surfaces(&self, session: &Session, geometry: Geometry) -> Result<(), Failure> {
         let Some(folder) = &self.surfaces else { return Ok(()) };
-        surfaces::write(session, geometry, folder).map_err(|(path, error)| failed(&path, &error))
+        surfaces::write(session, geometry, folder).map_err(|(path, error)| denied(&path, &error))
     }
 
     /// The sensor's name.
     fn name(&self) -> String {
         self.out.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
+    }
+
+    /// The sensor under its own name, with what was fitted in place of another sensor's light.
+    fn named(&self, sensor: Sensor) -> Sensor {
+        Sensor {
+            name: self.name(),
+            preset: None,
+            file: None,
+            led: if sensor.led.is_empty() { Sensor::default().led } else { sensor.led },
+            lamp: Vec::new(),
+            ..sensor
+        }
     }
 
     /// Writes the sensor file last: what it names is there then.
@@ -352,16 +467,10 @@ impl Calibrate {
         let table = table.map(|table| [json(table).as_slice(), b"\n"].concat());
         let picture = encode_rgb(background.width() as usize, background.height() as usize, background);
         let sensor = Sensor {
-            name: self.name(),
-            preset: None,
-            file: None,
             background: Some(file_name(&background_path)),
             background_sha256: Some(sha256(&picture)),
             calibration: table.is_some().then(|| file_name(&table_path)),
             calibration_sha256: table.as_deref().map(sha256),
-            // What was fitted takes the place of another sensor's lamps.
-            led: if sensor.led.is_empty() { Sensor::default().led } else { sensor.led },
-            lamp: Vec::new(),
             ..sensor
         };
         let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
@@ -374,6 +483,138 @@ impl Calibrate {
             write(path, page.as_bytes())?;
         }
         write(&self.out, format!("{}\n{text}", head(about)).as_bytes())
+    }
+}
+
+/// What speaks against presses and table before the fit, the likely causes first.
+fn before(
+    session: &Session,
+    request: &Request,
+    named: Option<(&str, [f64; 2])>,
+    doubts: &[Vec<OutlierReason>],
+) -> Findings {
+    let mut findings = Findings::default();
+    findings.extend(scale::findings(session, named));
+    findings.extend(judge::images(session));
+    // What has a cause already is not said of each press again.
+    if !findings.are_hopeless() {
+        findings.extend(fit::contacts(session, request.thickness_mm, request.contact_over_disc));
+        findings.extend(fit::doubtful(doubts));
+        findings.extend(warnings(session.observations.iter().map(|press| press.file.as_str()).zip(doubts)));
+    }
+    findings
+}
+
+/// What speaks against a fit, and what is new against its presses.
+fn after(found: &Calibration) -> Findings {
+    let all = found.session.observations.len();
+    let doubtful = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
+    let mut findings = Findings::default();
+    findings.extend(fit::leds(&found.leds));
+    findings.extend(found.verdict.finding(doubtful, all));
+    let left_out = found.dropped.iter().map(|(file, doubts)| (file.as_str(), doubts));
+    findings.extend(left_out.flat_map(|(file, _)| {
+        let message = format!("{file} left out");
+        Some(Diagnostic::warning(message).of(file, "presses are left out, for the reasons above"))
+    }));
+    let files = found.session.observations.iter().map(|press| press.file.as_str());
+    let new =
+        found.outlier_reasons.iter().map(|doubts| doubts.iter().filter(|doubt| doubt.is_of_fit()).copied().collect());
+    let new: Vec<Vec<OutlierReason>> = new.collect();
+    let of_fit: Vec<Vec<OutlierReason>> = found
+        .dropped
+        .iter()
+        .map(|(_, doubts)| doubts.iter().filter(|doubt| doubt.is_of_fit()).copied().collect())
+        .collect();
+    findings.extend(warnings(found.dropped.iter().map(|(file, _)| file.as_str()).zip(&of_fit)));
+    findings.extend(warnings(files.zip(&new)));
+    findings
+}
+
+/// The warnings on presses.
+fn warnings<'a>(presses: impl Iterator<Item = (&'a str, &'a Vec<OutlierReason>)>) -> Vec<Diagnostic> {
+    presses.flat_map(|(file, doubts)| doubts.iter().map(move |doubt| doubt.warning(file))).collect()
+}
+
+/// All of these, of one cause one.
+fn report(all: Vec<Diagnostic>) -> Report {
+    let mut folded = Diagnostics::default();
+    folded.extend(all);
+    Report::new(&folded, &[])
+}
+
+fn unfit_failure(unfit: &Unfit, count: usize) -> Failure {
+    match unfit {
+        Unfit::NoPixel => user_error(
+            "no pixel of the presses can be learnt from: they are out of view, or white in the background",
+            "look at the circles in the table, and at the background image",
+        )
+        .into(),
+        Unfit::TooFew(dropped) => {
+            let message =
+                format!("of {count} presses {} are usable, and {} are needed", count - dropped.len(), session::FEWEST);
+            let help = match dropped.is_empty() {
+                true => "add presses to the table",
+                false => "correct those that the warnings name, or leave --drop-bad out",
+            };
+            let first = Diagnostic::new(message).help(help);
+            // What speaks against them without a fit is said already.
+            let of_fit = |doubts: &[OutlierReason]| doubts.iter().filter(|doubt| doubt.is_of_fit()).copied().collect();
+            let new: Vec<(&str, Vec<OutlierReason>)> =
+                dropped.iter().map(|(file, doubts)| (file.as_str(), of_fit(doubts))).collect();
+            let why = warnings(new.iter().map(|(file, doubts)| (*file, doubts)));
+            report([vec![first], why].concat()).into()
+        }
+    }
+}
+
+/// Refuses a sensor that no job would take: what was fitted is no light that a sensor file can hold.
+fn holds(sensor: &Sensor, table: Option<&Table>) -> Result<(), Failure> {
+    let mut wrong = standalone::out_of_range(sensor);
+    if let Some(Err(reason)) = table.map(|table| Table::parse(&json(table))) {
+        wrong.push(Diagnostic::new(reason));
+    }
+    if wrong.is_empty() {
+        return Ok(());
+    }
+    let message = "what was fitted is out of the range of a sensor file, and nothing is written";
+    let help = "check `ball_radius_mm`, `mm_per_px`, the circles, and --sensor, from which comes what is not fitted";
+    wrong.insert(0, Diagnostic::new(message).help(help));
+    Log::text(false).notes(&report(wrong));
+    Err(Failure::reported(1))
+}
+
+/// What is said of dots that are printed on the pad.
+fn dots_note(session: &Session) -> Option<Diagnostic> {
+    let printed = session.printed.as_ref()?;
+    let (_, figures) = dots_summary(session).into_iter().next()?;
+    let help = match printed.dots.markers(session.camera.mm_per_px[0]) {
+        Some(_) => {
+            "what they cover is not learnt; the background image is written without them, and they stand under [markers] in the \
+                    sensor file, so that they move with the pad"
+        }
+        None => {
+            "what they cover is not learnt; the background image keeps them, where they do not move: for dots that do, give it \
+                 without dots, and write a [markers] table"
+        }
+    };
+    Some(Diagnostic::note(format!("dots are printed on the pad: {figures}")).help(help))
+}
+
+/// The background image as it is written: with dots, if no [markers] table can say them.
+fn background_of(session: &Session) -> &RgbImage {
+    match &session.printed {
+        Some(printed) if printed.dots.markers(session.camera.mm_per_px[0]).is_none() => &printed.background,
+        _ => &session.background,
+    }
+}
+
+/// A sensor with the dots that are printed on its pad.
+fn with_print(sensor: Sensor, session: &Session) -> Sensor {
+    let print = session.printed.as_ref().map(|printed| printed.dots.markers(session.camera.mm_per_px[0]));
+    match print {
+        Some(markers) => Sensor { markers, ..sensor },
+        None => sensor,
     }
 }
 
@@ -406,11 +647,18 @@ fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings:
             simulated: held_out.simulated.clone(),
             circle: Some(observation.circle),
             scores: held_out.scores,
-            outlier_reasons: outlier_reasons.clone(),
+            outlier_reasons: panel_texts(observation.confidence, outlier_reasons),
         })
         .collect();
     let normals = found.colors();
-    Page { sensor: name, summary, warnings, presses: &shown, normals: &normals }.html()
+    let verdict = (found.verdict.text(), found.verdict.is_hopeless());
+    Page { sensor: name, verdict, summary, warnings, presses: &shown, normals: &normals }.html()
+}
+
+/// What is said below the pictures of a press.
+fn panel_texts(confidence: Option<f64>, doubts: &[OutlierReason]) -> Vec<String> {
+    let found = confidence.map(|confidence| format!("its circle was found, {:.0} % sure", 100.0 * confidence));
+    found.into_iter().chain(doubts.iter().map(ToString::to_string)).collect()
 }
 
 fn file_name(path: &Path) -> String {
@@ -418,7 +666,12 @@ fn file_name(path: &Path) -> String {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    write_output(path, bytes).map_err(|error| failed(path, &error))
+    write_output(path, bytes).map_err(|error| denied(path, &error))
+}
+
+/// What the system denied, and what to do about it.
+fn denied(path: &Path, error: &io::Error) -> Failure {
+    Failure::denied(&format!("{}: {error}", path.display()), error, "choose another place with --out")
 }
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::log::Log;
 use super::store::local_output;
 use super::terminal::columns;
 use super::{Failure, print, say};
-use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Diagnostics, Report, user_error};
 use crate::files::png;
 use crate::files::write::write_output;
 use crate::lab::compare::{compare, picture, report};
@@ -23,7 +24,7 @@ Example:
   gelsim compare real out/quickstart
 
 REAL and SIM are folders of a sensor, with annotations.csv (columns file, centre_x_px, centre_y_px, radius_px) or with \
-8-bit PNG files in it or in images/; folders of such folders, one per sensor; or datasets.
+images of 8 bits a channel in it or in images/; folders of such folders, one per sensor; or datasets.
 
 Sensors are told by their folders' names, unless there is one on each side. Within a sensor, images pair by their paths \
 relative to its folder, then by their names without folders. Images of datasets never pair: where no image does, only \
@@ -63,10 +64,13 @@ impl Compare {
             return Err(user_error(message, "choose a folder with --out").into());
         }
         let comparison = compare(&self.real, &self.sim, self.dilate)?;
-        comparison.notes.iter().for_each(|note| say(&format!("warning: {note}")));
+        let mut notes = Diagnostics::default();
+        notes.extend(comparison.diagnostics.iter().cloned());
+        Log::text(false).notes(&Report::new(&notes, &[]));
         if let Some(folder) = &self.out {
-            let failed =
-                |path: &Path, error: &dyn std::fmt::Display| Failure::running(format!("{}: {error}", path.display()));
+            let failed = |path: &Path, error: &io::Error| {
+                Failure::denied(&format!("{}: {error}", path.display()), error, "choose another place with --out")
+            };
             fs::create_dir_all(folder).map_err(|error| failed(folder, &error))?;
             let write = |name: &str, bytes: &[u8]| {
                 let path = folder.join(name);

@@ -70,8 +70,6 @@ impl Tradeoff {
         let mut set: Vec<(String, String)> =
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
-        if let Some(folder) = &self.out {
-        }
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         plan.of_one_sensor("tradeoff")?;
         Log::text(self.quiet).notes(&plan.notes);

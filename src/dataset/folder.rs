@@ -288,10 +288,13 @@ fn compare(path: &str, there: &toml::Value, here: &toml::Value, found: &mut Vec<
             let keys: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
             for key in keys {
                 let path = below(key);
-                let image = path.ends_with(".path") && !path.starts_with("object.");
+                let is_object = path.starts_with("object.");
+                let image = path.ends_with(".path") && !is_object;
+                // Where meshes are found says nothing of them.
+                let packages = path.ends_with(".packages") && is_object;
                 let file =
                     ["sensor.background", "sensor.calibration", "sensor.pins.layout.file"].contains(&path.as_str());
-                if image || file {
+                if image || file || packages {
                     continue;
                 }
                 if let Some(file) = changed(key, a, b) {

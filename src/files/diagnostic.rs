@@ -352,11 +352,17 @@ impl Report {
             // Columns before a title, and before a help that stands below a line's number.
             let title = display.fold(&problem.text(), problem.severity.name().len() + 2);
             let help = problem.help.as_ref().map(|help| display.fold(help, HELP_INDENT));
-            renderer.render(&[self.group(problem, &title, help.as_deref())])
+            renderer.render(&[self.group(problem, &title, help.as_deref(), display.columns)])
         })
     }
 
-    fn group<'a>(&'a self, problem: &'a Diagnostic, title: &'a str, help: Option<&'a str>) -> Group<'a> {
+    fn group<'a>(
+        &'a self,
+        problem: &'a Diagnostic,
+        title: &'a str,
+        help: Option<&'a str>,
+        columns: Option<usize>,
+    ) -> Group<'a> {
         let title = problem.severity.level().primary_title(title);
         let source = problem.place.and_then(|place| Some((self.sources.get(place.source)?, place)));
         let mut group = match source.map(|(source, place)| (source, Line::from_text(&source.text, place))) {
@@ -365,7 +371,7 @@ impl Report {
                 title.element(Origin::path(source.name.as_str()).line(line.number).char_column(line.column()))
             }
             Some((source, line)) => {
-                let mark = AnnotationKind::Primary.span(line.start..line.end);
+                let mark = AnnotationKind::Primary.span(line.start..line.end_within(columns));
                 title.element(
                     Snippet::source(line.text).line_start(line.number).path(source.name.as_str()).annotation(mark),
                 )
@@ -396,6 +402,16 @@ impl<'a> Line<'a> {
     /// Counted from 1.
     fn column(&self) -> usize {
         self.text[..self.start].chars().count() + 1
+    }
+
+    /// The end of what is underlined: what is wider than the terminal could not be cut to it.
+    fn end_within(&self, columns: Option<usize>) -> usize {
+        /// Columns for the line's number, its rule, and the dots where it is cut.
+        const BESIDE: usize = 14;
+        let Some(columns) = columns else { return self.end };
+        let marked = &self.text[self.start..self.end];
+        let cut = marked.char_indices().nth(columns.saturating_sub(BESIDE).max(1));
+        cut.map_or(self.end, |(at, _)| self.start + at)
     }
 
     fn from_text(text: &'a str, place: Place) -> Self {

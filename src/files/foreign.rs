@@ -104,8 +104,7 @@ pub fn recognise_in_binary(bytes: &[u8]) -> Option<Foreign> {
         let head = &bytes[..bytes.len().min(512)];
         let is_text =
             std::str::from_utf8(head).is_ok_and(|text| !text.contains(|c: char| c.is_control() && !c.is_whitespace()));
-        is_text
-            .then_some(Foreign { what: "text", help: "open it in an editor: it may say why it is not the file itself" })
+        is_text.then_some(Foreign { what: "text", help: "it may say itself why it is not what belongs here" })
     })
 }
 

@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 
 use gelsim::core::base::rng::stream;
 use gelsim::core::optics::calibrated::Table;
+use gelsim::lab::calibrate::outliers::OutlierReason;
 use gelsim::lab::calibrate::run::{Calibration, Request, run};
 use gelsim::lab::calibrate::train::Settings;
 use gelsim::lab::calibrate::{Observation, Session};
@@ -44,7 +45,7 @@ fn assert_errors(what: &str, table: &Table, bounds: [f64; 4]) {
     }
 }
 
-fn names<'a>(doubted: impl Iterator<Item = (&'a String, &'a Vec<String>)>) -> Vec<&'a str> {
+fn names<'a>(doubted: impl Iterator<Item = (&'a String, &'a Vec<OutlierReason>)>) -> Vec<&'a str> {
     doubted.filter(|(_, doubts)| !doubts.is_empty()).map(|(file, _)| file.as_str()).collect()
 }
 

@@ -133,11 +133,8 @@ pub static BACKGROUND: LazyLock<RgbImage> = LazyLock::new(|| {
 
 /// What the user has of presses.
 pub fn session<'a>(presses: impl IntoIterator<Item = &'a Press>) -> Session {
-    let observation = |(k, press): (usize, &Press)| Observation {
-        file: format!("{k:02}.png"),
-        image: noisy(&press.image, NOISE_LEVELS, k as u64),
-        circle: press.disc,
-        ball_radius_mm: 4.0,
+    let observation = |(k, press): (usize, &Press)| {
+        Observation::new(format!("{k:02}.png"), noisy(&press.image, NOISE_LEVELS, k as u64), press.disc, 4.0)
     };
     let [width, height] = CAMERA.resolution_px;
     let sensor = Sensor {
@@ -146,7 +143,7 @@ pub fn session<'a>(presses: impl IntoIterator<Item = &'a Press>) -> Session {
         ..Sensor::default()
     };
     let observations = presses.into_iter().enumerate().map(observation).collect();
-    Session { sensor, camera: CAMERA, background: BACKGROUND.clone(), observations }
+    Session { sensor, camera: CAMERA, background: BACKGROUND.clone(), observations, printed: None }
 }
 
 /// The picture of the untouched pad as shaders take it.

@@ -79,30 +79,27 @@ fn every_mistake_in_table_and_pictures_is_said_at_once_with_its_line() {
     folder.write("presses.csv", format!("{HEAD}{}", rows.concat()));
     let said = refused(&folder, CALIBRATE);
     for (line, words) in [
-        (3, "cannot read nowhere/1.png"),
-        (4, "2.png: no circle"),
+        (3, "2 images do not exist: nowhere/1.png, 7.png"),
+        (4, "2 images have no circle in the table: 2.png, 7.png"),
         (5, "cannot read 3.png"),
         (6, "4.png is 97x72 px, the background 96x72 px"),
-        (7, "5.png: no ball_radius_mm"),
-        (8, "6.png: 0.21 mm per px, 0.2 in the rows before"),
-        (9, "cannot read 7.png"),
-        (9, "7.png: no ball_radius_mm"),
+        (7, "2 rows have no `ball_radius_mm`: 5.png, 7.png"),
+        (8, "6.png: 0.21 mm per px, 0.2 in most rows"),
         (9, "7.png: no mm_per_px"),
-        (9, "7.png: no circle"),
     ] {
         let paragraph = said.split("\n\n").find(|paragraph| paragraph.contains(words));
         let paragraph = paragraph.unwrap_or_else(|| panic!("{words} is not in\n{said}"));
         let whole = paragraph.contains(&format!("presses.csv:{line}:1\n")) && paragraph.contains("help: ");
         assert!(whole, "{words}, line {line}:\n{paragraph}");
     }
-    assert_eq!(said.matches("error: ").count(), 10, "{said}");
+    assert_eq!(said.matches("error: ").count(), 7, "{said}");
     // With another mistake in place of the size that cannot be compared.
     let unpaired = refused(&folder, &CALIBRATE.replace("rest.png", "none.png"));
     assert!(
         unpaired.contains("cannot read the background none.png") && unpaired.contains("presses.csv:9:1"),
         "{unpaired}"
     );
-    assert_eq!(unpaired.matches("error: ").count(), 10, "{unpaired}");
+    assert_eq!(unpaired.matches("error: ").count(), 7, "{unpaired}");
     // What is looked for is not found on an untouched pad.
     rest().save(folder.path("2.png")).expect("an image");
     let said = refused(&folder, &format!("{CALIBRATE} --detect"));
@@ -129,15 +126,17 @@ fn what_cannot_be_learnt_from_or_written_is_refused_before_the_work() {
         ("calibrate presses.csv --background rest.png --out rest.png/mine.toml", "rest.png is no folder"),
         ("calibrate presses.csv --background rest.png --out s.toml --sensor gelsigt", "gelsigt"),
         ("calibrate presses.csv --background rest.png --out s.toml --thickness-mm 0", "from 0.01 to 1000"),
-        ("calibrate presses.csv --background rest.png --out s.toml --contact-over-disc nan", "from 0.1 to 10"),
-        ("calibrate presses.csv --background rest.png --out s.toml --contact-over-disc 50", "from 0.1 to 10"),
+        (
+            "calibrate presses.csv --background rest.png --out s.toml --contact-over-disc nan",
+            "a number from 0.5 to 1.5",
+        ),
+        ("calibrate presses.csv --background rest.png --out s.toml --contact-over-disc 50", "a number from 0.5 to 1.5"),
         ("calibrate metres.csv --background rest.png --out s.toml", "the view would be 9.600e-7 x 7.200e-7 mm"),
         ("calibrate presses.csv --out s.toml", "--background"),
         ("calibrate --background rest.png --out s.toml", "PRESSES.csv"),
         ("calibrate presses.csv --background rest.png", "--out"),
         ("calibrate --evaluate presses.csv --out out", "--sensor"),
         ("calibrate presses.csv --evaluate presses.csv --sensor digit --out out", "cannot be used with"),
-        ("calibrate --evaluate presses.csv --sensor digit --out out --detect", "cannot be used with"),
         ("calibrate --evaluate presses.csv --sensor digit --out rest.png", "rest.png is not a folder"),
         ("calibrate --evaluate presses.csv --sensor none.toml --out out", "none.toml"),
     ] {
@@ -148,7 +147,7 @@ fn what_cannot_be_learnt_from_or_written_is_refused_before_the_work() {
     let five: String = folder.read("wrong.csv").lines().take(6).map(|line| format!("{line}\n")).collect();
     folder.write("wrong.csv", five);
     let said = refused(&folder, "calibrate wrong.csv --background rest.png --out s.toml --drop-bad");
-    assert!(said.contains("of 5 presses too few are usable") && said.contains("--drop-bad"), "{said}");
+    assert!(said.contains("of 5 presses 4 are usable, and 5 are needed") && said.contains("--drop-bad"), "{said}");
 }
 
 /// Runs the command on `threads` threads, and says what it wrote, on standard output and on standard error.
@@ -186,11 +185,10 @@ fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
         assert!(shown.lines().any(|shown| shown.starts_with(line)), "{line} is not in\n{shown}");
     }
     // Of a hurried fit a good press may look odd, too.
-    let doubtful = said.matches("warning: ").count();
-    let counted = format!("7, {doubtful} of them doubtful, 0 left out\n");
-    assert!(shown.contains(&counted) && shown.contains("96x72 px, 0.2 mm per px"), "{shown}");
+    let counted = (1..=2).any(|doubtful| shown.contains(&format!("7, {doubtful} of them doubtful, 0 left out\n")));
+    assert!(counted && shown.contains("96x72 px, 0.2 mm per px"), "{shown}");
     assert!(said.contains("note: 0.png: circle found at ") && said.contains(" % sure\n"), "{said}");
-    assert!(said.contains("warning: 6.png: ") && (1..=2).contains(&doubtful), "{said}");
+    assert!(said.contains("warning: ") && said.contains("6.png"), "{said}");
     assert!(said.ends_with("-> out/mine.toml, out/mine.html\n"), "{said}");
 
     std::fs::create_dir(folder.path("out")).expect("a folder");
@@ -230,7 +228,11 @@ fn leds_alone_are_fitted_from_three_presses_and_render() {
     assert!(said.contains("2 presses are too few") && said.contains("give 3 at least"), "{said}");
     let arguments = "calibrate --leds three.csv --background rest.png --out out/mine.toml --thickness-mm 4 --surfaces labels \
                      --sensor gelsight-mini";
-    let assert = folder.gelsim(&format!("{arguments} --threads 2")).assert().success();
+    // Drawn pictures change more than any LED could make of such slopes.
+    let said = folder.fail(&format!("{arguments} --threads 2"), 1);
+    assert!(said.contains("LEDs of an intensity of 30 and more") && said.contains("nothing is written"), "{said}");
+    assert!(!folder.path("out").exists());
+    let assert = folder.gelsim(&format!("{arguments} --threads 2 --keep-anyway")).assert().success();
     let shown = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
     for line in ["LED red", "LED green", "LED blue", "LEDs, left unexplained", "camera, read noise R G B"] {
         assert!(shown.lines().any(|shown| shown.starts_with(line)), "{line} is not in\n{shown}");
@@ -326,9 +328,17 @@ fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_image
     let folder = good();
     add_sensor(&folder);
     let (shown, said) = evaluated(&folder, "");
-    assert_eq!(said, "-> out\n");
+    assert!(
+        said.contains("of what presses change around the contact unexplained") && said.ends_with("-> out\n"),
+        "{said}"
+    );
     let lines: Vec<&str> = shown.lines().collect();
-    assert!(lines.len() == 9 && lines[0].contains("contact MAE / PSNR dB / SSIM    whole image MAE"), "{shown}");
+    assert!(
+        lines.len() == 10
+            && lines[9].starts_with("background alone ")
+            && lines[0].contains("contact MAE / PSNR dB / SSIM    whole image MAE"),
+        "{shown}"
+    );
     let figures = |line: &str| -> Vec<f64> { line.split_whitespace().filter_map(|word| word.parse().ok()).collect() };
     for (k, line) in lines[1..8].iter().enumerate() {
         assert!(line.starts_with(&format!("{k}.png ")) && figures(line).len() == 6, "{line}");
@@ -350,20 +360,31 @@ fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_image
     RgbImage::new(5, 5).save(folder.path("1.png")).expect("an image");
     let table = folder.read("presses.csv").replace("\n2.png,45,50,8.5,4,0.2\n", "\n2.png,45,50,8.5,4,0.3\n");
     folder.write("presses.csv", table);
-    let (shown, said) = evaluated(&folder, "");
+    let said = folder.fail("calibrate --evaluate presses.csv --sensor sensor.toml --out out", 1);
+    assert!(said.contains("5 images show nothing that is not in the background: 2.png"), "{said}");
+    assert_same_files(&pictures, &folder.files("out"));
+    let (shown, said) = evaluated(&folder, " --keep-anyway");
     assert_same_files(&pictures, &folder.files("out"));
     assert!(shown.contains("\nmean of 5 ") && shown.contains("\n0.png "), "{shown}");
     for line in [
-        "warning: 0.png: not compared: ",
-        "warning: 1.png: not of the sensor's size: not compared\n",
+        "warning: cannot read 0.png: it does not exist\n",
+        "warning: 1.png is 5x5 px, the sensor 96x72 px\n",
         "warning: 2.png: 0.3 mm per px in the table, 0.200000 on the sensor, which counts\n",
     ] {
         assert!(said.contains(line), "{line}{said}");
     }
     // A circle no ball has, and one out of view.
     folder.write("presses.csv", format!("{HEAD}big.png,40,30,300,4,0.2\nfar.png,-900,-900,8,4,0.2\n"));
-    let (shown, said) = evaluated(&folder, " --fidelity draft");
-    assert!(said.contains("big.png: its circle is too large for its ball") && shown.contains("mean of 0"), "{said}");
+    let said = folder.fail("calibrate --evaluate presses.csv --sensor sensor.toml --out out", 2);
+    assert!(said.contains("2 images do not exist: big.png, far.png"), "{said}");
+    for name in ["big.png", "far.png"] {
+        pressed(CIRCLES[0]).save(folder.path(name)).expect("an image");
+    }
+    let (shown, said) = evaluated(&folder, " --fidelity draft --keep-anyway");
+    assert!(
+        said.contains("big.png: its circle is too large for its ball") && shown.contains("mean of 2"),
+        "{shown}{said}"
+    );
     assert!(folder.path("out/big.png").is_file());
     let far = picture(&folder.files("out")["far.png"]);
     assert!(far == rest(), "nothing is in view");

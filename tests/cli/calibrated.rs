@@ -122,7 +122,12 @@ fn a_table_that_has_changed_is_told_by_its_hash() {
 fn measured_light_needs_a_sensor_that_was_measured() {
     let folder = Folder::with_job(&format!("{JOB}[optics.calibrated]\nspacing_mm = 0.5\n"));
     let said = folder.fail("plan job.toml", 2);
-    assert!(said.contains("help: ") && said.contains("`gelsim calibrate`") && said.contains("[sensor] file"), "{said}");
+    assert!(
+        said.contains("help: ")
+            && said.contains("`gelsim calibrate`")
+            && said.contains("file = \"...\" under [sensor]"),
+        "{said}"
+    );
     assert!(said.contains("job.toml:") && said.contains("optics"), "{said}");
 }
 

@@ -137,7 +137,7 @@ fn sets_without_pairs_are_compared_as_sets() {
     for words in [
         "all: 2 real images against 8 simulated ones of other presses.",
         "no measure of the simulator",
-        "gelsim calibrate --evaluate PRESSES.csv",
+        "gelsim calibrate --evaluate real/annotations.csv",
     ] {
         assert!(shown.contains(words), "{words} is not in\n{shown}");
     }

@@ -110,7 +110,7 @@ fn gels_that_make_no_sense_are_refused_with_a_way_out() {
         (&dome(0.0, |ring, step| ring != 3 || step > 4), "", "", "a hole of", "where the camera looks"),
         (&twice, "", "", "the surface is in 2 pieces", "delete what else"),
         (&three, "", "", "sheets or more meet", "one sheet"),
-        (&whole, "\"gel.obj\"", "\"gel.obj\", unit = \"m\"", "18000.000 mm across", "set unit to"),
+        (&whole, "\"gel.obj\"", "\"gel.obj\", unit = \"m\"", "18000.000 mm across", "with unit = \"mm\" it is 18 mm"),
         (
             &whole,
             "\"gel.obj\"",
@@ -120,7 +120,13 @@ fn gels_that_make_no_sense_are_refused_with_a_way_out() {
         ),
         (&whole, "\"gel.obj\"", "\"gel.obj\", sha256 = \"00\"", "has changed: its SHA-256", "restore the file"),
         (&whole, "-15.0]", "1.0]", "the camera stands in the gel, or outside", "2 mm thick"),
-        (&whole, "look_at_mm = [0.0, 0.0, 0.0]", "look_at_mm = [0.0, 0.0, -40.0]", "the camera sees no gel", "turn it"),
+        (
+            &whole,
+            "look_at_mm = [0.0, 0.0, 0.0]",
+            "look_at_mm = [0.0, 0.0, -40.0]",
+            "the camera sees no gel",
+            "turn the camera",
+        ),
         (&whole, "-9.0]", "1.0]", "the LED is outside of the gel", "below 0 inside"),
     ] {
         let folder = folder(gel, &edited(SENSOR, from, to));

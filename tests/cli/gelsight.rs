@@ -176,7 +176,7 @@ fn every_mistake_in_a_calibration_is_named_with_its_line() {
     assert!(said.contains("48 x 20 px, not 48 x 24 px: 3 x 2 tiles of `modelsize`"), "{said}");
     for text in ["", ":", "a:\n- b", "quadfit:\n    rows: [", "\u{feff}nL: 6"] {
         folder.write("broken.yaml", text);
-        assert!(refused(&folder, "calibrate --gelsight broken.yaml --out mine.toml").contains("missing key `width`"));
+        assert!(refused(&folder, "calibrate --gelsight broken.yaml --out mine.toml").contains("keys are missing: "));
     }
     assert!(refused(&folder, "calibrate --gelsight none.yaml --out mine.toml").contains("No such file"));
 }

@@ -336,7 +336,6 @@ fn sheets_and_reports_show_both_fingers_and_what_looks_at_one_says_so() {
         ("tradeoff job.toml --finite-elements", "looks at one sensor"),
         ("preview job.toml --effects --out e.png", "--effects looks at one sensor"),
         ("preview job.toml --key 0 --apng --out e.png", "--apng shows a sequence"),
-        ("compare grips grips", "its samples are grips of two fingers"),
     ] {
         let said = folder.fail(command, 2);
         assert!(said.contains(words), "{command}: {said}");
@@ -383,7 +382,12 @@ fn mistakes_are_said_at_their_places() {
         (CLOSING, "", "missing key `force_n` in [gripper]", "[gripper]"),
         (CLOSING, "force_n = 1.0\nwidth_mm = 20.0", "both `width_mm` and `force_n` say how far", "force_n = 1.0"),
         (CLOSING, "force_n = -1.0", "force_n may be -1", "force_n = -1.0"),
-        (CLOSING, "squeeze_mm = 9.0", "squeeze_mm may be 9, which is out of range", "squeeze_mm = 9.0"),
+        (
+            CLOSING,
+            "squeeze_mm = 9.0",
+            "squeeze_mm may be 9, and both gelpads together are as thick as 7 mm",
+            "squeeze_mm = 9.0",
+        ),
         (CLOSING, "squeze_mm = 1.0", "squeze_mm", "squeze_mm = 1.0"),
         (
             "preset = \"gelsight-mini\"",
@@ -394,7 +398,12 @@ fn mistakes_are_said_at_their_places() {
         ("resolution_px = [60, 80]", "resolution_px = [0, 80]", "resolution_px = 0 is out of range", "[0, 80]"),
         ("gelpad_youngs_modulus_kpa = [60.0, 300.0]", "gelpad_yongs = 1.0", "gelpad_yongs", "gelpad_yongs"),
         ("preset = \"gelsight-mini\"", "preset = \"geltip\"", "the gel of `geltip` has a shape", "geltip"),
-        ("preset = \"gelsight-mini\"", "preset = \"gelsight-series2\"", "a job has one model of the light", "series2"),
+        (
+            "preset = \"gelsight-mini\"",
+            "preset = \"gelsight-series2\"",
+            "the light of `gelsight-2014` is `phong`, that of `gelsight-series2` is `lamps`",
+            "leave [gripper.right] out",
+        ),
         ("preset = \"gelsight-2014\"", "preset = \"geltip\"", "the gel of `geltip` has a shape", "geltip"),
         ("[pose]", "[indentation]\ndepth_mm = 0.5\n[pose]", "says how deep each finger is pressed", "depth_mm = 0.5"),
         ("[pose]", "[gelpad.mean_blur]\n[pose]", "the gelpad model `mean_blur` knows no force", "gelpad.mean_blur"),

@@ -517,7 +517,7 @@ fn the_way_out_of_a_path_that_names_nothing_works_when_it_is_followed() {
         ("m/{a,b}.obj", "write a table for each, [[object]] path = \"m/a.obj\" and [[object]] path = \"m/b.obj\""),
         ("m/*.{obj,stl}", "[[object]] path = \"m/*.obj\" and"),
         ("$HERE/m/a.obj", "variables are not replaced here: write what it stands for"),
-        ("mm/a.obj", "there is no folder mm; paths"),
+        ("mm/a.obj", "there is no folder mm, did you mean m?"),
         ("meshes/../m/a.obj", "there is no folder meshes"),
         ("file://m/a.obj", "write the path alone: \"m/a.obj\""),
         ("https://a/b.obj", "nothing is downloaded: fetch it, and name the file"),

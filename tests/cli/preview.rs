@@ -333,7 +333,7 @@ fn a_picture_is_what_its_name_says() {
     std::fs::create_dir_all(folder.path(made)).expect("folders");
     folder.succeed("preview job.toml --out deep/down/sheet.png");
     let said = folder.fail("preview job.toml --out s3://bucket/sheet.png", 2);
-    assert!(said.contains("is in an object store") && said.contains("copy that to the store"), "{said}");
+    assert!(said.contains("it is in an object store") && said.contains("write to a folder, and copy that"), "{said}");
 }
 
 #[test]

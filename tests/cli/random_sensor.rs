@@ -201,8 +201,8 @@ color = [1.0, 1.0, [0.5, 2.0]]"#;
     let folder = Folder::with_job(&edited(JOB, &[("resolution_px = [48, 36]", sensor)]));
     let said = folder.fail("plan job.toml", 2);
     for expected in [
-        "depth_mm may be 0.3 to 1.2, which is out of range",
-        "the smallest thickness of the gelpad",
+        "depth_mm may be 0.3 to 1.2, and the thinnest gelpad",
+        "the thinnest gelpad is as thick as 1 mm",
         "darkening may be 0.5 to 1.5, which is out of range",
         "unknown distribution `uniforn`",
         "stray_light: inverted range: 0.2 is above 0.1",
@@ -217,7 +217,7 @@ color = [1.0, 1.0, [0.5, 2.0]]"#;
     let folder = Folder::with_job(&edited(JOB, &[("resolution_px = [48, 36]", unit)]));
     let said = folder.fail("plan job.toml", 2);
     assert!(
-        said.contains("a unit may be out of range: elevation_deg = -7.4") && said.contains("job.toml:11:"),
+        said.contains("units may be out of range: elevation_deg = -7.4") && said.contains("job.toml:11:"),
         "{said}"
     );
 }
@@ -265,9 +265,9 @@ fn each_sample_draws_one_of_several_presets() {
     let said = folder.fail("plan job.toml", 2);
     for expected in [
         "`gelsight-mini` has [320, 240] px, `digit` [240, 320] px",
-        "set resolution_px, which then holds for all of them",
+        "resolution_px = [320, 240] under [sensor]",
         "no sensor preset is called `digits`",
-        "depth_mm may be 0.3 to 5, which is out of range",
+        "depth_mm may be 0.3 to 5, and the gelpad is as thick as 4 mm",
         "job.toml:10:28",
         "job.toml:10:37",
     ] {

@@ -2,6 +2,7 @@
 //! them.
 
 mod detect;
+mod judge;
 mod page;
 mod real;
 mod sensors;

@@ -34,8 +34,16 @@ fn a_page_of_presses_is_written_whole() {
     let summary = [("presses", "8"), ("error, cross-validated", "4.1 grey levels"), ("thickness", "2.0 mm")];
     let summary = summary.map(|(what, figure)| (what.to_owned(), figure.to_owned()));
     let warnings = [String::from("images/0005.png: 12 % of the circle is out of view")];
-    let html =
-        Page { sensor: "example", summary: &summary, warnings: &warnings, presses: &presses, normals: &normals }.html();
+    let verdict = (String::from("the fit explains 84 % of what presses change"), false);
+    let page = Page {
+        sensor: "example",
+        verdict,
+        summary: &summary,
+        warnings: &warnings,
+        presses: &presses,
+        normals: &normals,
+    };
+    let html = page.html();
     assert_eq!(html.matches("data:image/png;base64,").count(), 8 * 3 + 5);
     assert!(html.len() < 8_000_000, "{} bytes", html.len());
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("page.html");

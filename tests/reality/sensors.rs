@@ -168,9 +168,12 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
             })
             .collect();
         println!(
-            "{name}, {count}; thickness {} mm, contact over disc {:.2}",
-            geometry.thickness_mm, geometry.contact_over_disc
+            "{name}, {count}; thickness {} mm, contact over disc {:.2}; the fit leaves {:.2} of the better guess's error",
+            geometry.thickness_mm,
+            geometry.contact_over_disc,
+            found.verdict.left()
         );
+        assert!(!found.verdict.is_hopeless(), "{name}: {}", found.verdict.text());
         let line = |what: &str, scores: &[Scores]| println!("    {what:44} {}", shown(scores.iter()));
         line("background alone", &bare);
         line("phong, not calibrated, this background", &phong);

@@ -143,7 +143,7 @@ fn cases() -> Vec<Case> {
             .unsolved(),
         Case::new("pressed flat to the shell", "a layer without thickness")
             .depth(3.0)
-            .refused("which presses the pad flat to the shell"),
+            .refused("and the gelpad is as thick as 3 mm"),
         Case::new("an exactly incompressible pad", "a response of 0")
             .pad(3.0, 0.5)
             .refused("gelpad_poisson_ratio = 0.5 is out of range"),

@@ -2,7 +2,9 @@
 
 use crate::core::optics::calibrated::beyond::Range;
 use crate::core::optics::led::Led;
+use crate::lab::calibrate::Session;
 use crate::lab::calibrate::camera::MeasuredCamera;
+use crate::lab::calibrate::judge::fit::Verdict;
 use crate::lab::calibrate::leds::FittedLeds;
 use crate::lab::calibrate::run::Calibration;
 use crate::lab::compare::score::Score;
@@ -26,7 +28,8 @@ pub(super) fn summary(found: &Calibration) -> Vec<(String, String)> {
     let suspects = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
     let presses = found.session.observations.len();
     let line = |what: &str, figure: String| (what.to_owned(), figure);
-    vec![
+    let mut first = verdict_summary(&found.verdict);
+    first.extend([
         line("image", format!("{width}x{height} px, {} mm per px", found.session.camera.mm_per_px[0])),
         line("presses", format!("{presses}, {suspects} of them doubtful, {} left out", found.dropped.len())),
         line("gelpad thickness", format!("{} mm", found.geometry.thickness_mm)),
@@ -36,11 +39,42 @@ pub(super) fn summary(found: &Calibration) -> Vec<(String, String)> {
         line("cross-validated, whole image", figure(&full_image)),
         line("background alone, contact", figure(&bare_contact)),
         line("background alone, whole image", figure(&bare_full_image)),
-    ]
-    .into_iter()
-    .chain(leds_summary(&found.leds))
-    .chain(camera_summary(found.camera.as_ref()))
-    .collect()
+    ]);
+    first
+        .into_iter()
+        .chain(dots_summary(&found.session))
+        .chain(leds_summary(&found.leds))
+        .chain(camera_summary(found.camera.as_ref()))
+        .collect()
+}
+
+/// How much the fit explains.
+pub(super) fn verdict_summary(verdict: &Verdict) -> Vec<(String, String)> {
+    let explained = 100.0 * (1.0 - verdict.left());
+    let figure = format!(
+        "{explained:.0} % of what presses change around the contact (MAE {:.2}; {:.2} of the background alone, {:.2} of one colour \
+         for each disc)",
+        verdict.fit, verdict.background, verdict.flat
+    );
+    vec![(String::from("explained"), figure)]
+}
+
+/// The dots that are printed on the pad, if there are any.
+pub(super) fn dots_summary(session: &Session) -> Vec<(String, String)> {
+    let Some(printed) = &session.printed else { return Vec::new() };
+    let (dots, pitch) = (&printed.dots, session.camera.mm_per_px[0]);
+    let mm = |px: f64| format!("{:.2} mm", px * pitch);
+    let apart = match dots.pitch_px {
+        Some([x, y]) => format!("{} apart across, {} down", mm(x), mm(y)),
+        None => format!("{} apart", mm(dots.nearest_px)),
+    };
+    let figure = format!(
+        "{} whole ones, {apart}, {} wide, carried by up to {}",
+        dots.count,
+        mm(dots.diameter_px),
+        mm(dots.motion_px)
+    );
+    vec![(String::from("printed dots"), figure)]
 }
 
 /// How far the presses went.

@@ -37,6 +37,9 @@ use subpixel::Subpixel;
 use tangential::TangentialMotion;
 use whole::{Beyond, Whole};
 
+/// Shares of a pad's thickness that presses usually go in: seen well, and within linear theory.
+pub const USUAL_DEPTHS: [f64; 2] = [0.05, 0.3];
+
 /// The models of the gelpad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]

@@ -163,10 +163,10 @@ pub(super) fn detect(bytes: &[u8]) -> Option<Detected> {
     }
     // Of zeros alone the header of an STL may be, too.
     let is_hollow = bytes.iter().take(512).all(|byte| *byte == 0);
-    if !is_hollow || bytes.iter().all(|byte| *byte == 0) {
-        if let Some(found) = foreign::recognise(bytes) {
-            return Some(Detected::Foreign(found));
-        }
+    if (!is_hollow || bytes.iter().all(|byte| *byte == 0))
+        && let Some(found) = foreign::recognise(bytes)
+    {
+        return Some(Detected::Foreign(found));
     }
     by_first_word(bytes)
 }
@@ -187,8 +187,7 @@ fn by_first_word(bytes: &[u8]) -> Option<Detected> {
         }
         if first.starts_with(b"{") {
             let has = |key: &[u8]| bytes.windows(key.len()).any(|window| window == key);
-            let other =
-                Foreign { what: "JSON", help: "open it in an editor: it may say why it is not the file itself" };
+            let other = Foreign { what: "JSON", help: "it may say itself why it is not what belongs here" };
             let is_gltf = has(b"\"asset\"") && (has(b"\"meshes\"") || has(b"\"nodes\""));
             return Some(if is_gltf { Mesh(Format::Gltf) } else { Detected::Foreign(other) });
         }

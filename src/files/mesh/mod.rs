@@ -23,6 +23,7 @@ mod remark;
 mod stl;
 mod threemf;
 mod urdf;
+mod uri;
 mod words;
 mod xml;
 

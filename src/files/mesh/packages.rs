@@ -13,7 +13,7 @@ use std::path::{Component, Path, PathBuf};
 use roxmltree::{Document, Node};
 
 use super::missing::Reason;
-use super::others::decoded;
+use super::uri::decoded;
 use super::{Format, is_height_map};
 use crate::files::input;
 

@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(failure(&longer), "says 3 triangles but has room for 12");
         // Whole facets that are none: of random bytes few are lengths.
         let mut noise = file(b"", 7, 12);
-        (84..684).for_each(|at| noise[at] = (at * at * 31 >> 3) as u8);
+        (84..684).for_each(|at| noise[at] = ((at * at * 31) >> 3) as u8);
         assert_eq!(failure(&noise), "says 7 triangles but has room for 12");
     }
 

@@ -403,7 +403,12 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             write(format!("[{}]", names.join(", ")))
         }
         (Value::Table(_), Wanted::List) if ["object", "led", "lamp", "phase"].contains(&key) => {
-            Some(String::from("there may be several: write its name between double brackets, [[ and ]]"))
+            let table = match key {
+                "led" | "lamp" => format!("sensor.{key}"),
+                "phase" => format!("sequence.{key}"),
+                _ => key.to_owned(),
+            };
+            Some(format!("there may be several: write [[{table}]]"))
         }
         (Value::Table(_), Wanted::List) => Some(format!("a list stands in brackets: {key} = [..]")),
         (Value::Array(items), Wanted::Table) if key == "splits" => match floats(items)?.as_slice() {

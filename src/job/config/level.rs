@@ -103,7 +103,7 @@ impl Change<'_> {
                 }
                 None
             }
-            (MeanBlur(own), before, MeanBlur(after)) if own != *after && MeanBlur(own.clone()) != *before => {
+            (MeanBlur(own), before, MeanBlur(after)) if own != *after && MeanBlur(own) != *before => {
                 self.refuse("gelpad.mean_blur", "another blur", "that of the paper");
                 None
             }

@@ -9,6 +9,7 @@ use crate::core::pose::Anchor;
 use crate::files::diagnostic::{Diagnostic, Severity};
 use crate::files::figures::{counted, figure};
 use crate::files::mesh::{MeshFileError, Remark};
+use crate::files::spelling::without_codes;
 use crate::job::config::object::{Unit, is_plausible};
 
 /// What was found.
@@ -109,7 +110,7 @@ pub struct Finding {
 
 impl Finding {
     fn new(severity: Severity, kind: Kind, message: impl Into<String>, help: impl Into<String>) -> Self {
-        Self { severity, kind, message: message.into(), help: help.into(), detail: String::new() }
+        Self { severity, kind, message: without_codes(message.into()), help: help.into(), detail: String::new() }
     }
 
     fn detail(mut self, detail: String) -> Self {

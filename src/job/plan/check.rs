@@ -2,6 +2,7 @@
 
 use std::ops::RangeInclusive;
 
+use crate::core::gelpad::USUAL_DEPTHS;
 use crate::files::diagnostic::{Diagnostic, Diagnostics};
 use crate::files::figures::{figure, tidy};
 use crate::files::sensor::Sensor;
@@ -72,7 +73,8 @@ impl Check<'_> {
         } else if !range.contains(&value) && self.sound(path) {
             let help = allowed(&range, unit);
             // What was worked out has more digits than anybody writes.
-            let shown = if format!("{value}").len() > 12 { figure(value) } else { format!("{value}") };
+            let has_many = value.fract() != 0.0 && format!("{value}").len() > 12;
+            let shown = if has_many { figure(value) } else { format!("{value}") };
             self.error(path, format!("{} = {shown} is out of range", key(path)), help);
         }
     }
@@ -141,13 +143,13 @@ impl Check<'_> {
                 true => format!("{} may be {}, and {behind} {most} mm", key(path), reached(min, max)),
                 false => format!("{} may be {}, which is out of range", key(path), reached(min, max)),
             };
-            let least = if least_mm == 0.0 { String::new() } else { format!("at least {least_mm} mm and ") };
             let limits = match min.is_finite() && max.is_finite() {
                 true => "",
                 false => "; give the normal distribution a `min` and a `max`",
             };
-            let [low, high] = super::remedies::USUAL_DEPTHS.map(|share| figure(share * thickness_mm));
-            let help = format!("stay {least}below {most} mm: usual is {} = [{low}, {high}]{limits}", key(path));
+            let [low, high] = USUAL_DEPTHS.map(|share| figure(share * thickness_mm));
+            let help =
+                format!("allowed: {least_mm} to below {most} mm; usual is {} = [{low}, {high}]{limits}", key(path));
             self.error(path, message, help);
         }
     }

@@ -4,6 +4,7 @@ use super::check::Check;
 use super::presets::OtherSensor;
 use super::{Scope, chosen_models, fill, gel, ranges, remedies};
 use crate::core::gelpad;
+use crate::core::gelpad::USUAL_DEPTHS;
 use crate::files::diagnostic::Diagnostics;
 use crate::files::figures::figure;
 use crate::files::sensor::quantity::Quantity;
@@ -45,7 +46,7 @@ pub fn check(check: &mut Check<'_>, job: &Job, gripper: &Gripper, right: Option<
 
     if !one_of(check, &gripper.closings(), |key| format!("gripper.{key}")) {
         let both_mm = thicknesses(check, job, right, sensor_known).unwrap_or(8.0);
-        let [low, high] = remedies::USUAL_DEPTHS.map(|share| figure(share * both_mm));
+        let [low, high] = USUAL_DEPTHS.map(|share| figure(share * both_mm));
         let help = format!(
             "for example force_n = [0.5, 2.0]; or squeeze_mm = [{low}, {high}]; or width_mm, a little less than the object is wide"
         );

@@ -1,13 +1,11 @@
 //! Ways out that several messages name, as they are to be written in this job.
 
 use super::sensors::support;
+use crate::core::gelpad::USUAL_DEPTHS;
 use crate::core::gelpad::elastic::shear::Friction;
 use crate::files::figures::figure;
 use crate::job::config::Job;
 use crate::job::config::document::Document;
-
-/// Shares of a pad's thickness that presses usually go in: seen well, and within linear theory.
-pub const USUAL_DEPTHS: [f64; 2] = [0.05, 0.3];
 
 /// `depth_mm` of usual presses of a pad so thick.
 pub fn usual_depth(thickness_mm: f64) -> String {

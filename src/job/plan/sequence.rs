@@ -4,6 +4,7 @@ use super::check::Check;
 use super::sensors::support;
 use super::{chosen_models, remedies};
 use crate::core::gelpad;
+use crate::core::gelpad::USUAL_DEPTHS;
 use crate::files::figures::{figure, tidy};
 use crate::job::config::Job;
 use crate::job::config::scene::At;
@@ -65,7 +66,7 @@ pub fn check(check: &mut Check<'_>, job: &Job, sequence: &Sequence, sensor_known
         check.quantity("sequence.friction.coefficient", coefficient, 0.0..=10.0, "");
     }
     if sequence.phase.is_empty() {
-        let [_, deep] = remedies::USUAL_DEPTHS.map(|share| figure(share * remedies::thinnest_mm(job)));
+        let [_, deep] = USUAL_DEPTHS.map(|share| figure(share * remedies::thinnest_mm(job)));
         let depth = match job.gripper {
             None => format!("depth_mm = {deep}"),
             Some(_) => String::from("force_n = 1.0"),

@@ -6,8 +6,9 @@ use std::sync::Arc;
 use super::check::Check;
 use super::{files, gel, ranges};
 use crate::core::sensor::{Background, Sensor};
-use crate::files::diagnostic::{Diagnostics, Report, user_error};
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use crate::files::sensor;
+use crate::job::config::document::Document;
 use crate::job::config::{self, Job, Overrides, Written};
 
 /// A sensor and what its files hold.
@@ -66,6 +67,22 @@ pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
         sensor.background = Background::Photograph(Arc::clone(&photograph.image));
     }
     Some(Standalone { written: job.sensor.clone(), sensor })
+}
+
+/// What of a sensor a file of it could not hold: what is out of range, as a job that names the file would say.
+pub fn out_of_range(sensor: &sensor::Sensor) -> Vec<Diagnostic> {
+    let job = Job {
+        camera: sensor.camera.clone().unwrap_or_default(),
+        markers: sensor.markers.clone(),
+        sensor: sensor.clone(),
+        ..Job::default()
+    };
+    let (document, mut problems) = (Document::empty(), Diagnostics::default());
+    let mut check = Check { document: &document, problems: &mut problems };
+    ranges::sensor(&mut check, &job);
+    ranges::pad_surface(&mut check, &job);
+    ranges::camera(&mut check, &job);
+    problems.into_iter().collect()
 }
 
 fn written(name: &str, problems: &mut Diagnostics) -> Written {

@@ -104,6 +104,9 @@ fn rms(values: [f64; 3]) -> f64 {
 
 /// Measures the camera; `None` where the images show too little away from the discs.
 pub fn measure(session: &Session) -> Option<MeasuredCamera> {
+    if session.printed.is_some() {
+        return measure(&blackened(session));
+    }
     let known: Vec<(&Observation, [f64; 3])> = session
         .observations
         .iter()
@@ -133,6 +136,19 @@ pub fn measure(session: &Session) -> Option<MeasuredCamera> {
         ],
         speckle_levels: speckle(&known, &session.background, shot_noise_levels),
     })
+}
+
+/// The same session with dots in black, which counts nowhere.
+fn blackened(session: &Session) -> Session {
+    let mut blackened = Session { printed: None, ..session.clone() };
+    for observation in &mut blackened.observations {
+        for (pixel, inked) in observation.image.pixels_mut().zip(std::mem::take(&mut observation.ink)) {
+            if inked {
+                pixel.0 = [0; 3];
+            }
+        }
+    }
+    blackened
 }
 
 /// How much rougher each channel is within the discs than away from them, grey levels.
@@ -378,13 +394,14 @@ mod tests {
                     }));
                 }
             }
-            Observation { file: format!("{k}"), image, circle, ball_radius_mm: 4.0 }
+            Observation::new(format!("{k}"), image, circle, 4.0)
         };
         Session {
             sensor: Sensor::default(),
             camera: View { resolution_px: [160, 120], mm_per_px: [0.1; 2] },
             background: picture(99, 1.0),
             observations: (0..9).map(observation).collect(),
+            printed: None,
         }
     }
 

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::pixels::Pixels;
+use super::progress::Work;
 use super::train::{self, Settings};
 use super::validate::{FOLDS, folds};
 use super::{Geometry, Session, fit};
@@ -28,8 +29,27 @@ const RIDGE: f64 = 1e-4;
 const THICKNESSES_MM: [f64; 6] = [1.5, 2.0, 3.0, 4.0, 6.0, 9.0];
 /// Fractions of the visible disc that are tried for the contact.
 const CONTACT_FRACTIONS: [f64; 5] = [0.88, 0.91, 0.94, 0.97, 1.0];
+/// What of these makes contacts the smallest for their discs and lets them be the largest.
+pub const ROOMIEST: Geometry =
+    Geometry { thickness_mm: THICKNESSES_MM[THICKNESSES_MM.len() - 1], contact_over_disc: CONTACT_FRACTIONS[0] };
 /// Pixels of a press that are looked at.
 const PIXELS: usize = 1500;
+
+/// Steps of training that take as long as the surfaces and the stand-in of one thickness, and as the surfaces of one fraction.
+const THICKNESS_STEPS: u64 = 250;
+const SURFACES_STEPS: u64 = 400;
+
+/// Steps of training in a hurry.
+fn quick_steps(settings: &Settings) -> usize {
+    settings.steps.min(400)
+}
+
+/// The work of [`choose`], in steps of training.
+pub fn work(thickness_mm: Option<f64>, contact_over_disc: Option<f64>, settings: &Settings) -> u64 {
+    let thicknesses = if thickness_mm.is_none() { THICKNESSES_MM.len() as u64 } else { 0 };
+    let fractions = if contact_over_disc.is_none() { CONTACT_FRACTIONS.len() as u64 } else { 0 };
+    thicknesses * THICKNESS_STEPS + fractions * (SURFACES_STEPS + FOLDS as u64 * quick_steps(settings) as u64)
+}
 
 /// What is open of `session`'s geometry: the thickness by the stand-in, then the fraction by networks that are fitted in a
 /// hurry. What is given stays.
@@ -38,6 +58,7 @@ pub fn choose(
     thickness_mm: Option<f64>,
     contact_over_disc: Option<f64>,
     settings: &Settings,
+    work: &Work,
 ) -> Geometry {
     let places = session.places(PIXELS);
     let on = |geometry: Geometry, resolution: Resolution, sky: bool| {
@@ -56,14 +77,17 @@ pub fn choose(
         let tried = THICKNESSES_MM.map(|thickness_mm| Geometry { thickness_mm, ..geometry });
         geometry = best(&tried, geometry, |tried| {
             let (pixels, impossible) = on(tried, Resolution::Quarter, false);
-            error(&pixels, session.place_mm()) + impossible
+            let error = error(&pixels, session.place_mm()) + impossible;
+            work.add(THICKNESS_STEPS, "choosing the pad's thickness");
+            error
         });
     }
     if contact_over_disc.is_none() {
         let tried = CONTACT_FRACTIONS.map(|contact_over_disc| Geometry { contact_over_disc, ..geometry });
         geometry = best(&tried, geometry, |tried| {
             let (pixels, impossible) = on(tried, Resolution::Half, true);
-            quick_error(session, &pixels, settings) + impossible
+            work.add(SURFACES_STEPS, "choosing the contact in the disc");
+            quick_error(session, &pixels, settings, work) + impossible
         });
     }
     geometry
@@ -76,13 +100,13 @@ fn best(tried: &[Geometry], otherwise: Geometry, error: impl Fn(Geometry) -> f64
 }
 
 /// Mean absolute error of networks on presses that they did not learn from, fractions of full scale.
-fn quick_error(session: &Session, pixels: &[Pixels], settings: &Settings) -> f64 {
-    let quick = Settings { networks: 1, steps: settings.steps.min(400), ..*settings };
+fn quick_error(session: &Session, pixels: &[Pixels], settings: &Settings, work: &Work) -> f64 {
+    let quick = Settings { networks: 1, steps: quick_steps(settings), ..*settings };
     let fold = folds(pixels.len());
     let of = |part: usize| -> [f64; 2] {
         let learnt: Vec<&Pixels> =
             pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
-        let response = fit(session, &learnt, &quick, part as u64);
+        let response = fit(session, &learnt, &quick, part as u64, work);
         let held_out = pixels.iter().zip(&fold).filter(|(_, fold)| **fold == part);
         let errors = held_out.map(|(pixels, _)| [train::error(&response, pixels), 1.0]);
         errors.fold([0.0; 2], |[sum, count], [error, one]| [sum + error, count + one])

@@ -64,7 +64,7 @@ pub fn import(path: &Path) -> Result<Imported, Report> {
     let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| String::from("it is not UTF-8")));
     let text = text.map_err(|reason| {
         crate::files::diagnostic::user_error(
-            format!("{shown}: {reason}"),
+            format!("cannot read {shown}: {reason}"),
             "name the YAML file of a device, as GelSight publishes them (gelsightinc/gssim, devices/)",
         )
     })?;
@@ -208,7 +208,7 @@ fn fields(own: &FlatField, folder: &Path) -> Result<Result<Vec<Fitted>, String>,
     let path = folder.join(name);
     let wrong = |reason: String| {
         let help = String::from(
-            "it is the PNG that was published beside the YAML file; without it the flat field is taken as even",
+            "put the PNG there that was published beside the YAML file; or remove it, and the flat field is taken as even",
         );
         (format!("{}: {reason}", path.display()), help)
     };
@@ -266,6 +266,20 @@ fn each_place(size: [usize; 2], mut work: impl FnMut(usize, usize, &SVector<f64,
             work(x, y, &terms);
         }
     }
+}
+
+/// That the untouched pad is black or white in the middle of the view under every lamp, so that no press shows.
+pub fn darkness(lamps: &[Lamp]) -> Option<Diagnostic> {
+    // There the place is 0, and the normal points at the camera.
+    let grey = |lamp: &Lamp| {
+        let [.., nz_nz, _, _, nz, one] = lamp.quadratic.map(|polynomial| polynomial[0]);
+        lamp.flat_field[0] * (nz_nz + nz + one)
+    };
+    let is_cut = |grey: f64| !(0.004..0.996).contains(&grey);
+    lamps.iter().all(|lamp| is_cut(grey(lamp))).then(|| {
+        let message = "the untouched pad is black or white under every lamp, so that no press would show";
+        Diagnostic::new(message).help("check `quadfit` and the flat field: are they those of one device?")
+    })
 }
 
 /// The tables of lamps as they stand at the end of a sensor file, a line for each polynomial.
@@ -349,8 +363,10 @@ impl<'a> Yaml<'a> {
             "" => format!("missing key `{key}`"),
             section => format!("missing key `{key}` below `{section}`"),
         };
-        let help = "is it the YAML file of a device, as GelSight publishes them?";
-        self.problems.push(Diagnostic::new(message).at(place).help(help));
+        let help =
+            "name the YAML file of a device with six lamps, as GelSight publishes them (gelsightinc/gssim, devices/)";
+        let named = if section.is_empty() { format!("`{key}`") } else { format!("`{section}: {key}`") };
+        self.problems.push(Diagnostic::new(message).at(place).of(named, "keys are missing").help(help));
         None
     }
 
@@ -362,7 +378,8 @@ impl<'a> Yaml<'a> {
         let (value, place) = self.value(section, key)?;
         let value = value.trim_matches(['"', '\'']);
         if value.is_empty() {
-            self.wrong(place, format!("`{key}` is empty"), "it names a file");
+            let help = "write the name of the flat field's PNG, or remove the whole of `flatfield` to take it as even";
+            self.wrong(place, format!("`{key}` is empty"), help);
             return None;
         }
         Some((value.to_owned(), place))
@@ -404,7 +421,8 @@ impl<'a> Yaml<'a> {
             }
         }
         if numbers.len() != count {
-            self.wrong(place, format!("`{key}` holds {} numbers", numbers.len()), &format!("it has {count}"));
+            let help = format!("write {count} numbers, as the file of GelSight has them");
+            self.wrong(place, format!("`{key}` holds {} numbers", numbers.len()), &help);
             return None;
         }
         Some(numbers)

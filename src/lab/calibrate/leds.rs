@@ -10,6 +10,7 @@ use super::pixels::Pixels;
 use crate::core::optics::calibrated::beyond::Beyond;
 use crate::core::optics::led::{Led, Normals, PlacedLed, Row};
 use crate::core::optics::phong::Phong;
+use crate::lab::metrics::statistics::median;
 
 /// How many LEDs are fitted: one for each colour.
 const LEDS: usize = 3;
@@ -21,6 +22,12 @@ const ELEVATIONS_DEG: [f64; 2] = [5.0, 80.0];
 const STEPS_DEG: [f64; 7] = [40.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5];
 /// Most of the dark end of the background that may be stray light.
 const MOST_STRAY: f64 = 0.9;
+
+/// A stronger LED explains nothing: what it is fitted to has no slopes. Real sensors: 0.9 to 6.0. A sensor file may hold 100, of
+/// which units of a sensor may differ by half.
+pub const MOST_INTENSITY: f64 = 30.0;
+/// Largest share per mm that a table may hold.
+const MOST_PER_MM: f64 = 1000.0;
 
 /// LEDs that were fitted to presses.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +43,38 @@ pub struct FittedLeds {
 }
 
 impl FittedLeds {
+    /// Mean absolute errors on pixels that are not black or white, grey levels: of these LEDs, of no change at all, and of the
+    /// best constant change.
+    pub fn errors(&self, pixels: &Pixels) -> [f64; 3] {
+        let all: Vec<usize> = (0..pixels.len()).collect();
+        let normals = normals(pixels, &all);
+        let lit: Vec<Vec<f64>> =
+            self.leds.iter().map(|led| changes([led.azimuth_deg, led.elevation_deg], &normals)).collect();
+        let (mut sums, mut count) = ([0.0; 3], 0.0);
+        for channel in 0..3 {
+            let shown: Vec<usize> = all.iter().copied().filter(|k| pixels.clipped[*k][channel] == 0.0).collect();
+            let change = |k: usize| f64::from(pixels.change[k][channel]);
+            let middle = median(&shown.iter().map(|k| change(*k)).collect::<Vec<_>>()).unwrap_or(0.0);
+            for k in shown {
+                let light: f64 =
+                    self.leds.iter().zip(&lit).map(|(led, lit)| led.intensity * led.color[channel] * lit[k]).sum();
+                let found = (f64::from(pixels.background[k][channel]) - self.stray_light[channel]) * light;
+                sums[0] += (found - change(k)).abs();
+                sums[1] += change(k).abs();
+                sums[2] += (change(k) - middle).abs();
+                count += 1.0;
+            }
+        }
+        sums.map(|sum| 255.0 * sum / f64::max(count, 1.0))
+    }
+
+    /// The same within what a sensor file may hold.
+    fn limited(mut self) -> Self {
+        self.leds.iter_mut().for_each(|led| led.intensity = led.intensity.min(MOST_INTENSITY));
+        self.per_mm = self.per_mm.map(|share| share.clamp(-MOST_PER_MM, MOST_PER_MM));
+        self
+    }
+
     /// What light follows them beyond the presses.
     pub fn beyond(&self) -> Beyond {
         Beyond { leds: self.leds.clone(), stray_light: self.stray_light, per_mm: self.per_mm }
@@ -91,7 +130,8 @@ pub fn fit_leds<'a>(pixels: impl IntoIterator<Item = &'a Pixels>) -> Option<Fitt
         }
     });
     let per_mm = per_mm(&all, &sample, &normals, &directions, channels);
-    Some(FittedLeds { leds: leds.collect(), stray_light, per_mm, rms: (left / count.max(1.0)).sqrt() })
+    let found = FittedLeds { leds: leds.collect(), stray_light, per_mm, rms: (left / count.max(1.0)).sqrt() };
+    Some(found.limited())
 }
 
 /// How the rest that the LEDs leave grows with the displacement, by least squares.

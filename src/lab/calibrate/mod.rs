@@ -23,13 +23,16 @@ use crate::lab::presses::Circle;
 pub mod camera;
 pub mod choose;
 pub mod detect;
+pub mod dots;
 pub mod evaluate;
 pub mod gelsight;
 pub mod geometry;
+pub mod judge;
 pub mod leds;
 pub mod outliers;
 pub mod page;
 pub mod pixels;
+pub mod progress;
 pub mod run;
 pub mod session;
 pub mod surfaces;
@@ -37,8 +40,10 @@ pub mod taxim;
 pub mod train;
 pub mod validate;
 
+use dots::Dots;
 use geometry::Balls;
 use pixels::{Pixels, places};
+use progress::Work;
 use train::Settings;
 
 /// One press: what the camera saw, and where the ball touched.
@@ -46,12 +51,37 @@ use train::Settings;
 pub struct Observation {
     /// The image's file, as the table of presses has it.
     pub file: String,
-    /// The image.
+    /// The image; without dots, if any are printed on the pad.
     pub image: RgbImage,
     /// The disc that people see.
     pub circle: Circle,
+    /// How sure it is, 0 to 1, if it was looked for.
+    pub confidence: Option<f64>,
     /// Radius of the ball, mm.
     pub ball_radius_mm: f64,
+    /// True at the pixels that dots cover, in the image or in the background; empty where none are printed.
+    pub ink: Vec<bool>,
+}
+
+impl Observation {
+    /// A press of a pad without dots, of which the circle is known.
+    pub fn new(file: impl Into<String>, image: RgbImage, circle: Circle, ball_radius_mm: f64) -> Self {
+        Self { file: file.into(), image, circle, confidence: None, ball_radius_mm, ink: Vec::new() }
+    }
+
+    /// True if a dot covers the pixel.
+    fn is_inked(&self, at: usize) -> bool {
+        self.ink.get(at).copied().unwrap_or(false)
+    }
+}
+
+/// Dots printed on a pad, and its picture with them.
+#[derive(Clone, Debug)]
+pub struct Printed {
+    /// The dots.
+    pub dots: Dots,
+    /// The background image with them.
+    pub background: RgbImage,
 }
 
 /// Presses of one sensor.
@@ -61,10 +91,12 @@ pub struct Session {
     pub sensor: Sensor,
     /// Its view.
     pub camera: View,
-    /// The background image: the untouched pad.
+    /// The background image: the untouched pad; without dots, if any are printed on it.
     pub background: RgbImage,
     /// The presses.
     pub observations: Vec<Observation>,
+    /// The dots that are printed on the pad.
+    pub printed: Option<Printed>,
 }
 
 /// What decides the surface of all presses.
@@ -119,6 +151,17 @@ impl Session {
         Surfaces { contacts, depths_mm, too_large }
     }
 
+    /// True for each press whose contact is larger than any of its ball in such a pad.
+    pub fn too_large(&self, geometry: Geometry) -> Vec<bool> {
+        let material = self.material(geometry.thickness_mm);
+        let balls = Balls::new(self.observations.iter().map(|observation| observation.ball_radius_mm), &material);
+        let is_too_large = |observation: &Observation| {
+            let contact_mm = observation.circle.radius_px * self.camera.mm_per_px[0] * geometry.contact_over_disc;
+            balls.of_radius(observation.ball_radius_mm).depth_mm(contact_mm).is_none()
+        };
+        self.observations.iter().map(is_too_large).collect()
+    }
+
     /// Places in the picture of each press, up to `most` of each, to learn from.
     pub fn places(&self, most: usize) -> Vec<Vec<usize>> {
         let of = |(k, observation): (usize, &Observation)| {
@@ -152,10 +195,10 @@ impl Session {
 }
 
 /// Fits one model to the pixels of several presses.
-pub fn fit(session: &Session, pixels: &[&Pixels], settings: &Settings, seed: u64) -> Response {
+pub fn fit(session: &Session, pixels: &[&Pixels], settings: &Settings, seed: u64, work: &Work) -> Response {
     let mut all = Pixels::default();
     pixels.iter().for_each(|pixels| all.append(pixels));
-    train::fit(&all, pixels::range(pixels), session.place_mm(), settings, seed)
+    train::fit(&all, pixels::range(pixels), session.place_mm(), settings, seed, work)
 }
 
 /// A table with a fitted model.

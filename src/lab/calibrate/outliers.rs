@@ -10,6 +10,7 @@ use image::RgbImage;
 
 use super::detect::change::{Change, energy};
 use super::detect::{contents, detect};
+use crate::files::diagnostic::Diagnostic;
 use crate::lab::presses::Circle;
 
 /// A detection must be this sure to count against a circle.
@@ -53,6 +54,15 @@ pub enum OutlierReason {
         /// Of the circle's area, 0 to 1.
         fraction: f64,
     },
+    /// No press of the ball has so large a contact.
+    TooLarge,
+    /// A fit of the others simulates it far worse than these.
+    FarWorse {
+        /// Around its contact, grey levels.
+        error: f64,
+        /// Those of the others, in the middle.
+        others: f64,
+    },
 }
 
 impl fmt::Display for OutlierReason {
@@ -69,7 +79,67 @@ impl fmt::Display for OutlierReason {
             }
             Self::Saturated { fraction } => write!(f, "{} % of the circle is saturated", percent(fraction)),
             Self::OutOfView { fraction } => write!(f, "{} % of the circle is out of view", percent(fraction)),
+            Self::TooLarge => write!(f, "its circle is too large for its ball"),
+            Self::FarWorse { error, others } => write!(
+                f,
+                "it is simulated far worse than the others ({error:.1} levels, theirs {others:.1}): its circle or its ball may be \
+                 wrong"
+            ),
         }
+    }
+}
+
+impl OutlierReason {
+    /// True of what only a fit shows.
+    pub fn is_of_fit(&self) -> bool {
+        matches!(self, Self::TooLarge | Self::FarWorse { .. })
+    }
+
+    /// The warning on a press of this file. Of many presses of which the same is true one warning is made.
+    pub fn warning(&self, file: &str) -> Diagnostic {
+        let percent = |fraction: f64| (100.0 * fraction).round();
+        let (cause, figure, help) = match *self {
+            Self::FarFromChange { distance_px } => (
+                "circles are away from the discs that are seen",
+                format!(" ({distance_px:.0} px)"),
+                "correct their centres",
+            ),
+            Self::OtherSize { detected_px } => (
+                "circles are larger or smaller than the discs that are seen",
+                format!(" ({detected_px:.0} px seen)"),
+                "correct their radii",
+            ),
+            Self::NothingThere => (
+                "images are no different from the background in their circles",
+                String::new(),
+                "correct the circles, or name the images that show the presses",
+            ),
+            Self::Elsewhere { fraction } => (
+                "images have changed far outside of their circles",
+                format!(" ({} % of the change)", percent(fraction)),
+                "correct the circles; a second contact, or a moved camera, spoils the image",
+            ),
+            Self::Saturated { fraction } => (
+                "images are saturated in their circles",
+                format!(" ({} %)", percent(fraction)),
+                "take them at a shorter exposure",
+            ),
+            Self::OutOfView { fraction } => {
+                ("circles are partly out of view", format!(" ({} %)", percent(fraction)), "press further inside")
+            }
+            Self::TooLarge => (
+                "circles are too large for their balls",
+                String::new(),
+                "correct `radius_px`, the radius and not the diameter, `ball_radius_mm` or `mm_per_px`",
+            ),
+            Self::FarWorse { error, .. } => (
+                "presses are simulated far worse than the others",
+                format!(" ({error:.1} levels)"),
+                "correct their circles and balls",
+            ),
+        };
+        let help = format!("{help}; or leave such presses out with --drop-bad");
+        Diagnostic::warning(format!("{file}: {self}")).of(format!("{file}{figure}"), cause).help(help)
     }
 }
 

@@ -133,7 +133,7 @@ pub fn range(presses: &[&Pixels]) -> Range {
 }
 
 /// Up to `most` pixels of a press, drawn at random: those near its contact and those of its halo. Those that are
-/// saturated in the background say nothing.
+/// saturated in the background, and those under dots, say nothing.
 pub fn places(observation: &Observation, background: &RgbImage, most: usize, random: &mut Stream) -> Vec<usize> {
     let width = background.width() as usize;
     let [x, y] = observation.circle.centre_px;
@@ -141,7 +141,8 @@ pub fn places(observation: &Observation, background: &RgbImage, most: usize, ran
     for (at, color) in background.pixels().enumerate() {
         let (across, down) = ((at % width) as f64 - x, (at / width) as f64 - y);
         let distance = libm::hypot(across, down) / observation.circle.radius_px;
-        if distance < REACH && color.0.iter().all(|level| *level < SATURATED) {
+        let is_shown = color.0.iter().all(|level| *level < SATURATED) && !observation.is_inked(at);
+        if distance < REACH && is_shown {
             if distance < DILATE { near.push(at) } else { far.push(at) }
         }
     }

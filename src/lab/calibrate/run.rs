@@ -4,13 +4,15 @@ use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
 use super::camera::{MeasuredCamera, measure};
-use super::choose::choose;
+use super::choose::{self, choose};
+use super::judge::fit::{Verdict, guesses};
 use super::leds::{FittedLeds, fit_leds};
-use super::outliers::outlier_reasons;
+use super::outliers::{OutlierReason, outlier_reasons};
 use super::pixels::{DILATE, Pixels};
+use super::progress::{Heard, Work};
 use super::train::Settings;
-use super::validate::{HeldOut, cross_validate};
-use super::{Geometry, Session, Surfaces, fit, table};
+use super::validate::{self, HeldOut, cross_validate};
+use super::{Geometry, Observation, Session, Surfaces, fit, table};
 use crate::core::base::grid::Resolution;
 use crate::core::gelpad::Model;
 use crate::core::gelpad::elastic::Elastic;
@@ -49,63 +51,117 @@ pub struct Calibration {
     /// Each press by a model of the others.
     pub held_out: Vec<HeldOut>,
     /// What speaks against each press.
-    pub outlier_reasons: Vec<Vec<String>>,
+    pub outlier_reasons: Vec<Vec<OutlierReason>>,
     /// Presses that were left out, each with what spoke against it.
-    pub dropped: Vec<(String, Vec<String>)>,
+    pub dropped: Vec<(String, Vec<OutlierReason>)>,
+    /// Presses whose contact no press of their ball makes in this pad.
+    pub too_large: usize,
+    /// Whether the fit explains what the presses change.
+    pub verdict: Verdict,
 }
 
-/// Calibrates. `None` if too few presses are left.
-pub fn run(mut session: Session, request: &Request) -> Option<Calibration> {
+/// Why there is no calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Unfit {
+    /// Too few presses are left; those that were left out, each with what spoke against it.
+    TooFew(Vec<(String, Vec<OutlierReason>)>),
+    /// No pixel can be learnt from: all are out of view or white in the background.
+    NoPixel,
+}
+
+/// What speaks against each press before the fit.
+pub fn doubts(session: &Session) -> Vec<Vec<OutlierReason>> {
+    let of = |observation: &Observation| outlier_reasons(&observation.image, &session.background, &observation.circle);
+    session.observations.par_iter().map(of).collect()
+}
+
+/// Calibrates; `None` if too few presses are left, or no pixel that can be learnt from.
+pub fn run(session: Session, request: &Request) -> Option<Calibration> {
+    let doubts = doubts(&session);
+    run_heard(session, doubts, request, &|_, _| {}).ok()
+}
+
+/// Calibrates where it is known what speaks against each press, and says how far that has come.
+pub fn run_heard(
+    mut session: Session,
+    mut doubts: Vec<Vec<OutlierReason>>,
+    request: &Request,
+    heard: Heard<'_>,
+) -> Result<Calibration, Unfit> {
+    let Request { thickness_mm, contact_over_disc, settings, .. } = request;
     let mut dropped = Vec::new();
-    let of = |observation: &super::Observation| -> Vec<String> {
-        let found = outlier_reasons(&observation.image, &session.background, &observation.circle);
-        found.iter().map(ToString::to_string).collect()
-    };
-    let mut doubts: Vec<Vec<String>> = session.observations.par_iter().map(of).collect();
     if request.drops_bad {
         drop_bad(&mut session, &mut doubts, &mut dropped);
     }
     if session.observations.len() < super::session::FEWEST {
-        return None;
+        return Err(Unfit::TooFew(dropped));
     }
-    let chosen =
-        |session: &Session| choose(session, request.thickness_mm, request.contact_over_disc, &request.settings);
+    let last = (settings.networks * settings.steps) as u64;
+    let once = choose::work(*thickness_mm, *contact_over_disc, settings)
+        + validate::work(session.observations.len(), settings);
+    let work = Work::new(if request.drops_bad { 2 * once } else { once } + last, heard);
+    let chosen = |session: &Session| choose(session, *thickness_mm, *contact_over_disc, settings, &work);
     let mut geometry = chosen(&session);
-    let (mut pixels, mut held_out, mut odd) = learn(&session, geometry, request);
-    if request.drops_bad && odd.iter().any(|odd| !odd.is_empty()) {
-        drop_bad(&mut session, &mut odd, &mut dropped);
+    let mut learnt = learn(&session, geometry, request, &work);
+    if request.drops_bad && learnt.odd.iter().any(|odd| !odd.is_empty()) {
+        drop_bad(&mut session, &mut learnt.odd, &mut dropped);
         doubts = vec![Vec::new(); session.observations.len()];
         if session.observations.len() < super::session::FEWEST {
-            return None;
+            return Err(Unfit::TooFew(dropped));
         }
         geometry = chosen(&session);
-        (pixels, held_out, odd) = learn(&session, geometry, request);
+        learnt = learn(&session, geometry, request, &work);
     }
+    let Learnt { pixels, held_out, odd, too_large } = learnt;
     for (doubts, odd) in doubts.iter_mut().zip(odd) {
         doubts.extend(odd);
     }
-    let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), &request.settings, 100);
-    let leds = fit_leds(&pixels)?;
-    Some(Calibration {
+    let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), settings, 100, &work);
+    let leds = fit_leds(&pixels).ok_or(Unfit::NoPixel)?;
+    Ok(Calibration {
         table: table(response, geometry).with_beyond(leds.beyond()),
         leds,
         camera: measure(&session),
+        verdict: verdict(&session, &held_out),
         session,
         geometry,
         held_out,
         outlier_reasons: doubts,
         dropped,
+        too_large,
     })
 }
 
-/// What there is to learn, each press by a model of the others, and what that says against it.
-fn learn(session: &Session, geometry: Geometry, request: &Request) -> (Vec<Pixels>, Vec<HeldOut>, Vec<Vec<String>>) {
+/// What was learnt of presses by models of the others.
+struct Learnt {
+    pixels: Vec<Pixels>,
+    held_out: Vec<HeldOut>,
+    /// What that says against each press.
+    odd: Vec<Vec<OutlierReason>>,
+    too_large: usize,
+}
+
+fn learn(session: &Session, geometry: Geometry, request: &Request, work: &Work) -> Learnt {
     let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
     let surfaces = session.surfaces(geometry, &half);
     let pixels = session.pixels(&session.places(PIXELS), &surfaces, true);
-    let held_out = cross_validate(session, &surfaces, &pixels, geometry, &request.settings);
+    let held_out = cross_validate(session, &surfaces, &pixels, geometry, &request.settings, work);
     let odd = odd_ones(&surfaces, &held_out);
-    (pixels, held_out, odd)
+    let too_large = surfaces.too_large.iter().filter(|too_large| **too_large).count();
+    Learnt { pixels, held_out, odd, too_large }
+}
+
+/// Errors of the fit on presses that it has not seen, and of guesses, around the contacts.
+fn verdict(session: &Session, held_out: &[HeldOut]) -> Verdict {
+    let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;
+    let fit = held_out.iter().filter_map(|held_out| Some(held_out.scores.contact?.mae)).collect();
+    let guesses: Vec<[f64; 2]> = session
+        .observations
+        .par_iter()
+        .filter_map(|press| guesses(&press.image, &session.background, &press.circle))
+        .collect();
+    let of = |k: usize| mean(guesses.iter().map(|guesses| guesses[k]).collect());
+    Verdict { fit: mean(fit), background: of(0), flat: of(1) }
 }
 
 impl Request {
@@ -118,15 +174,40 @@ impl Request {
     }
 }
 
+/// LEDs that were fitted alone, and how good they are.
+pub struct LedsAlone {
+    /// The LEDs.
+    pub leds: FittedLeds,
+    /// Whether they explain what the presses change.
+    pub verdict: Verdict,
+    /// Presses whose contact no press of their ball makes in this pad.
+    pub too_large: Vec<bool>,
+}
+
 /// Fits the LEDs alone, on this pad. `None` without pixels.
-pub fn run_leds(session: &Session, geometry: Geometry) -> Option<FittedLeds> {
+pub fn run_leds(session: &Session, geometry: Geometry) -> Option<LedsAlone> {
     let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
     let surfaces = session.surfaces(geometry, &half);
-    fit_leds(&session.pixels(&session.places(PIXELS), &surfaces, false))
+    let pixels = session.pixels(&session.places(PIXELS), &surfaces, false);
+    let leds = fit_leds(&pixels)?;
+    // Of so few numbers, fitted to thousands of pixels, those of the others are as good; with three presses, of two.
+    let parts = pixels.len().min(validate::FOLDS);
+    let errors = (0..pixels.len()).into_par_iter().map(|press| {
+        let others = pixels.iter().enumerate().filter(|(k, _)| k % parts != press % parts).map(|(_, pixels)| pixels);
+        Some(fit_leds(others)?.errors(&pixels[press]))
+    });
+    let errors: Vec<[f64; 3]> = errors.flatten().collect();
+    let mean = |k: usize| errors.iter().map(|errors| errors[k]).sum::<f64>() / errors.len() as f64;
+    let verdict = Verdict { fit: mean(0), background: mean(1), flat: mean(2) };
+    Some(LedsAlone { leds, verdict, too_large: surfaces.too_large })
 }
 
 /// Takes the presses that something speaks against out of the session.
-fn drop_bad(session: &mut Session, doubts: &mut Vec<Vec<String>>, dropped: &mut Vec<(String, Vec<String>)>) {
+fn drop_bad(
+    session: &mut Session,
+    doubts: &mut Vec<Vec<OutlierReason>>,
+    dropped: &mut Vec<(String, Vec<OutlierReason>)>,
+) {
     let all = std::mem::take(&mut session.observations).into_iter().zip(std::mem::take(doubts));
     for (observation, found) in all {
         if found.is_empty() {
@@ -139,7 +220,7 @@ fn drop_bad(session: &mut Session, doubts: &mut Vec<Vec<String>>, dropped: &mut 
 }
 
 /// What the fit says against presses: contacts no ball has, and errors far beyond the others'.
-fn odd_ones(surfaces: &Surfaces, held_out: &[HeldOut]) -> Vec<Vec<String>> {
+fn odd_ones(surfaces: &Surfaces, held_out: &[HeldOut]) -> Vec<Vec<OutlierReason>> {
     let errors: Vec<f64> =
         held_out.iter().map(|held_out| held_out.scores.contact.unwrap_or(held_out.scores.full_image).mae).collect();
     let median = |mut values: Vec<f64>| {
@@ -151,13 +232,10 @@ fn odd_ones(surfaces: &Surfaces, held_out: &[HeldOut]) -> Vec<Vec<String>> {
     let odd = |(error, too_large): (&f64, &bool)| {
         let mut odd = Vec::new();
         if *too_large {
-            odd.push(String::from("its circle is too large for its ball"));
+            odd.push(OutlierReason::TooLarge);
         }
         if *error > (middle + 5.0 * spread).max(2.0 * middle) {
-            odd.push(format!(
-                "it is simulated far worse than the others ({error:.1} levels, theirs {middle:.1}): its circle or its ball \
-                 may be wrong"
-            ));
+            odd.push(OutlierReason::FarWorse { error: *error, others: middle });
         }
         odd
     };

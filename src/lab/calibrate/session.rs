@@ -4,15 +4,17 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 
 use image::RgbImage;
+use rayon::prelude::*;
 
-use super::{Observation, Session};
+use super::dots::{Cleared, Dots};
+use super::{Observation, Printed, Session};
 use crate::core::base::view::View;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use crate::files::image_file;
 use crate::files::input;
 use crate::files::sensor::Sensor;
-use crate::lab::calibrate::detect::detect;
-use crate::lab::presses::{self, Press, Table};
+use crate::lab::calibrate::detect::{Detection, detect};
+use crate::lab::presses::{self, Column, Press, Table};
 
 /// Fewer presses teach nothing that holds elsewhere.
 pub const FEWEST: usize = 5;
@@ -21,12 +23,50 @@ pub const FEWEST_FOR_LEDS: usize = 3;
 
 /// Sides of the view that a sensor file may have, mm.
 const VIEWS_MM: RangeInclusive<f64> = 1e-3..=1e4;
+/// A circle that was found less surely is to be looked at.
+const SURE: f64 = 0.5;
 
-/// Reads an 8-bit picture.
+/// Reads a picture of any format that is known.
 pub fn picture(path: &Path) -> Result<RgbImage, String> {
     input::read(path, input::MOST_IMAGE_BYTES)
         .map_err(|error| error.to_string())
         .and_then(|bytes| image_file::decode_rgb(&bytes))
+}
+
+/// That an image of a table cannot be read, with the way out that the reason tells.
+pub fn unreadable(table: &Table, press: &Press, reason: &str) -> Diagnostic {
+    let is_missing = !press.path.exists();
+    let help = match () {
+        () if is_missing && press.file.contains('\\') => String::from("write / in place of \\ in the names of images"),
+        () if is_missing => match twin(&press.path) {
+            Some(twin) => format!("is {twin} meant? write the image's own ending"),
+            None => format!("images are looked for from the table's folder, {}", folder(table)),
+        },
+        () => String::from("put the image in its place, or leave its row out"),
+    };
+    let (what, cause) = match is_missing {
+        true => {
+            (format!("cannot read {}: it does not exist", press.path.display()), String::from("images do not exist"))
+        }
+        false => {
+            (format!("cannot read {}: {reason}", press.path.display()), format!("images cannot be read: {reason}"))
+        }
+    };
+    table.problem(press.line, what).of(press.file.as_str(), cause).help(help)
+}
+
+/// The name of an image that differs from this one by its ending alone.
+fn twin(path: &Path) -> Option<String> {
+    let endings = ["png", "jpg", "jpeg", "PNG", "JPG", "bmp", "tif", "tiff", "webp"];
+    let twin = endings.into_iter().map(|ending| path.with_extension(ending)).find(|twin| twin.is_file())?;
+    Some(twin.file_name()?.to_string_lossy().into_owned())
+}
+
+fn folder(table: &Table) -> String {
+    match table.path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder.display().to_string(),
+        _ => String::from("the current one"),
+    }
 }
 
 /// Reads a session of `sensor`, of which only the view is not known yet. Circles that the table lacks are looked for if
@@ -37,30 +77,53 @@ pub fn read(
     sensor: Sensor,
     detects: bool,
     fewest: usize,
-) -> Result<(Session, Vec<String>), Report> {
+) -> Result<(Session, Diagnostics), Report> {
     let table = presses::read(table)?;
     let mut problems = Diagnostics::default();
     let untouched = picture(background);
     if let Err(reason) = &untouched {
         let message = format!("cannot read the background {}: {reason}", background.display());
-        problems.push(Diagnostic::new(message).help("a PNG of the untouched pad belongs here"));
+        let help = format!("name an image of the untouched pad ({}) with --background", image_file::NAMES);
+        problems.push(Diagnostic::new(message).help(help));
     }
     let background = untouched.ok();
-    let (mut notes, mut observations) = (Vec::new(), Vec::new());
-    let pitch = table.presses.iter().find_map(|press| press.mm_per_px);
-    for press in &table.presses {
-        match observation(press, background.as_ref(), pitch, detects) {
-            Ok((press, note)) => {
-                observations.push(press);
-                notes.extend(note);
-            }
-            Err(found) => found.into_iter().for_each(|(message, help)| {
-                problems.push(table.problem(press.line, message).help(help));
-            }),
+    let images: Vec<Result<RgbImage, String>> = table.presses.par_iter().map(|press| picture(&press.path)).collect();
+    for (press, image) in table.presses.iter().zip(&images) {
+        if let Err(reason) = image {
+            problems.push(unreadable(&table, press, reason));
         }
     }
-    if problems.is_empty() && observations.len() < fewest {
-        problems.push(few(&table, observations.len(), fewest));
+    if let Some(background) = &background {
+        problems.extend(other_sizes(&table, &images, background));
+    }
+    let pitch = usual_pitch(&table);
+    problems.extend(numbers(&table, pitch));
+    let printed = background.as_ref().and_then(Dots::find);
+    let rest = printed.as_ref().map(|(_, cleared)| &cleared.image).or(background.as_ref());
+    let looked: Vec<Looked> = table
+        .presses
+        .par_iter()
+        .zip(images)
+        .filter_map(|(press, image)| Some(look(press, image.ok()?, rest?, printed.as_ref(), detects)))
+        .collect();
+    let mut notes = Diagnostics::default();
+    for press in table.presses.iter().filter(|press| press.circle.is_none() && !detects) {
+        let problem = table.problem(press.line, format!("{}: no circle", press.file));
+        let problem = problem.of(press.file.as_str(), "images have no circle in the table");
+        problems.push(problem.help("write the circle into the table, or add --detect to have it looked for"));
+    }
+    for Looked { press, found, .. } in looked.iter().filter(|looked| looked.is_looked_for) {
+        match found {
+            None => {
+                let problem = table.problem(press.line, format!("{}: no press is found in it", press.file));
+                let problem = problem.of(press.file.as_str(), "images show no press that is found");
+                problems.push(problem.help("write the circle into the table, or leave the row out"));
+            }
+            Some(found) => notes.push(detected(press, found)),
+        }
+    }
+    if problems.is_empty() && looked.len() < fewest {
+        problems.push(few(&table, looked.len(), fewest));
     }
     let Some(background) = background else { return Err(table.report(&problems)) };
     let resolution_px = <[u32; 2]>::from(background.dimensions());
@@ -72,7 +135,13 @@ pub fn read(
     let Some(pitch) = pitch.filter(|_| problems.is_empty()) else { return Err(table.report(&problems)) };
     let sensor = Sensor { resolution_px, field_of_view_mm, ..sensor };
     let camera = View { resolution_px: resolution_px.map(|px| px as usize), mm_per_px: [pitch; 2] };
-    Ok((Session { sensor, camera, background, observations }, notes))
+    let motion = looked.iter().flat_map(|looked| looked.motion.iter().copied()).collect();
+    let observations = looked.into_iter().filter_map(Looked::observation).collect();
+    let (printed, background) = match printed {
+        None => (None, background),
+        Some((dots, cleared)) => (Some(Printed { dots: dots.with_motion(motion), background }), cleared.image),
+    };
+    Ok((Session { sensor, camera, background, observations, printed }, notes))
 }
 
 fn few(table: &Table, count: usize, fewest: usize) -> Diagnostic {
@@ -81,71 +150,132 @@ fn few(table: &Table, count: usize, fewest: usize) -> Diagnostic {
     table.problem(last, message).help(format!("give {fewest} at least; 20 to 50 all over the picture are good"))
 }
 
-type Mistakes = Vec<(String, String)>;
+/// Images of another size than the background's. Where they agree among each other, it is the background that is another one.
+fn other_sizes(table: &Table, images: &[Result<RgbImage, String>], background: &RgbImage) -> Vec<Diagnostic> {
+    let size = |image: &RgbImage| format!("{}x{} px", image.width(), image.height());
+    let own = size(background);
+    let read: Vec<(&Press, &RgbImage)> =
+        table.presses.iter().zip(images).filter_map(|(press, image)| Some((press, image.as_ref().ok()?))).collect();
+    let other = |image: &RgbImage| image.dimensions() != background.dimensions();
+    let same = read.windows(2).all(|two| two[0].1.dimensions() == two[1].1.dimensions());
+    if let (true, [(_, first), _, ..]) = (same, read.as_slice())
+        && other(first)
+    {
+        let message = format!("all images are {}, and the background is {own}", size(first));
+        let help = format!("name a background image of {} with --background, or resize it", size(first));
+        return vec![Diagnostic::new(message).help(help)];
+    }
+    let wrong = read.into_iter().filter(|(_, image)| other(image)).map(|(press, image)| {
+        let message = format!("{} is {}, the background {own}", press.file, size(image));
+        let problem = table.problem(press.line, message).help("resize these images, or leave their rows out");
+        problem
+            .of(format!("{} ({})", press.file, size(image)), format!("images are not of the background's size, {own}"))
+    });
+    wrong.collect()
+}
 
-/// One row with its image, and a note where its circle was looked for.
-fn observation(
-    press: &Press,
-    background: Option<&RgbImage>,
-    pitch: Option<f64>,
-    detects: bool,
-) -> Result<(Observation, Option<String>), Mistakes> {
-    let mut mistakes: Mistakes = Vec::new();
-    let mut wrong = |message: String, help: &str| mistakes.push((message, help.to_owned()));
-    let image = picture(&press.path);
-    let other_size = |image: &RgbImage| background.map(RgbImage::dimensions).filter(|size| *size != image.dimensions());
-    let image = match image.map(|image| (other_size(&image), image)) {
-        Ok((None, image)) => Some(image),
-        Ok((Some((bw, bh)), image)) => {
-            let (w, h) = image.dimensions();
-            wrong(
-                format!("{} is {w}x{h} px, the background {bw}x{bh} px", press.file),
-                "all pictures of a sensor have one size",
-            );
-            None
+/// The size of a pixel that most rows have; of equally many the first.
+fn usual_pitch(table: &Table) -> Option<f64> {
+    let all: Vec<f64> = table.presses.iter().filter_map(|press| press.mm_per_px).collect();
+    let count = |pitch: f64| all.iter().filter(|own| is_same(**own, pitch)).count();
+    let most = all.iter().map(|pitch| count(*pitch)).max()?;
+    all.iter().copied().find(|pitch| count(*pitch) == most)
+}
+
+fn is_same(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() <= 1e-6
+}
+
+/// What is missing or odd in the numbers of balls and pixels.
+fn numbers(table: &Table, pitch: Option<f64>) -> Vec<Diagnostic> {
+    let mut all = Vec::new();
+    let columns = [
+        (Column::BallRadius, "ball_radius_mm", "the radius of the ball in mm"),
+        (Column::PixelSize, "mm_per_px", "the width of a pixel on the pad in mm"),
+    ];
+    for (column, name, what) in columns {
+        if let Some(lacking) = table.lacks(column, what) {
+            all.push(lacking);
+            continue;
         }
-        Err(reason) => {
-            wrong(
-                format!("cannot read {}: {reason}", press.path.display()),
-                "paths are relative to the table's folder",
-            );
-            None
+        let is_empty = |press: &&Press| match column {
+            Column::BallRadius => press.ball_radius_mm.is_none(),
+            _ => press.mm_per_px.is_none(),
+        };
+        all.extend(table.presses.iter().filter(is_empty).map(|press| {
+            let problem = table.problem(press.line, format!("{}: no {name}", press.file));
+            let problem = problem.of(press.file.as_str(), format!("rows have no `{name}`"));
+            problem.help(format!("write {what} into every row"))
+        }));
+    }
+    let odd = table.presses.iter().filter_map(|press| {
+        let (own, usual) = (press.mm_per_px?, pitch?);
+        let problem = || {
+            let problem = table.problem(press.line, format!("{}: {own} mm per px, {usual} in most rows", press.file));
+            let cause = format!("rows have another `mm_per_px` than most, {usual}");
+            problem.of(format!("{} ({own})", press.file), cause)
+        };
+        (!is_same(own, usual)).then(|| problem().help("one camera has one pixel size: write the same into every row"))
+    });
+    all.extend(odd);
+    all
+}
+
+/// What was seen in the image of a row.
+struct Looked<'a> {
+    press: &'a Press,
+    cleared: Cleared,
+    motion: Vec<f64>,
+    is_looked_for: bool,
+    found: Option<Detection>,
+}
+
+fn look<'a>(
+    press: &'a Press,
+    image: RgbImage,
+    rest: &RgbImage,
+    printed: Option<&(Dots, Cleared)>,
+    detects: bool,
+) -> Looked<'a> {
+    let is_of_size = image.dimensions() == rest.dimensions();
+    let (cleared, motion) = match printed.filter(|_| is_of_size) {
+        None => (Cleared { image, ink: Vec::new() }, Vec::new()),
+        Some((dots, untouched)) => {
+            let (mut cleared, motion) = dots.clear(&image);
+            cleared.ink.iter_mut().zip(&untouched.ink).for_each(|(ink, other)| *ink |= *other);
+            (cleared, motion)
         }
     };
-    if press.ball_radius_mm.is_none() {
-        wrong(format!("{}: no ball_radius_mm", press.file), "give the radius of the ball in every row");
+    let is_looked_for = detects && press.circle.is_none() && is_of_size;
+    let found = if is_looked_for { detect(&cleared.image, rest) } else { None };
+    Looked { press, cleared, motion, is_looked_for, found }
+}
+
+impl Looked<'_> {
+    fn observation(self) -> Option<Observation> {
+        let Self { press, cleared: Cleared { image, ink }, found, .. } = self;
+        Some(Observation {
+            file: press.file.clone(),
+            image,
+            circle: press.circle.or(found.map(|found| found.circle))?,
+            confidence: found.map(|found| found.confidence),
+            ball_radius_mm: press.ball_radius_mm?,
+            ink,
+        })
     }
-    match (press.mm_per_px, pitch) {
-        (Some(own), Some(first)) if (own / first - 1.0).abs() > 1e-6 => {
-            wrong(
-                format!("{}: {own} mm per px, {first} in the rows before", press.file),
-                "one camera has one pixel size",
-            );
+}
+
+/// What is said of a circle that was found.
+fn detected(press: &Press, found: &Detection) -> Diagnostic {
+    let ([x, y], radius) = (found.circle.centre_px, found.circle.radius_px);
+    let sure = (100.0 * found.confidence).round();
+    let message = format!("{}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure} % sure", press.file);
+    match found.confidence < SURE {
+        true => {
+            let cause = "circles were found, but not surely";
+            let help = "look at them in the page beside the sensor file; where one is wrong, write the right one into the table";
+            Diagnostic::warning(message).of(format!("{} ({sure} % sure)", press.file), cause).help(help)
         }
-        (Some(_), _) => {}
-        (None, _) => wrong(format!("{}: no mm_per_px", press.file), "give the size of the pixels in every row"),
-    }
-    let (mut circle, mut note) = (press.circle, None);
-    if circle.is_none() && !detects {
-        wrong(format!("{}: no circle", press.file), "annotate it, or add --detect to have it looked for");
-    } else if let (None, Some(image), Some(background)) = (circle, &image, background) {
-        match detect(image, background) {
-            Some(found) => {
-                circle = Some(found.circle);
-                let ([x, y], radius) = (found.circle.centre_px, found.circle.radius_px);
-                let sure = 100.0 * found.confidence;
-                let file = &press.file;
-                note =
-                    Some(format!("{file}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure:.0} % sure"));
-            }
-            None => wrong(format!("{}: no press is found in it", press.file), "annotate it, or leave the row out"),
-        }
-    }
-    match (image, circle, press.ball_radius_mm) {
-        (Some(image), Some(circle), Some(ball_radius_mm)) if mistakes.is_empty() => {
-            Ok((Observation { file: press.file.clone(), image, circle, ball_radius_mm }, note))
-        }
-        // Perhaps none: without a background nothing can be looked for.
-        _ => Err(mistakes),
+        false => Diagnostic::note(message).of(format!("{} ({sure} % sure)", press.file), "circles were found"),
     }
 }

@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 use crate::core::base::grid::Grid;
 use crate::core::optics::calibrated::taxim::{MOST_BINS, TERMS, Taxim};
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use crate::files::input;
 use crate::files::npy::Numbers;
 use crate::files::npz::Npz;
@@ -34,25 +34,27 @@ pub struct Imported {
 
 /// Reads a folder. On failure, everything that is wrong in it.
 pub fn import(folder: &Path) -> Result<Imported, Report> {
+    if !folder.is_dir() {
+        let what = if folder.exists() { "is no folder" } else { "does not exist" };
+        return Err(user_error(format!("{} {what}", folder.display()), FOLDER_HELP));
+    }
     let mut problems = Diagnostics::default();
-    let mut keep = |name: &str, help: &str, reason: String| {
+    let mut keep = |name: &str, Wrong { reason, help }: Wrong| {
         let path = folder.join(name);
         problems.push(Diagnostic::new(format!("{}: {reason}", path.display())).help(help));
     };
-    const PARAMS_HELP: &str = "it holds at least {\"sensor\": {\"w\": 640, \"h\": 480, \"pixmm\": 0.0295, \"num_bins\": 125}}, \
-                               with your sensor's numbers: width and height in pixels, mm per pixel, bins";
-    const FOLDER_HELP: &str =
-        "name a folder with polycalib.npz, dataPack.npz and params.json of one calibration of Taxim";
-    let params = params(&folder.join("params.json")).map_err(|reason| keep("params.json", PARAMS_HELP, reason)).ok();
+    let params = params(&folder.join("params.json")).map_err(|wrong| keep("params.json", wrong)).ok();
     let table = Table::read(&folder.join("polycalib.npz"), params.as_ref());
-    let table =
-        table.map_err(|reasons| reasons.into_iter().for_each(|why| keep("polycalib.npz", FOLDER_HELP, why))).ok();
+    let table = table.map_err(|all| all.into_iter().for_each(|wrong| keep("polycalib.npz", wrong))).ok();
     let photograph = photograph(&folder.join("dataPack.npz"), params.as_ref());
-    let photograph = photograph.map_err(|reason| keep("dataPack.npz", FOLDER_HELP, reason)).ok();
+    let photograph = photograph.map_err(|wrong| keep("dataPack.npz", wrong)).ok();
     if let (Some(Params { sensor, simulator }), Some(table), Some(photograph)) = (params, table, photograph) {
         let colors = Taxim { bins: table.bins, resolution_px: [sensor.w, sensor.h], polynomials: table.polynomials };
         match colors.validate() {
-            Err(reason) => keep("polycalib.npz", "the calibration failed there; make it again", reason),
+            Err(reason) => {
+                let help = String::from("make the calibration again in Taxim: its polynomials failed there");
+                keep("polycalib.npz", Wrong { reason, help });
+            }
             Ok(()) => {
                 let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
                 return Ok(Imported {
@@ -68,6 +70,23 @@ pub fn import(folder: &Path) -> Result<Imported, Report> {
         }
     }
     Err(Report::new(&problems, &[]))
+}
+
+const FOLDER_HELP: &str = "name a folder with polycalib.npz, dataPack.npz and params.json of one calibration of Taxim";
+const PARAMS_HELP: &str = "write the file: it holds at least {\"sensor\": {\"w\": 640, \"h\": 480, \"pixmm\": 0.0295, \
+                           \"num_bins\": 125}}, with your sensor's numbers: width and height in pixels, mm per pixel, bins";
+
+/// Why a file cannot be used, and what to do.
+struct Wrong {
+    reason: String,
+    help: String,
+}
+
+impl Wrong {
+    /// A file that is another one, or none.
+    fn file(reason: impl Into<String>) -> Self {
+        Self { reason: reason.into(), help: FOLDER_HELP.to_owned() }
+    }
 }
 
 /// What is read of `params.json`.
@@ -110,16 +129,23 @@ impl Default for Simulator {
     }
 }
 
-fn params(path: &Path) -> Result<Params, String> {
+fn params(path: &Path) -> Result<Params, Wrong> {
     /// Largest file, bytes.
     const MOST: u64 = 1 << 20;
-    let bytes = input::read(path, MOST).map_err(|error| error.to_string())?;
-    let params: Params = serde_json::from_slice(&bytes).map_err(|error| error.to_string())?;
+    let missing = |reason: String| Wrong { reason, help: PARAMS_HELP.to_owned() };
+    let bytes = input::read(path, MOST).map_err(|error| missing(error.to_string()))?;
+    let params: Params = serde_json::from_slice(&bytes).map_err(|error| missing(error.to_string()))?;
     let Params { sensor, simulator } = &params;
-    crate::core::base::view::sides([sensor.w, sensor.h]).map_err(|reason| format!("`w` and `h`: {reason}"))?;
+    let out_of_range = |reason: String, help: &str| Wrong { reason, help: help.to_owned() };
+    crate::core::base::view::sides([sensor.w, sensor.h]).map_err(|reason| {
+        out_of_range(format!("`w` and `h`: {reason}"), "write the images' width and height in pixels")
+    })?;
     let number = |name: &str, value: f64, least: f64, most: f64| match (least..=most).contains(&value) {
         true => Ok(()),
-        false => Err(format!("`{name}` is {value}; allowed: {least} to {most}")),
+        false => Err(Wrong {
+            reason: format!("`{name}` is {value}; allowed: {least} to {most}"),
+            help: format!("write a `{name}` of this range there"),
+        }),
     };
     number("pixmm", sensor.pixmm, 1e-4, 10.0)?;
     number("num_bins", sensor.num_bins as f64, 2.0, MOST_BINS as f64)?;
@@ -138,62 +164,68 @@ struct Table {
 }
 
 impl Table {
-    fn read(path: &Path, params: Option<&Params>) -> Result<Self, Vec<String>> {
-        let archive = Npz::read(path).map_err(|reason| vec![reason])?;
-        let known = params.map(|params| params.sensor.num_bins);
-        let mut reasons = Vec::new();
+    fn read(path: &Path, params: Option<&Params>) -> Result<Self, Vec<Wrong>> {
+        let archive = Npz::read(path).map_err(|reason| vec![Wrong::file(reason)])?;
+        let mut wrong = Vec::new();
         // Taxim names the polynomials of the first plane, which is blue, red's.
         let polynomials = ["grad_b", "grad_g", "grad_r"].map(|name| {
-            archive.array(name).and_then(|array| polynomials(name, &array, known)).unwrap_or_else(|reason| {
-                reasons.push(reason);
+            archive.array(name).and_then(|array| polynomials(name, &array)).unwrap_or_else(|reason| {
+                wrong.push(Wrong::file(reason));
                 Vec::new()
             })
         });
         let counts = polynomials.each_ref().map(Vec::len);
-        if reasons.is_empty() && counts.iter().any(|count| *count != counts[0]) {
-            reasons.push(String::from("`grad_r`, `grad_g` and `grad_b` differ in shape"));
+        let bins = counts[0].isqrt();
+        if wrong.is_empty() && counts.iter().any(|count| *count != counts[0]) {
+            wrong.push(Wrong::file("`grad_r`, `grad_g` and `grad_b` differ in shape"));
+        } else if let Some(said) = params.map(|params| params.sensor.num_bins).filter(|said| *said != bins)
+            && wrong.is_empty()
+        {
+            wrong.push(Wrong {
+                reason: format!("its polynomials are of {bins} bins, and `num_bins` in params.json is {said}"),
+                help: format!("write \"num_bins\": {bins} into params.json, if both are of one calibration"),
+            });
         }
-        match reasons.is_empty() {
-            true => Ok(Self { bins: counts[0].isqrt(), polynomials }),
-            false => Err(reasons),
+        match wrong.is_empty() {
+            true => Ok(Self { bins, polynomials }),
+            false => Err(wrong),
         }
     }
 }
 
-fn polynomials(name: &str, array: &Numbers, bins: Option<usize>) -> Result<Vec<[f32; TERMS]>, String> {
-    let fits = match array.shape.as_slice() {
-        &[steepness, direction, TERMS] => steepness == direction && bins.is_none_or(|bins| steepness == bins),
-        _ => false,
-    };
+fn polynomials(name: &str, array: &Numbers) -> Result<Vec<[f32; TERMS]>, String> {
+    let fits = matches!(array.shape.as_slice(), &[steepness, direction, TERMS] if steepness == direction);
     if !fits {
-        let (shape, side) = (shape(&array.shape), bins.map_or_else(|| String::from("bins"), |bins| bins.to_string()));
-        let why = if bins.is_some() { " as `num_bins` in params.json says" } else { "" };
-        return Err(format!("array `{name}` has shape {shape}; it should be ({side}, {side}, {TERMS}){why}"));
+        let shape = shape(&array.shape);
+        return Err(format!("array `{name}` has shape {shape}; it should be (bins, bins, {TERMS})"));
     }
     Ok(array.values.as_chunks::<TERMS>().0.iter().map(|polynomial| polynomial.map(|value| value as f32)).collect())
 }
 
 /// The background image in `dataPack.npz`.
-fn photograph(path: &Path, params: Option<&Params>) -> Result<RgbImage, String> {
-    let array = Npz::read(path)?.array("f0")?;
+fn photograph(path: &Path, params: Option<&Params>) -> Result<RgbImage, Wrong> {
+    let array = Npz::read(path).and_then(|archive| archive.array("f0")).map_err(Wrong::file)?;
     let found = shape(&array.shape);
     let &[height, width, 3] = array.shape.as_slice() else {
-        return Err(format!("array `f0` has shape {found}; it should be (height, width, 3)"));
+        return Err(Wrong::file(format!("array `f0` has shape {found}; it should be (height, width, 3)")));
     };
     if let Some(Params { sensor, .. }) = params
         && [width, height] != [sensor.w, sensor.h]
     {
         let (w, h) = (sensor.w, sensor.h);
-        return Err(format!(
-            "array `f0` has shape {found}; it should be ({h}, {w}, 3) as `h` and `w` in params.json say"
-        ));
+        return Err(Wrong {
+            reason: format!(
+                "array `f0` is {width} px wide and {height} px high, and params.json has \"w\": {w}, \"h\": {h}"
+            ),
+            help: format!("write \"w\": {width}, \"h\": {height} into params.json, if both are of one calibration"),
+        });
     }
     let is_level = |value: f64| (0.0..=255.0).contains(&value) && value == value.trunc();
     if let Some(bad) = array.values.iter().find(|value| !is_level(**value)) {
-        return Err(format!("array `f0` holds {bad}; its values should be whole numbers from 0 to 255"));
+        return Err(Wrong::file(format!("array `f0` holds {bad}; its values should be whole numbers from 0 to 255")));
     }
     let rgb = array.values.as_chunks().0.iter().flat_map(|[blue, green, red]| [*red, *green, *blue].map(|v| v as u8));
-    let too_large = || format!("array `f0` has shape {found}, which is too large");
+    let too_large = || Wrong::file(format!("array `f0` has shape {found}, which is too large"));
     let size = [width, height].map(u32::try_from);
     let [Ok(width), Ok(height)] = size else { return Err(too_large()) };
     RgbImage::from_raw(width, height, rgb.collect()).ok_or_else(too_large)

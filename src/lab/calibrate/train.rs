@@ -7,6 +7,7 @@
 use nalgebra::DMatrix;
 
 use super::pixels::Pixels;
+use super::progress::Work;
 use crate::core::base::rng::{Stream, stream};
 use crate::core::optics::calibrated::beyond::Range;
 use crate::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
@@ -47,10 +48,11 @@ struct Scales {
 }
 
 /// Fits a model that holds within `range`. `seed` is where its networks start; `place_mm` half the longer side of the view.
-pub fn fit(pixels: &Pixels, range: Range, place_mm: f64, settings: &Settings, seed: u64) -> Response {
+pub fn fit(pixels: &Pixels, range: Range, place_mm: f64, settings: &Settings, seed: u64, work: &Work) -> Response {
     let deepest_mm = pixels.inputs.iter().map(|input| input[0]).fold(0.0, f32::max);
     let scales = Scales { height_mm: deepest_mm.max(1e-3), place_mm: place_mm as f32 };
-    let networks = (0..settings.networks as u64).map(|k| Network::fitted(pixels, &scales, settings, 64 * seed + k));
+    let networks =
+        (0..settings.networks as u64).map(|k| Network::fitted(pixels, &scales, settings, 64 * seed + k, work));
     let networks: Vec<Network> = networks.collect();
     let weight = UNIT / networks.len().max(1) as f32;
     let hidden: Vec<[f32; INPUTS + 1]> = networks.iter().flat_map(Network::hidden_units).collect();
@@ -127,7 +129,9 @@ struct Forward {
 }
 
 impl Network {
-    fn fitted(pixels: &Pixels, scales: &Scales, settings: &Settings, seed: u64) -> Self {
+    fn fitted(pixels: &Pixels, scales: &Scales, settings: &Settings, seed: u64, work: &Work) -> Self {
+        /// Steps after which it is said how many there were.
+        const SAID: usize = 25;
         let mut random = stream(seed, "calibration", 0);
         let mut network = Self::start(settings.units, &mut random);
         if pixels.is_empty() {
@@ -144,6 +148,9 @@ impl Network {
             let rate = settings.rate * cosine * ((step + 1) as f32 / 50.0).min(1.0);
             inner.step(network.inner.as_mut_slice(), inner_slope.as_slice(), rate, settings.decay);
             outer.step(network.outer.as_mut_slice(), outer_slope.as_slice(), rate, settings.decay);
+            if (step + 1) % SAID == 0 {
+                work.add(SAID as u64, "fitting the light");
+            }
         }
         network
     }

@@ -4,6 +4,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use super::leds::fit_leds;
+use super::progress::Work;
 use super::train::Settings;
 use super::{Geometry, Session, Surfaces, fit, picture, pixels, table};
 use crate::core::base::rng::stream;
@@ -13,6 +14,14 @@ use crate::lab::compare::score::{Scores, score};
 
 /// Parts that the presses are divided into.
 pub const FOLDS: usize = 5;
+
+/// Steps of training that take as long as simulating one press.
+const PRESS_STEPS: u64 = 10;
+
+/// The work of [`cross_validate`], in steps of training.
+pub fn work(presses: usize, settings: &Settings) -> u64 {
+    (FOLDS * settings.networks * settings.steps) as u64 + PRESS_STEPS * presses as u64
+}
 
 /// A press simulated by a model that has not seen it.
 pub struct HeldOut {
@@ -39,6 +48,7 @@ pub fn cross_validate(
     pixels: &[pixels::Pixels],
     geometry: Geometry,
     settings: &Settings,
+    work: &Work,
 ) -> Vec<HeldOut> {
     let fold = folds(session.observations.len());
     let rest = session.reference();
@@ -47,7 +57,7 @@ pub fn cross_validate(
         .map(|part| {
             let others: Vec<&pixels::Pixels> =
                 pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
-            let table = table(fit(session, &others, settings, part as u64), geometry);
+            let table = table(fit(session, &others, settings, part as u64, work), geometry);
             let table = match fit_leds(others.iter().copied()) {
                 Some(leds) => table.with_beyond(leds.beyond()),
                 None => table,
@@ -61,6 +71,7 @@ pub fn cross_validate(
         let simulated = picture(&light, &rest);
         let observation = &session.observations[k];
         let scores = score(&observation.image, &simulated, Some(&observation.circle), pixels::DILATE);
+        work.add(PRESS_STEPS, "simulating presses that were not fitted");
         HeldOut { simulated, scores }
     };
     (0..session.observations.len()).into_par_iter().map(held_out).collect()

@@ -1,7 +1,8 @@
 //! The images that a folder holds: of a sensor, of several, or of a dataset.
 //!
-//! A sensor's folder has `annotations.csv`, whose presses are its images, or else PNG files, in it or in `images/`. A
-//! folder of such folders is several sensors. Only 8-bit PNG is read.
+//! A sensor's folder has `annotations.csv`, whose presses are its images, or else image files, in it or in `images/`. A
+//! folder of such folders is several sensors. Of the samples of a dataset that lie in a folder the tactile images are taken.
+//! Only images of 8 bits a channel are read.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,6 +14,7 @@ use crate::files::diagnostic::user_error;
 use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
 use crate::files::image_file;
 use crate::files::input;
+use crate::files::store::Address;
 use crate::lab::presses::{self, Circle, Table};
 
 /// The table of a sensor's folder.
@@ -33,7 +35,7 @@ pub struct SensorImages {
     /// The images.
     pub images: Vec<Entry>,
     /// Where they are listed, if they are.
-    table: Option<Table>,
+    pub table: Option<Table>,
 }
 
 /// One image.
@@ -57,21 +59,21 @@ impl Entry {
 }
 
 /// An image that cannot be used.
+#[derive(Clone, Debug)]
 pub struct Unusable {
     line: Option<u64>,
-    message: String,
-    help: &'static str,
+    problem: Diagnostic,
 }
 
 impl Unusable {
-    /// Why, and a way out.
-    pub fn new(entry: &Entry, message: String, help: &'static str) -> Self {
-        Self { line: entry.line, message, help }
+    /// Why, with a way out.
+    pub fn new(entry: &Entry, problem: Diagnostic) -> Self {
+        Self { line: entry.line, problem }
     }
 
     /// Said without the row in which the image is listed.
     pub fn report(&self) -> Report {
-        user_error(self.message.as_str(), self.help)
+        self.problem.clone().into()
     }
 }
 
@@ -79,12 +81,12 @@ impl SensorImages {
     /// Shows what is wrong with its images; with their rows, if a table lists them.
     pub fn report(&self, unusable: &[Unusable]) -> Report {
         let mut problems = Diagnostics::default();
-        for Unusable { line, message, help } in unusable {
-            let problem = match (&self.table, line) {
-                (Some(table), Some(line)) => table.problem(*line, message.as_str()),
-                _ => Diagnostic::new(message.as_str()),
+        for Unusable { line, problem } in unusable {
+            let place = match (&self.table, line) {
+                (Some(table), Some(line)) => table.problem(*line, "").place,
+                _ => None,
             };
-            problems.push(problem.help(*help));
+            problems.push(problem.clone().at(place));
         }
         match &self.table {
             Some(table) => table.report(&problems),
@@ -96,6 +98,10 @@ impl SensorImages {
 /// Finds the images in the folder `root`. No image is read yet.
 pub fn find(root: &Path) -> Result<Images, Report> {
     let shown = root.display();
+    if Address::is_one(root) {
+        let help = "copy it, for example with `aws s3 sync` (docs/stores.md), and name the copy";
+        return Err(user_error(format!("{shown} is in an object store, and is read from a folder"), help));
+    }
     if !root.is_dir() {
         let what = if root.exists() { "is no folder" } else { "does not exist" };
         return Err(user_error(
@@ -117,8 +123,11 @@ pub fn find(root: &Path) -> Result<Images, Report> {
         }
     }
     if sensors.is_empty() && wrong.is_empty() {
-        let help = "images are PNG files in the folder or in images/, or what annotations.csv lists; \
-                    or the same in its subfolders, one per sensor";
+        let help = format!(
+            "images are files named like {} in the folder or in images/, or what annotations.csv lists; or the same in its \
+             subfolders, one per sensor",
+            image_file::NAMES
+        );
         return Err(user_error(format!("{shown}: no images in it"), help));
     }
     if wrong.is_empty() { Ok(Images::Sensors(sensors)) } else { Err(wrong) }
@@ -143,7 +152,12 @@ fn sensor(folder: &Path) -> Result<Option<SensorImages>, Report> {
     let mut images = Vec::new();
     for (prefix, folder) in [("", folder.to_owned()), ("images/", folder.join("images"))] {
         if folder.is_dir() {
-            let pictures = listed(&folder)?.into_iter().filter(|path| is_png(path) && path.is_file());
+            let pictures =
+                listed(&folder)?.into_iter().filter(|path| image_file::is_named_like_one(path) && path.is_file());
+            let pictures: Vec<PathBuf> = pictures.collect();
+            // Beside these lie other layers of the same samples.
+            let of_samples = pictures.iter().any(|path| is_tactile(path));
+            let pictures = pictures.into_iter().filter(|path| !of_samples || is_tactile(path));
             images.extend(pictures.map(|path| {
                 let file = path.file_name().unwrap_or_default().to_string_lossy();
                 Entry { name: format!("{prefix}{file}"), path: path.clone(), circle: None, line: None }
@@ -153,8 +167,9 @@ fn sensor(folder: &Path) -> Result<Option<SensorImages>, Report> {
     Ok((!images.is_empty()).then_some(SensorImages { name, images, table: None }))
 }
 
-fn is_png(path: &Path) -> bool {
-    path.extension().is_some_and(|end| end.eq_ignore_ascii_case("png"))
+/// True of the tactile image of a dataset's sample.
+fn is_tactile(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().ends_with(".tactile.png"))
 }
 
 /// What stands in a folder, sorted, without hidden files.
@@ -179,7 +194,18 @@ pub fn read(entry: &Entry) -> Result<RgbImage, Unusable> {
         }
     };
     decode().map_err(|reason| {
-        let message = format!("cannot read the image {}: {reason}", entry.path.display());
-        Unusable::new(entry, message, "an 8-bit PNG belongs here; leave the image out if there is none")
+        let path = entry.path.display().to_string();
+        let (cause, help) = match entry.path.exists() {
+            true => (
+                format!("images cannot be read: {reason}"),
+                "save them with 8 bits a channel, for example as PNG; or leave them out",
+            ),
+            false => (
+                String::from("images do not exist"),
+                "put them where annotations.csv says, from its own folder; or leave their rows out",
+            ),
+        };
+        let problem = Diagnostic::new(format!("cannot read the image {path}: {reason}"));
+        Unusable::new(entry, problem.of(path, cause).help(help))
     })
 }

@@ -12,10 +12,10 @@ use serde::Serialize;
 
 use crate::dataset::archive::Files;
 use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::Report;
-use crate::files::diagnostic::user_error;
+use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use crate::files::image_file;
 
+pub mod counterparts;
 pub mod distribution;
 pub mod images;
 pub mod pairs;
@@ -25,6 +25,7 @@ pub mod score;
 pub mod spectrum;
 pub mod verdict;
 
+use counterparts::Missing;
 use distribution::{Distances, Tally};
 use images::{Entry, SensorImages, Unusable};
 use pairs::{Group, Side};
@@ -47,6 +48,12 @@ pub struct Comparison {
     pub images: Vec<ImageRow>,
     /// What has no counterpart, or was not looked at.
     pub notes: Vec<String>,
+    /// The same with ways out.
+    #[serde(skip)]
+    pub diagnostics: Vec<Diagnostic>,
+    /// Why no two images belong together, where none do.
+    #[serde(skip)]
+    pub missing: Option<Missing>,
 }
 
 /// One sensor.
@@ -93,6 +100,7 @@ pub struct ImageRow {
 
 /// Compares the images in two folders; the contact is the annotated circle with its radius times `dilate`.
 pub fn compare(real: &Path, sim: &Path, dilate: f64) -> Result<Comparison, Report> {
+    let folders = [real, sim];
     let (real, sim) = match (images::find(real), images::find(sim)) {
         (Ok(real), Ok(sim)) => (real, sim),
         (real, sim) => {
@@ -100,6 +108,8 @@ pub fn compare(real: &Path, sim: &Path, dilate: f64) -> Result<Comparison, Repor
         }
     };
     let (groups, mut notes) = pairs::pair(&real, &sim);
+    let is_apart = groups.iter().any(|group| matches!(group, Group::Apart { .. }));
+    let missing = is_apart.then(|| Missing::between(folders, &real, &sim));
     let (mut sensors, mut images, mut wrong) = (Vec::new(), Vec::new(), Report::default());
     for group in groups {
         let result = match group {
@@ -114,7 +124,16 @@ pub fn compare(real: &Path, sim: &Path, dilate: f64) -> Result<Comparison, Repor
     if !wrong.is_empty() {
         return Err(wrong);
     }
-    Ok(Comparison { dilate, sensors, total: Means::from_rows(&images), images, notes })
+    let texts = notes.iter().map(Diagnostic::text).collect();
+    Ok(Comparison {
+        dilate,
+        sensors,
+        total: Means::from_rows(&images),
+        images,
+        notes: texts,
+        diagnostics: notes,
+        missing,
+    })
 }
 
 impl Means {
@@ -153,7 +172,8 @@ fn paired(
                     let entries = [(*real_entry).clone(), (*sim_entry).clone()];
                     images.push(ImageRow { sensor, file, scores, entries });
                 }
-                Err([of_real, of_sim]) => {
+                Err(unusable) => {
+                    let [of_real, of_sim] = *unusable;
                     real_unusable.extend(of_real);
                     sim_unusable.extend(of_sim);
                 }
@@ -169,24 +189,30 @@ fn paired(
     Ok(SensorRow { sensor: real.name.clone(), means: Means::from_rows(&images[first..]), distances, verdict })
 }
 
-/// Scores and tallies of two images, or what is wrong with either.
-fn compared(real: &Entry, sim: &Entry, dilate: f64) -> Result<(Scores, [Tally; 2]), [Option<Unusable>; 2]> {
+/// What is wrong with either of two images.
+type UnusablePair = Box<[Option<Unusable>; 2]>;
+
+/// Scores and tallies of two images.
+fn compared(real: &Entry, sim: &Entry, dilate: f64) -> Result<(Scores, [Tally; 2]), UnusablePair> {
     let (real_image, sim_image) = match (images::read(real), images::read(sim)) {
         (Ok(real), Ok(sim)) => (real, sim),
-        (real, sim) => return Err([real.err(), sim.err()]),
+        (real, sim) => return Err(Box::new([real.err(), sim.err()])),
     };
     if real_image.dimensions() != sim_image.dimensions() {
         let ([w, h], [v, g]) = ([real_image.width(), real_image.height()], [sim_image.width(), sim_image.height()]);
         let (real_path, sim_path) = (real.path.display(), sim.path.display());
         let message = format!("{real_path} is {w}x{h} px, and {sim_path} is {v}x{g} px");
-        return Err([Some(Unusable::new(real, message, "simulate at the real sensor's resolution")), None]);
+        let problem = Diagnostic::new(message)
+            .of(real.name.as_str(), format!("real images are {w}x{h} px, and their simulated counterparts {v}x{g} px"))
+            .help(format!("simulate with `resolution_px = [{w}, {h}]` in the sensor, or resize one of the two sides"));
+        return Err(Box::new([Some(Unusable::new(real, problem)), None]));
     }
     let scores = score(&real_image, &sim_image, real.circle.as_ref(), dilate);
     Ok((scores, [Tally::from_image(&real_image), Tally::from_image(&sim_image)]))
 }
 
 /// Compares two sets.
-fn apart(name: String, real: &Side, sim: &Side, notes: &mut Vec<String>) -> Result<SensorRow, Report> {
+fn apart(name: String, real: &Side, sim: &Side, notes: &mut Vec<Diagnostic>) -> Result<SensorRow, Report> {
     let (real, sim) = match (tally(real, notes), tally(sim, notes)) {
         (Ok(real), Ok(sim)) => (real, sim),
         (real, sim) => {
@@ -199,73 +225,89 @@ fn apart(name: String, real: &Side, sim: &Side, notes: &mut Vec<String>) -> Resu
 }
 
 /// Tally of a set, or of as many of its images, evenly spread, as are needed.
-fn tally(side: &Side, notes: &mut Vec<String>) -> Result<Tally, Report> {
-    let (tally, images) = match side {
-        Side::Files(entries) => (tally_files(entries)?, entries.len() as u64),
-        Side::Dataset(dataset) => (tally_dataset(dataset)?, dataset.layout.samples()),
+fn tally(side: &Side, notes: &mut Vec<Diagnostic>) -> Result<Tally, Report> {
+    let (tally, looked, all, what) = match side {
+        Side::Files(entries) => {
+            let tally = tally_files(entries)?;
+            (tally.clone(), tally.images, entries.len() as u64, "images")
+        }
+        Side::Dataset(dataset) => {
+            let (tally, samples) = tally_dataset(dataset)?;
+            (tally, samples, dataset.layout.samples(), if is_of_one(dataset) { "images" } else { "samples" })
+        }
     };
-    if tally.images < images {
-        notes.push(format!("looked at {} of {images} images, evenly spread", tally.images));
+    if looked < all {
+        notes.push(Diagnostic::note(format!("looked at {looked} of {all} {what}, evenly spread")));
     }
     Ok(tally)
 }
 
 fn tally_files(entries: &[&Entry]) -> Result<Tally, Report> {
     let chosen: Vec<&&Entry> = entries.iter().step_by(entries.len().div_ceil(MOST_OF_A_SET).max(1)).collect();
-    let (mut sum, mut wrong) = (Tally::default(), Report::default());
+    let (mut sum, mut wrong) = (Tally::default(), Diagnostics::default());
     let tallies: Vec<_> =
         chosen.par_iter().map(|entry| images::read(entry).map(|image| Tally::from_image(&image))).collect();
     for tally in tallies {
         match tally {
             Ok(tally) => sum.add(&tally),
-            Err(unusable) => wrong = wrong.and(unusable.report()),
+            Err(unusable) => wrong.extend(unusable.report().problems().iter().cloned()),
         }
     }
-    if wrong.is_empty() { Ok(sum) } else { Err(wrong) }
+    if wrong.is_empty() { Ok(sum) } else { Err(Report::new(&wrong, &[])) }
 }
 
-fn tally_dataset(dataset: &Recorded) -> Result<Tally, Report> {
-    let others = match (&dataset.job.sequence, &dataset.job.gripper) {
-        (Some(_), _) => Some("sequences"),
-        (None, Some(_)) => Some("grips of two fingers"),
-        (None, None) => None,
-    };
-    if let Some(others) = others {
-        let message =
-            format!("{}: compare looks at single presses, and its samples are {others}", dataset.root.display());
-        return Err(user_error(message, "name the folder of their images instead"));
-    }
+/// True of a dataset whose samples are one image each: neither sequences nor grips.
+fn is_of_one(dataset: &Recorded) -> bool {
+    dataset.job.sequence.is_none() && dataset.job.gripper.is_none()
+}
+
+/// Tally of a dataset, of all frames and fingers of each sample; and of how many samples.
+fn tally_dataset(dataset: &Recorded) -> Result<(Tally, u64), Report> {
     let every = dataset.layout.samples().div_ceil(MOST_OF_A_SET as u64).max(1);
-    let shard = |number: u64| -> Result<Tally, String> {
+    // What stands before it names the frame and the finger.
+    let is_tactile = |suffix: &str| suffix == "tactile.png" || suffix.ends_with(".tactile.png");
+    let shard = |number: u64| -> Result<(Tally, u64), String> {
         let shard = dataset.layout.shard(number);
-        let (mut sum, mut wrong) = (Tally::default(), None);
+        let (mut sum, mut samples, mut wrong) = (Tally::default(), 0, None);
         let counts = |key: &str| key.parse::<u64>().is_ok_and(|index| index.is_multiple_of(every));
         let visit = |files: Files| {
             if !counts(&files.key) {
                 return ControlFlow::Continue(());
             }
-            let image =
-                files.member("tactile.png").ok_or(String::from("is not there")).and_then(image_file::decode_rgb);
-            match image {
-                Ok(image) => sum.add(&Tally::from_image(&image)),
-                Err(reason) => wrong = Some(format!("{}.tactile.png: {reason}", files.key)),
+            samples += 1;
+            let images: Vec<&(String, Vec<u8>)> =
+                files.members.iter().filter(|(suffix, _)| is_tactile(suffix)).collect();
+            if images.is_empty() {
+                wrong = Some(format!("{}.tactile.png: is not there", files.key));
+            }
+            for (suffix, bytes) in images {
+                match image_file::decode_rgb(bytes) {
+                    Ok(image) => sum.add(&Tally::from_image(&image)),
+                    Err(reason) => wrong = Some(format!("{}.{suffix}: {reason}", files.key)),
+                }
             }
             if wrong.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let read = dataset.read(&shard, |head| head.suffix == "tactile.png" && counts(head.key), visit);
+        let read = dataset.read(&shard, |head| is_tactile(head.suffix) && counts(head.key), visit);
         let path = || dataset.paths(&shard).data;
         read.and_then(|()| wrong.map_or(Ok(()), Err)).map_err(|reason| format!("{}: {reason}", path().display()))?;
-        Ok(sum)
+        Ok((sum, samples))
     };
     let tallies: Vec<_> = (0..dataset.layout.shard_count()).into_par_iter().map(shard).collect();
-    let mut sum = Tally::default();
+    let (mut sum, mut samples) = (Tally::default(), 0);
     for tally in tallies {
         match tally {
-            Ok(tally) => sum.add(&tally),
-            Err(reason) => return Err(user_error(reason, "gelsim verify names all that is wrong with a dataset")),
+            Ok((tally, count)) => {
+                sum.add(&tally);
+                samples += count;
+            }
+            Err(reason) => {
+                let help = format!("`gelsim verify {}` names all that is wrong with it", dataset.root.display());
+                return Err(user_error(reason, help));
+            }
         }
     }
-    Ok(sum)
+    Ok((sum, samples))
 }
 
 /// The two images of a pair that was scored, read again.

@@ -7,6 +7,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::images::{Entry, Images, SensorImages};
 use crate::dataset::recorded::Recorded;
+use crate::files::diagnostic::Diagnostic;
 
 /// One side of a comparison of sets.
 pub enum Side<'a> {
@@ -38,8 +39,8 @@ pub enum Group<'a> {
     },
 }
 
-/// The groups, and what has no counterpart: sentences for warnings.
-pub fn pair<'a>(real: &'a Images, sim: &'a Images) -> (Vec<Group<'a>>, Vec<String>) {
+/// The groups, and what has no counterpart, as warnings.
+pub fn pair<'a>(real: &'a Images, sim: &'a Images) -> (Vec<Group<'a>>, Vec<Diagnostic>) {
     let (mut groups, mut notes) = (Vec::new(), Vec::new());
     if let (Images::Sensors(reals), Images::Sensors(sims)) = (real, sim) {
         let single = reals.len() == 1 && sims.len() == 1;
@@ -67,7 +68,7 @@ fn side(images: &Images) -> Side<'_> {
     }
 }
 
-fn group<'a>(real: &'a SensorImages, sim: &'a SensorImages, notes: &mut Vec<String>) -> Group<'a> {
+fn group<'a>(real: &'a SensorImages, sim: &'a SensorImages, notes: &mut Vec<Diagnostic>) -> Group<'a> {
     let pairs = pairs(&real.images, &sim.images);
     if pairs.is_empty() {
         let [real_side, sim_side] = [real, sim].map(|sensor| Side::Files(sensor.images.iter().collect()));
@@ -110,12 +111,14 @@ fn unique(entries: &[Entry]) -> HashMap<&str, &Entry> {
 /// Names that a warning lists.
 const MOST_NAMED: usize = 8;
 
-fn alone(sensor: &str, what: &str, images: &[&Entry]) -> String {
+fn alone(sensor: &str, what: &str, images: &[&Entry]) -> Diagnostic {
     let names: Vec<&str> = images.iter().take(MOST_NAMED).map(|entry| entry.name.as_str()).collect();
     let more = match images.len().saturating_sub(MOST_NAMED) {
         0 => String::new(),
         more => format!(" and {more} more"),
     };
     let noun = if images.len() == 1 { "image has" } else { "images have" };
-    format!("{sensor}: {} {what} {noun} no counterpart: {}{more}", images.len(), names.join(", "))
+    let message = format!("{sensor}: {} {what} {noun} no counterpart: {}{more}", images.len(), names.join(", "));
+    Diagnostic::warning(message)
+        .help("images pair by their paths in the sensor's folder, or by their names: rename one side")
 }

@@ -62,10 +62,9 @@ fn unpaired(comparison: &Comparison) -> String {
             format!("{sensor}: {real_images} real images against {sim_images} simulated ones of other presses")
         });
     let counts: Vec<String> = counts.collect();
+    let way_out = comparison.missing.as_ref().map(|missing| missing.text() + "\n").unwrap_or_default();
     format!(
-        "\n{}.\nWhere, how deep and how often was pressed differs, too: this is no measure of the simulator. For one, simulate \
-         the presses of REAL (gelsim calibrate --evaluate PRESSES.csv --sensor SENSOR.toml --out SIM, with the circle and the ball's \
-         radius of each), or give a folder of simulated images the names of their real counterparts.\n",
+        "\n{}.\nWhere, how deep and how often was pressed differs, too: this is no measure of the simulator.\n{way_out}",
         counts.join("\n")
     )
 }

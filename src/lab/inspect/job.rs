@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use glob::Pattern;
 
 use super::{Inspection, inspect_set, set};
+use crate::core::gelpad::USUAL_DEPTHS;
 use crate::core::sensor::Sensor;
 use crate::files::diagnostic::Severity;
 use crate::files::diagnostic::{Report, user_error};
@@ -15,8 +16,6 @@ use crate::files::mesh::{ENDINGS, Format, Reading};
 use crate::job::config::object::Unit;
 use crate::job::inspection::SensorPad;
 
-/// Shares of the pad's thickness that presses go in.
-const DEPTHS: [f64; 2] = [0.05, 0.3];
 /// Share of the view's sides by which objects are moved out of its middle.
 const SHIFT: f64 = 0.1;
 /// How far from the tip of a curved gel, in its radii.
@@ -61,7 +60,7 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Str
         let message = format!("no mesh in {} can be used", folder.display());
         return Err(user_error(message, format!("gelsim inspect {} says why", folder.display())));
     }
-    let [low, high] = DEPTHS.map(|share| figure(share * pad.thickness_mm));
+    let [low, high] = USUAL_DEPTHS.map(|share| figure(share * pad.thickness_mm));
     let place = match Sensor::preset(preset) {
         // From all sides, as far as a camera inside sees well.
         Ok(Sensor { shape: Some(shape), pins: None, .. }) => format!(

@@ -61,7 +61,7 @@ pub fn histogram<const KINDS: usize>(
 pub fn told(value: f64, span: f64) -> String {
     let plain = figure(value);
     let decimals = match span > 0.0 && span.is_finite() {
-        true => (-libm::floor(libm::log10(span))).clamp(0.0, 9.0) as usize,
+        true => (-libm::floor(libm::log10(span) + 1e-9)).clamp(0.0, 9.0) as usize,
         false => 0,
     };
     let has = plain.split_once('.').map_or(0, |(_, decimals)| decimals.len());

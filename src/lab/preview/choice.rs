@@ -169,8 +169,11 @@ mod tests {
         assert_eq!(seats([2, 1, 1], 12), [2, 1, 1]);
     }
 
+    /// Indices and classes of the samples of a split.
+    type OfSplit = Vec<(u64, String)>;
+
     /// Samples of three splits with `classes` in turn.
-    fn dataset(splits: Splits, samples: u64, classes: &[&str]) -> (Layout, Vec<Vec<(u64, String)>>, [u64; 3]) {
+    fn dataset(splits: Splits, samples: u64, classes: &[&str]) -> (Layout, Vec<OfSplit>, [u64; 3]) {
         let layout = Layout::new(samples, 100, splits);
         let class = |index: u64| classes[index as usize * 7 % classes.len()].to_owned();
         let of_split = |split| (0..layout.samples_in(split)).map(|at| layout.index_of(split, at)).collect::<Vec<_>>();

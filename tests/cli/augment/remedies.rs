@@ -117,7 +117,7 @@ fn one_cause_in_many_rows_is_one_message() {
     write(&folder, &[("labels.jsonl", b"[\n{\"file\":\"0.png\"},\n{\"file\":\"1.png\"}\n]\n".to_vec())]);
     refused(
         &folder,
-        &["4 lines are no JSON objects: line 1, line 2, line 3 and 1 more", "write each object on a line of its own"],
+        &["3 lines are no JSON objects: line 1, line 2, line 4", "write each object on a line of its own"],
     );
     write(&folder, &[("labels.jsonl", b"{\"file\":\"0.png\"}\n{\"file\":\"1.png\"}\n".to_vec())]);
     folder.succeed("augment augment.toml --out larger --quiet");

@@ -8,7 +8,8 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::document::{Accessor, Document};
 use super::{malformed, unsupported};
-use crate::files::mesh::others::{Others, decoded};
+use crate::files::mesh::others::Others;
+use crate::files::mesh::uri::decoded;
 use crate::files::mesh::words::named;
 use crate::files::mesh::{MeshFileError, MeshFileProblem, Missing, MissingFile, Reason, Wanted, quoted};
 

@@ -69,7 +69,7 @@ fn trimmed_line(mut points: Vec<(f64, f64)>) -> (f64, f64) {
 impl Change {
     /// On blocks of which 80 make the longer side, from an image and the background image of the same size.
     pub fn coarse(image: &RgbImage, background: &RgbImage) -> Self {
-        let block_px = (image.width().max(image.height()) as usize).div_ceil(COARSE).max(1);
+        let block_px = block_px(image);
         Self::new(image, background, Drift::between(image, background, block_px), block_px)
     }
 
@@ -131,8 +131,13 @@ pub(crate) fn energy(level: [f32; 3]) -> f64 {
     level.iter().map(|level| f64::from(*level) * f64::from(*level)).sum()
 }
 
+/// Pixels in the side of a block of which 80 make the longer side of an image.
+pub(crate) fn block_px(image: &RgbImage) -> usize {
+    (image.width().max(image.height()) as usize).div_ceil(COARSE).max(1)
+}
+
 /// Means of blocks of `block_px` squared; those at the right and lower border may be of fewer pixels.
-fn means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
+pub(crate) fn means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let mut means = Grid::<[f32; 3]>::new(width.div_ceil(block_px), height.div_ceil(block_px));
     let row_bytes = 3 * width;

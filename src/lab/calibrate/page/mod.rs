@@ -25,6 +25,8 @@ const GAIN: i32 = 4;
 pub struct Page<'a> {
     /// The sensor's name.
     pub sensor: &'a str,
+    /// What the fit is worth, in a sentence, and whether that is nothing.
+    pub verdict: (String, bool),
     /// The table at its top: what, and its figure with unit.
     pub summary: &'a [(String, String)],
     /// Sentences for people to heed; may be empty.
@@ -64,7 +66,11 @@ impl Page<'_> {
     pub fn html(&self) -> String {
         let mut ranked: Vec<&PressPanel> = self.presses.iter().collect();
         ranked.sort_by(|a, b| a.error().total_cmp(&b.error()));
-        let parts = [page::facts(self.summary), page::warnings(self.warnings), self.plots(&ranked), self.normals()];
+        let (verdict, is_hopeless) = &self.verdict;
+        let class = if *is_hopeless { " class=\"bad\"" } else { "" };
+        let verdict = format!("<p{class}><b>{}</b></p>\n", escaped(&sentence(verdict)));
+        let (facts, warnings) = (page::facts(self.summary), page::warnings(self.warnings));
+        let parts = [verdict, facts, warnings, self.plots(&ranked), self.normals()];
         page::document(&format!("Calibration of {}", self.sensor), &(parts.concat() + &presses(&ranked)))
     }
 
@@ -102,6 +108,13 @@ impl Page<'_> {
             ),
         }
     }
+}
+
+/// With a capital letter and a full stop.
+fn sentence(text: &str) -> String {
+    let mut characters = text.chars();
+    let first = characters.next().map(|first| first.to_uppercase().to_string());
+    format!("{}{}.", first.unwrap_or_default(), characters.as_str())
 }
 
 /// All presses, from the best to the worst.
@@ -185,7 +198,9 @@ mod tests {
         let summary = [(String::from("thickness"), String::from("< 2 mm & more"))];
         let normals = [(String::from("middle"), RgbImage::from_pixel(9, 9, Rgb([9, 8, 7])))];
         let warnings = [String::from("\"0003.png\" <looks> odd")];
-        Page { sensor: "my <sensor>", summary: &summary, warnings: &warnings, presses, normals: &normals }.html()
+        let verdict = (String::from("the fit explains 81 % & more"), false);
+        Page { sensor: "my <sensor>", verdict, summary: &summary, warnings: &warnings, presses, normals: &normals }
+            .html()
     }
 
     #[test]
