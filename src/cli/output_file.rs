@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::Failure;
-use crate::dataset::verify::shell_word;
 use crate::files::diagnostic::user_error;
+use crate::files::spelling::shell_word;
 use crate::files::write::write_output;
 
 /// Refuses, before the work, a path at which no file of these `endings` can be: `what` is to be written there, for example

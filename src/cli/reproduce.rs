@@ -10,8 +10,8 @@ use super::{Failure, Log, print};
 use crate::dataset::archive::{Files, Member};
 use crate::dataset::encode::{Keep, make};
 use crate::dataset::recorded::Recorded;
-use crate::dataset::verify::shell_word;
 use crate::files::diagnostic::{Diagnostic, user_error};
+use crate::files::spelling::shell_word;
 use crate::job::config::Overrides;
 use crate::job::plan::Plan;
 

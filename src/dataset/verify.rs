@@ -26,7 +26,7 @@ mod finding;
 mod samples;
 
 use described::{described, of_this_job};
-pub use finding::{Cure, Finding, cures, shell_word};
+pub use finding::{Cure, Finding, cures};
 pub use samples::check;
 use samples::check_files;
 

@@ -1,6 +1,7 @@
 //! Text in messages: names that somebody may have meant, what there is to choose from, characters that are not seen.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 /// Longer than every name there is, slips included, bytes.
 const LONGEST_NAME: usize = 200;
@@ -18,6 +19,27 @@ pub fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> O
         .filter(|(distance, name)| *distance <= name.len().max(written.len()).div_ceil(3).clamp(1, 3))
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, name)| name)
+}
+
+/// A path as a shell takes it.
+pub fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    // A name that begins so would be a flag.
+    let text = if text.starts_with('-') { format!("./{text}") } else { text };
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || "/._-+=:@%".contains(letter);
+    match () {
+        () if !text.is_empty() && text.chars().all(plain) => text,
+        () if text.contains(is_hidden) => {
+            let escaped = |letter: char| match letter {
+                '\'' | '\\' => format!("\\{letter}"),
+                '\n' => String::from("\\n"),
+                hidden if is_hidden(hidden) => format!("\\u{:04x}", u32::from(hidden)),
+                shown => shown.to_string(),
+            };
+            format!("$'{}'", text.chars().map(escaped).collect::<String>())
+        }
+        () => format!("'{}'", text.replace('\'', "'\\''")),
+    }
 }
 
 /// True of a character that speaks to a terminal, or is not seen but turns or hides what stands around it.
@@ -69,6 +91,20 @@ pub fn one_of(names: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn paths_are_what_a_shell_takes() {
+        for (path, word) in [
+            ("out/my-set_1.0", "out/my-set_1.0"),
+            ("a b", "'a b'"),
+            ("it's", "'it'\\''s'"),
+            ("-w", "./-w"),
+            ("a\nb\u{200b}", "$'a\\nb\\u200b'"),
+            ("", "''"),
+        ] {
+            assert_eq!(shell_word(Path::new(path)), word);
+        }
+    }
 
     #[test]
     fn errors_of_the_system_are_said_without_their_codes() {

@@ -180,6 +180,50 @@ fn init_writes_a_job_that_works_for_a_folder_of_meshes() {
     assert!(again.contains("digit.toml exists already"), "{again}");
 }
 
+/// `cube.obj`, which is 5 mm long, with its coordinates times `by`.
+fn cube(folder: &Folder, by: f64) -> String {
+    folder.read("cube.obj").lines().map(|line| scaled(line, by)).collect()
+}
+
+#[test]
+fn init_gives_each_mesh_the_size_that_it_has() {
+    let folder = Folder::new();
+    fs::create_dir_all(folder.path("mixed")).expect("a folder");
+    fs::create_dir_all(folder.path("learned")).expect("a folder");
+    folder.write("mixed/a.obj", folder.read("cube.obj"));
+    folder.write("mixed/b[1].obj", cube(&folder, 0.001));
+    // Centred, and its longest side is 1.
+    for name in ["c", "d"] {
+        let text = folder.read("cube.obj");
+        let unit = text.lines().map(|line| match line.strip_prefix("v ") {
+            Some(corner) => {
+                let xyz: Vec<f64> = corner.split_whitespace().map(|word| word.parse().expect("a number")).collect();
+                format!("v {} {} {}\n", xyz[0] / 5.0, xyz[1] / 5.0, xyz[2] / 5.0 - 0.5)
+            }
+            None => format!("{line}\n"),
+        });
+        folder.write(&format!("learned/{name}.obj"), unit.collect::<String>());
+    }
+    folder.succeed("init --objects mixed mixed.toml");
+    let job = folder.read("mixed.toml");
+    assert!(
+        job.contains("path = \"mixed/a.obj\"\n\n") && job.contains("path = \"mixed/b[1].obj\"\nunit = \"m\""),
+        "{job}"
+    );
+    let said = folder.succeed("init --objects learned learned.toml");
+    assert!(folder.read("learned.toml").contains("length_mm = 15 "), "{}", folder.read("learned.toml"));
+    assert!(!said.contains("warning"), "{said}");
+    for name in ["mixed", "learned"] {
+        folder.succeed(&format!(
+            "generate {name}.toml --samples 4 --set sensor.resolution_px=[48,36] --out {name}-set --strict"
+        ));
+        for label in folder.labels(&format!("{name}-set")).values() {
+            let force = label["contact"]["force_n"].as_f64();
+            assert!(force.is_some_and(|force| force > 0.0), "{label}");
+        }
+    }
+}
+
 #[test]
 fn init_guesses_units_and_refuses_what_holds_no_mesh() {
     let folder = Folder::new();
@@ -192,7 +236,7 @@ fn init_guesses_units_and_refuses_what_holds_no_mesh() {
     assert!(text.contains("path = \"m s/*.obj\"") && text.contains("unit = \"m\" "), "{text}");
     assert!(text.contains("name = \"m-s\""), "{text}");
     assert!(folder.fail("init --objects empty job.toml", 2).contains("there is no mesh in empty"));
-    assert!(folder.fail("init --objects none job.toml", 2).contains("none: does not exist"));
+    assert!(folder.fail("init --objects none job.toml", 2).contains("none does not exist"));
     folder.write("empty/bad.obj", "v 0 0 0\n");
     assert!(folder.fail("init --objects empty job.toml", 2).contains("no mesh in empty can be used"));
     assert!(!folder.path("job.toml").exists());

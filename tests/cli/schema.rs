@@ -80,17 +80,36 @@ fn the_bundled_jobs_have_no_mistakes_of_form() {
 }
 
 #[test]
-fn the_job_that_init_writes_needs_only_a_mesh() {
+fn the_job_that_init_writes_runs_as_it_stands() {
     let folder = Folder::new();
-    folder.succeed("init mine.toml");
-    assert_no_problems_of_form(&folder.path("mine.toml"));
-    assert_eq!(stdout("init"), folder.read("mine.toml"));
-    let text = folder.fail("generate mine.toml", 2);
-    assert_eq!(text.matches("error: ").count(), 1, "{text}");
-    assert!(text.contains("my-object.stl does not exist"), "{text}");
-    folder.succeed(
-        "generate mine.toml --quiet --set object.0.path=\"cube.obj\" --samples 1 --set sensor.resolution_px=[48,36]",
-    );
+    std::fs::create_dir(folder.path("jobs here")).expect("a folder");
+    let assert = folder.gelsim("init").arg("jobs here/mine.toml").assert().success();
+    let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(said.contains("and jobs here/my-object.obj, a peg to press"), "{said}");
+    assert_no_problems_of_form(&folder.path("jobs here/mine.toml"));
+    assert_eq!(stdout("init"), folder.read("jobs here/mine.toml"));
+    // The command that it prints, as a shell takes it.
+    let next = said.split_once("next: gelsim ").expect("what is next").1.trim();
+    assert_eq!(next, "preview 'jobs here/mine.toml' --out 'jobs here/mine.png'");
+    let quoted = next.trim_start_matches("preview ").split('\'').enumerate().flat_map(|(at, part)| match at % 2 {
+        1 => vec![part],
+        _ => part.split_whitespace().collect(),
+    });
+    folder.gelsim("preview").args(quoted).assert().success();
+    assert!(folder.path("jobs here/mine.png").is_file());
+
+    // A mesh of the user's own stays.
+    folder.write("my-object.obj", folder.read("cube.obj"));
+    for (sensor, _) in gelsim::files::sensor::PRESETS {
+        let job = format!("{sensor}.toml");
+        folder.succeed(&format!("init --sensor {sensor} {job}"));
+        assert_eq!(folder.read("my-object.obj"), folder.read("cube.obj"));
+        let written = folder.read(&job);
+        assert!(written.contains(&format!("\n[sensor]\npreset = \"{sensor}\"\n")), "{written}");
+        let plan = folder.gelsim(&format!("plan {job} --strict --samples 4")).assert().success();
+        let shown = String::from_utf8_lossy(&plan.get_output().stdout).into_owned();
+        assert!(!shown.contains(", 0 in contact"), "{shown}");
+    }
 }
 
 #[test]

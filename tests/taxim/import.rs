@@ -100,7 +100,10 @@ fn every_mistake_is_named_with_its_file_and_its_array() {
     let message = refused(&with(&table, Member::f64("grad_b", &[8, 8, 6], &broken)), &pack, PARAMS);
     assert!(message.contains("polynomial of red in bin 1 of steepness, 1 of direction is not finite"), "{message}");
     let message = refused(&table, &with(&pack, Member::f64("f0", &[16, 8, 3], &[1.0; 384])), PARAMS);
-    assert!(message.contains("array `f0` has shape (16, 8, 3); it should be (16, 24, 3) as `h` and `w`"), "{message}");
+    assert!(
+        message.contains("array `f0` is 8 px wide and 16 px high, and params.json has \"w\": 24, \"h\": 16"),
+        "{message}"
+    );
     for (level, shown) in [(255.5, "255.5"), (-1.0, "-1"), (f64::NAN, "NaN"), (256.0, "256")] {
         let message = refused(&table, &with(&pack, Member::f64("f0", &[16, 24, 3], &[level; 1152])), PARAMS);
         assert!(message.contains(&format!("array `f0` holds {shown}; its values should be")), "{message}");

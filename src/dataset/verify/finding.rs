@@ -4,6 +4,8 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::path::Path;
 
+use crate::files::spelling::shell_word;
+
 /// Something that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
@@ -65,11 +67,4 @@ pub fn cures(root: &Path, findings: &[Finding]) -> Vec<String> {
         false => cures.contains(&Cure::Finalize).then(|| format!("gelsim finalize {folder}")),
     };
     cures.iter().filter_map(command).chain(last).collect()
-}
-
-/// A path as a shell takes it.
-pub fn shell_word(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |letter: char| letter.is_ascii_alphanumeric() || "/._-+=:@%".contains(letter);
-    if text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', "'\\''").escape_debug()) }
 }
