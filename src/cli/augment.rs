@@ -12,7 +12,6 @@ use super::store::{folder_only, local_output};
 use super::terminal::say;
 use super::{Failure, checked_threads};
 use crate::dataset::refused::Refused;
-use crate::files::diagnostic::Severity;
 use crate::files::spelling::visible;
 use crate::lab::augment::report::PerSource;
 use crate::lab::augment::trace::Source;
@@ -63,7 +62,7 @@ impl Augment {
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("seed = {seed}"))));
         let recipe = Recipe::load(&self.file, &set)?;
-        log.notes(&recipe.notes.at_least(Severity::Note));
+        log.notes(&recipe.notes);
         let root = self.out.unwrap_or_else(|| recipe.root.clone());
         folder_only(&root, "augment")?;
         let target = Target { root: root.clone(), threads, overwrite: self.overwrite };

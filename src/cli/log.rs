@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::Failure;
 use super::terminal::{self, say, say_shown};
-use crate::files::diagnostic::{Diagnostic, Display, Report, Severity};
+use crate::files::diagnostic::{Diagnostic, Display, Report};
 
 /// Form of the messages on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -38,9 +38,9 @@ impl Log {
         self.notes(&Diagnostic::note(message).into());
     }
 
-    /// What the user should act on that is no mistake.
+    /// What the user should act on that is no mistake, and what can be had otherwise.
     pub fn notes(self, notes: &Report) {
-        self.all_notes(&notes.at_least(Severity::Note));
+        self.all_notes(&notes.worth_showing());
     }
 
     /// The same, and what needs nothing done.

@@ -12,7 +12,8 @@ use super::{Extent, Failure, JobOverrides, Log, print, settled};
 use crate::core::effects::Effect;
 use crate::dataset::folder::recorded_rung;
 use crate::dataset::forecast::{Forecast, first_draw, forecast};
-use crate::files::diagnostic::Report;
+use crate::files::diagnostic::{Diagnostic, Report};
+use crate::job::config::output::OnUnhealthy;
 use crate::job::plan;
 use crate::job::probe::foresee;
 
@@ -58,6 +59,8 @@ impl Plan {
             let missed = missed.map_or_else(Report::default, Report::from);
             self.overrides.note(&missed, Log::text(self.quiet))?;
         }
+        let rejected = rejected(&plan, &forecast).map_or_else(Report::default, Report::from);
+        self.overrides.note(&rejected, Log::text(self.quiet))?;
         let mut text = heading(&plan, &forecast);
         text += &plan.pressed_sides().map_or_else(String::new, |sides| format!("{sides}\n\n"));
         text += &effects(&forecast);
@@ -65,6 +68,19 @@ impl Plan {
         text += &totals(&forecast, load_s, &root, if store.is_some() { None } else { free_bytes(&root) });
         print(&text)
     }
+}
+
+/// That most of what is drawn is thrown away, if it is.
+fn rejected(plan: &plan::Plan, forecast: &Forecast) -> Option<Diagnostic> {
+    let (ill, all) = (forecast.unhealthy, forecast.probed);
+    (plan.output().on_unhealthy == OnUnhealthy::Reject && 2 * ill > all).then(|| {
+        let message = format!(
+            "{ill} of {all} samples that were tried are not healthy, and on_unhealthy = \"reject\" draws them again"
+        );
+        let help =
+            "write on_unhealthy = \"keep\" under [output] to see in the labels what is wrong (`health`), and mend that";
+        Diagnostic::warning(message).help(help)
+    })
 }
 
 fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {

@@ -190,7 +190,7 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     let _ = writeln!(
         text,
         "# {}\n\n{} synthetic {what} on a `{}` tactile sensor ({width} x {height} px{pitch}, \
-         gelpad {} mm), made by gelsim {} at the rung `{}`. `job.toml` is the job that makes the same bytes again.\n",
+         gelpad {} mm), made by gelsim {} at the fidelity level `{}`. `job.toml` is the job that makes the same bytes again.\n",
         manifest.name,
         manifest.samples,
         one_line(&sensor.name).replace('`', "'"),

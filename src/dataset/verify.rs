@@ -181,6 +181,11 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
             };
             wrong(&file, format!("is missing{writer}"));
         }
+        // Of a link to a folder the system says that it is none.
+        Err(_) if paths.data.is_symlink() => {
+            let what = "is a symbolic link, and links are not followed";
+            findings.push(Finding::new(&*file, what).mended_by(Cure::Remove(file.clone())));
+        }
         Err(error) => wrong(&file, error.to_string()),
     }
     if depth == CheckLevel::Everything && bytes.is_some() {
@@ -197,14 +202,13 @@ fn look_at(recorded: &Recorded, shard: Shard, depth: CheckLevel) -> Result<Looke
 }
 
 /// Files in data/ and stats/, and in `shards` that are folders, that belong to no shard: readers would take them for data.
-/// What begins with a dot is a run's that goes on, or a program's that shows folders.
+/// Beside shards, what begins with a dot is a run's that goes on, or a program's that shows folders; within one it is in the way
+/// of whoever replaces or copies the shard.
 pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) -> Vec<Finding> {
     let (mut found, mut unread) = (Vec::new(), Vec::new());
     let mut stray = |folder: &str, name: &str| {
-        if !name.starts_with('.') {
-            let file = format!("{folder}/{name}");
-            found.push(Finding::new(&*file, "belongs to no shard").mended_by(Cure::Remove(file)));
-        }
+        let file = format!("{folder}/{name}");
+        found.push(Finding::new(&*file, "belongs to no shard").mended_by(Cure::Remove(file)));
     };
     let container = recorded.job.output.container;
     let data = shards.clone().map(|shard| container.file_name(&shard)).collect();
@@ -219,7 +223,7 @@ pub fn strays(recorded: &Recorded, shards: impl Iterator<Item = Shard> + Clone) 
             }
         };
         for name in names.iter().map(|name| name.to_string_lossy()) {
-            if !known.contains(&*name) {
+            if !known.contains(&*name) && !name.starts_with('.') {
                 stray(folder, &name);
             }
         }

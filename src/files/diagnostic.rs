@@ -316,6 +316,13 @@ impl Report {
         Self { problems, sources: self.sources.clone() }
     }
 
+    /// What a user is shown who does not ask for all: what is more than an information, and what can be had otherwise.
+    pub fn worth_showing(&self) -> Self {
+        let is_shown = |problem: &&Diagnostic| problem.severity > Severity::Info || problem.help.is_some();
+        let problems = self.problems.iter().filter(is_shown).cloned().collect();
+        Self { problems, sources: self.sources.clone() }
+    }
+
     /// A text for each that is more than an information: what it is, and what to do.
     pub fn texts(&self) -> Vec<String> {
         let text = |problem: &Diagnostic| match &problem.help {

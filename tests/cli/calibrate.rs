@@ -215,6 +215,85 @@ fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
     assert!(folder.labels("set").values().all(|label| label["optics_model"] == "calibrated"));
 }
 
+/// What speaks against the whole ends with status 1 and leaves nothing behind, unless it is asked for.
+#[test]
+fn a_hopeless_set_of_presses_is_no_sensor() {
+    type Spoil = fn(&Folder);
+    fn background(folder: &Folder, change: impl Fn(&mut [u8; 3])) {
+        let mut picture = rest();
+        picture.pixels_mut().for_each(|pixel| change(&mut pixel.0));
+        picture.save(folder.path("rest.png")).expect("an image");
+    }
+    let cases: [(Spoil, &str, &str); 7] = [
+        (
+            |folder| background(folder, |pixel| pixel.reverse()),
+            "red and blue of the background image are exchanged",
+            "--match-background",
+        ),
+        (
+            |folder| background(folder, |pixel| *pixel = pixel.map(|level| (0.7 * f64::from(level)).round() as u8)),
+            "the background image is darker than the presses",
+            "--match-background",
+        ),
+        (
+            |folder| folder.write("presses.csv", folder.read("presses.csv").replace(",0.2\n", ",0.0002\n")),
+            "`mm_per_px` looks like metres per pixel",
+            "write `mm_per_px` in mm: 0.2 in place of 0.0002",
+        ),
+        (
+            |folder| folder.write("presses.csv", folder.read("presses.csv").replace(",4,0.2\n", ",0.004,0.2\n")),
+            "`ball_radius_mm` looks like metres",
+            "4 in place of 0.004",
+        ),
+        (
+            |folder| {
+                let table = folder.read("presses.csv");
+                folder.write("presses.csv", table.replace("centre_x_px,centre_y_px", "centre_y_px,centre_x_px"));
+            },
+            "exchange",
+            "centre_x_px",
+        ),
+        (
+            |folder| {
+                let doubled = |circle: [f64; 3]| [circle[0], circle[1], 2.0 * circle[2]];
+                let rows: String =
+                    CIRCLES.iter().enumerate().map(|(k, circle)| row(&format!("{k}.png"), doubled(*circle))).collect();
+                folder.write("presses.csv", format!("{HEAD}{rows}"));
+            },
+            "diameter",
+            "radius",
+        ),
+        (
+            |folder| (0..7).for_each(|k| rest().save(folder.path(&format!("{k}.png"))).expect("an image")),
+            "show nothing that is not in the background",
+            "name images of a ball",
+        ),
+    ];
+    for (number, (spoil, what, advice)) in cases.into_iter().enumerate() {
+        let folder = good();
+        spoil(&folder);
+        let before = folder.files("");
+        let said = folder.fail(CALIBRATE, 1);
+        assert!(said.contains("error: ") && said.contains(what) && said.contains(advice), "{number}: {said}");
+        assert!(said.contains("nothing is written") && said.contains("--keep-anyway"), "{number}: {said}");
+        assert_same_files(&before, &folder.files(""));
+    }
+}
+
+/// What `calibrate` says of a background is done by the flag that it names.
+#[test]
+fn a_background_in_another_order_and_darker_is_matched() {
+    let folder = good();
+    let mut picture = rest();
+    picture.pixels_mut().for_each(|pixel| pixel.0 = [2, 1, 0].map(|k| (0.8 * f64::from(pixel.0[k])).round() as u8));
+    picture.save(folder.path("rest.png")).expect("an image");
+    folder.fail(CALIBRATE, 1);
+    folder.gelsim(&format!("{CALIBRATE} --match-background --steps 150")).assert().success();
+    let written = image::open(folder.path("out/mine.background.png")).expect("a picture").into_rgb8();
+    let off = written.iter().zip(rest().iter()).map(|(a, b)| a.abs_diff(*b)).max().expect("pixels");
+    assert!(off <= 3, "{off} levels off the pad that the presses show");
+}
+
 #[test]
 fn leds_alone_are_fitted_from_three_presses_and_render() {
     let folder = good();

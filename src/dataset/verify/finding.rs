@@ -56,7 +56,7 @@ pub fn cures(root: &Path, findings: &[Finding]) -> Vec<String> {
     let command = |cure: &&Cure| match cure {
         Cure::Remove(file) => {
             let path = root.join(file);
-            Some(format!("rm {}{}", if path.is_dir() { "-r " } else { "" }, shell_word(&path)))
+            Some(format!("rm {}{}", if path.is_dir() && !path.is_symlink() { "-r " } else { "" }, shell_word(&path)))
         }
         Cure::Generate | Cure::GenerateByJob | Cure::Finalize => None,
     };

@@ -24,7 +24,12 @@ const KEYS: &[(&[&str], &[Means])] = &[
     ),
     (
         &["leds", "lights", "light", "led_list", "illumination"],
-        &[Key("led"), Elsewhere("each LED is a table: [[sensor.led]] with azimuth_deg, elevation_deg, color")],
+        &[
+            Elsewhere(
+                "each LED is a table of its own, [[sensor.led]], in a sensor file [[led]], with azimuth_deg, elevation_deg and color",
+            ),
+            Key("led"),
+        ],
     ),
     (
         &["variation", "randomize", "randomise", "randomization", "randomisation", "domain_randomization", "jitter"],
@@ -257,6 +262,14 @@ const ELSEWHERE: &[(&[&str], &str)] = &[
 /// A guess as it is looked up.
 fn plain(written: &str) -> String {
     written.trim().to_lowercase().replace(['-', ' '], "_")
+}
+
+/// True if `written` is a guess at this key.
+pub fn is_guess_at(written: &str, key: &str) -> bool {
+    let guess = plain(written);
+    let is_meant = |meant: &Means| matches!(meant, Key(meant) if *meant == key);
+    KEYS.iter().any(|(guesses, meant)| guesses.contains(&guess.as_str()) && meant.iter().any(is_meant))
+        || nearest(written, [key]).is_some()
 }
 
 /// What is advised where `written` is no key of a table that knows these: the key that is meant, or where it is said.
@@ -517,7 +530,7 @@ pub fn whole(number: f64) -> Option<String> {
 
 /// A number as TOML has it: whole ones without a point, which every key takes.
 fn decimal(number: f64) -> String {
-    whole(number).unwrap_or_else(|| format!("{number:?}"))
+    whole(number.abs()).map_or_else(|| format!("{number:?}"), |_| format!("{number:.0}"))
 }
 
 fn literal(value: &Value) -> Option<String> {
@@ -552,7 +565,10 @@ mod tests {
             ["preset", "background", "background_sha256", "lens", "led", "calibration", "resolution_px", "unit"];
         for (written, help) in [
             ("background_image", "did you mean `background`?"),
-            ("leds", "did you mean `led`?"),
+            (
+                "leds",
+                "each LED is a table of its own, [[sensor.led]], in a sensor file [[led]], with azimuth_deg, elevation_deg and color",
+            ),
             ("type", "did you mean `preset`?"),
             ("Background", "did you mean `background`?"),
             ("resolution", "did you mean `resolution_px`?"),

@@ -14,7 +14,7 @@ pub mod fidelity;
 pub mod gripper;
 mod guesses;
 mod level;
-pub use guesses::{choice, of_choice, whole};
+pub use guesses::{choice, is_guess_at, of_choice, whole};
 mod lay;
 pub mod object;
 pub mod output;

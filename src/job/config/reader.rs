@@ -114,7 +114,10 @@ impl std::error::Error for Mistake {}
 
 impl de::Error for Mistake {
     fn custom<M: fmt::Display>(message: M) -> Self {
-        Self::new(message.to_string())
+        let message = message.to_string();
+        // Of a table with other keys, such as those of a range.
+        let wanted = message.starts_with("unknown distribution").then_some(Wanted::Quantity);
+        Self { wanted, ..Self::new(message) }
     }
 
     fn invalid_type(unexpected: Unexpected<'_>, expected: &dyn de::Expected) -> Self {
@@ -286,8 +289,11 @@ impl<'de> de::Deserializer<'de> for Reader<'_> {
         self.visit(visitor)
     }
 
-    fn deserialize_tuple<V: Visitor<'de>>(self, _: usize, visitor: V) -> Result<V::Value, Mistake> {
-        self.visit(visitor)
+    fn deserialize_tuple<V: Visitor<'de>>(self, length: usize, visitor: V) -> Result<V::Value, Mistake> {
+        match &self.node.value {
+            Value::Array(_) => self.visit(visitor),
+            _ => Err(self.wrong_type(&format!("a list of {length}"), Some(Wanted::List)).located(self.node.place)),
+        }
     }
 
     fn deserialize_tuple_struct<V: Visitor<'de>>(

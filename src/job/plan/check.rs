@@ -7,8 +7,8 @@ use crate::files::diagnostic::{Diagnostic, Diagnostics};
 use crate::files::figures::{figure, tidy};
 use crate::files::sensor::Sensor;
 use crate::files::sensor::quantity::Quantity;
-use crate::files::spelling::nearest;
 use crate::job::config::document::{Document, Value};
+use crate::job::config::is_guess_at;
 
 /// Collects what is wrong with a job, with the places of its keys.
 pub struct Check<'a> {
@@ -49,7 +49,7 @@ impl Check<'_> {
                 (None, Value::Table(entries)) => {
                     return entries.iter().any(|entry| {
                         let unknown = self.problems.places().any(|place| place == entry.key_place);
-                        unknown && nearest(&entry.key, [segment]).is_some()
+                        unknown && is_guess_at(&entry.key, segment)
                     });
                 }
                 (None, _) => return true,

@@ -175,7 +175,8 @@ fn flat(shown: &str, job: &Job, object: &Clusters) -> Option<Diagnostic> {
         "write face = \"auto\" under [pose], which presses of each object the side with the most relief, or face = \"{other}\""
     );
     let cause = format!("meshes are flat on their side {side}, which [pose] presses, and not on others");
-    Some(Diagnostic::note(message).help(help).of(shown, cause))
+    // It may be meant: a side is seen by its outline, too.
+    Some(Diagnostic::info(message).help(help).of(shown, cause))
 }
 
 /// Where no draw of the pose brings any of the object into view.

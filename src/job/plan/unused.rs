@@ -51,6 +51,12 @@ pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {
         "only markers, pins and the layer `flow` show how the pad moves in its own plane",
         "add a [markers] table or the layer flow",
     );
+    note(
+        "shear.friction",
+        job.shear.any(),
+        "nothing moves the object",
+        "add x_mm = [-0.3, 0.3] or twist_deg, or leave it out",
+    );
     let has_leds = models.optics.phong().is_some();
     let light = format!("the light is `{}`, which LEDs are no part of", models.optics.name());
     note("sensor.led", has_leds, &light, "leave it out, or choose optics = \"phong\"");
