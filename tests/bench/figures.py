@@ -421,7 +421,7 @@ def unaccounted(measured, not_rerun):
     there = set()
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         # What a version had, its own entry says.
-        if path.name != "changelog.md":
+        if not path.name.startswith("changelog"):
             there |= measuring(path.read_text())
     known = {figures.command for figures in measured} | set(not_rerun)
     return sorted(there - known), sorted(set(not_rerun) - there)
