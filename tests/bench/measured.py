@@ -1051,7 +1051,7 @@ SEQUENCE_FIGURES = [
         tolerance=0.0005,
     ),
     sequences(
-        "| gross slip of a ball and a cube at `draft` to `high` | {} mu N |",
+        "| gross slip of a ball and a cube at `draft` to `high`, after a slide of 1.5 mm | {} mu N |",
         SEQUENCES,
         "sequences::what_slips_as_a_whole_is_pulled_by_friction_times_force",
         lambda output: [max(column(output, "{} of mu N in gross slip"), key=lambda ratio: abs(ratio - 1))],
@@ -1562,6 +1562,7 @@ NO_FIGURE = "passes or fails, and prints no figure of a page"
 
 # Commands that run a test, a bench or a script of tests/, and why their figures are not measured here.
 NOT_RERUN = {
+    "GELSIM_REAL_DATA=FOLDER cargo test --release --test library reality::judge -- --nocapture": f"{REAL} (GELSIM_REAL_DATA)",
     "GELSIM_REAL_DATA=FOLDER cargo test --release --test library reality::sensors -- --nocapture": f"{REAL} (GELSIM_REAL_DATA)",
     "GELSIM_REAL_DATA=FOLDER cargo test --release --test library reality::shapes -- --nocapture": f"{REAL} (GELSIM_REAL_DATA)",
     "GELSIM_TAXIM=OUT cargo test --release --test library taxim::package -- --nocapture": "pictures by the package taxim, 400 MB (GELSIM_TAXIM)",

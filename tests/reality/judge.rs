@@ -28,7 +28,9 @@ fn sessions(folder: &Path) -> Vec<(String, Session)> {
         let name = path.file_name().expect("a name").to_string_lossy().into_owned();
         Some((name, real::session(path)?))
     };
-    folders.iter().filter_map(named).collect()
+    let found: Vec<_> = folders.iter().filter_map(named).collect();
+    assert!(!found.is_empty(), "no folder of {} has an annotations.csv and a background.png", folder.display());
+    found
 }
 
 /// All that is said of a session before a fit: errors, and notes in brackets.
@@ -230,7 +232,7 @@ fn fits_of_broken_presses_are_told_from_good_ones() {
             println!("{name:20} {what:24} {}  {}", shown(found), shown(leds));
             if *what == "as they are" {
                 assert!(found.is_some_and(|verdict| !verdict.is_hopeless()), "{name}");
-                assert!(leds.is_some_and(|verdict| !verdict.is_hopeless()), "{name}");
+                assert!(leds.is_some_and(|verdict| verdict.left() < 0.7), "{name}");
             }
             if *what == "centres at random" {
                 assert!(found.is_none_or(|verdict| verdict.is_hopeless()), "{name}");
