@@ -191,7 +191,7 @@ struct JobOverrides {
     /// Seed of all randomness
     #[arg(long, value_name = "S", value_parser = guesses::whole::<u64>)]
     seed: Option<u64>,
-    /// Fidelity level; replaces the job's gelpad and optics
+    /// Fidelity level: how exact the numerics are; the job's physics stays
     #[arg(long, value_name = "LEVEL", value_parser = fidelity_level())]
     fidelity: Option<Fidelity>,
     /// Run every effect that the job and the sensor have, also where it changes nothing

@@ -15,8 +15,11 @@ pub fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> O
         .into_iter()
         .filter(|name| name.len() <= LONGEST_NAME)
         .map(|name| (strsim::damerau_levenshtein(written, name), name))
-        // A slip or two, more in a long word: of short words every other one is near.
-        .filter(|(distance, name)| *distance <= name.len().max(written.len()).div_ceil(3).clamp(1, 3))
+        // A slip or two, more in a long word: of short words every other one is near, of single letters all are.
+        .filter(|(distance, name)| {
+            let longer = name.len().max(written.len());
+            *distance <= if longer < 2 { 0 } else { longer.div_ceil(3).clamp(1, 3) }
+        })
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, name)| name)
 }

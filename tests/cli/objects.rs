@@ -384,7 +384,7 @@ fn the_side_with_the_most_relief_is_pressed_and_said() {
     let folder = Folder::with_job(&format!("{}\n[pose]\nface = \"+z\"\n", level(object, "[\"depth\"]")));
     folder.write("map.npy", npy(16, &map));
     let said = folder.succeed("generate job.toml");
-    assert!(said.contains("note: map.npy: its side +z, which [pose] presses, is flat"), "{said}");
+    assert!(said.contains("info: map.npy: its side +z, which [pose] presses, is flat"), "{said}");
     assert!(said.contains("or face = \"-z\"") && said.contains("face = \"auto\""), "{said}");
     let said = folder.succeed("generate job.toml --out auto --set pose.face=\"auto\"");
     assert!(!said.contains("is flat"), "{said}");

@@ -118,12 +118,16 @@ impl Finding {
         self
     }
 
+    /// True if the mesh is probably not as large as it was taken for.
+    pub fn doubts_the_size(&self) -> bool {
+        matches!(self.kind, Kind::TooLarge | Kind::TooSmall | Kind::Unit | Kind::Normalised)
+    }
+
     /// The same as it is said of a mesh that messages call `shown`: with others of its kind in one message.
     pub fn diagnostic(&self, shown: &str) -> Diagnostic {
         let subject = if self.detail.is_empty() { shown.to_owned() } else { format!("{shown} ({})", self.detail) };
         let problem = Diagnostic::new(format!("{shown}: {}", self.message)).help(self.help.as_str());
-        let explains = matches!(self.kind, Kind::TooLarge | Kind::TooSmall | Kind::Unit | Kind::Normalised);
-        let problem = if explains { problem.explains_misses() } else { problem };
+        let problem = if self.doubts_the_size() { problem.explains_misses() } else { problem };
         Diagnostic { severity: self.severity, ..problem }.of(subject, self.kind.cause())
     }
 }

@@ -92,6 +92,10 @@ pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photogra
         check.error("sensor.background_sha256", "a list of hashes for one background", "write the hash alone");
         return None;
     }
+    // An empty list was refused as such.
+    if job.sensor.background.as_deref() == Some("") && !check.sound("sensor.background") {
+        return None;
+    }
     let Some(path) = &mut job.sensor.background else {
         return (size.is_some() && check.problems.is_empty()).then(|| (Vec::new(), None));
     };

@@ -20,12 +20,13 @@ use crate::files::diagnostic::{Diagnostic, Diagnostics, Severity};
 use crate::files::figures::figure;
 use crate::files::mesh;
 use crate::files::sensor::quantity::Quantity;
+use crate::files::spelling::nearest;
 use crate::job::config::Job;
 use crate::job::config::dataset::{ObjectOrder, SplitBy};
 use crate::job::config::object::{Object as Entry, OnBad, Parts, Unit};
 use crate::job::config::scene::Face;
 use crate::job::inspection::SensorPad;
-use crate::job::inspection::findings;
+use crate::job::inspection::findings::{self, Finding};
 use crate::job::layout::Split;
 
 /// An object ready to be pressed.
@@ -71,7 +72,8 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
     if job.object.is_empty() && check.document.get("object").is_none() && !check.misspelt("object") {
         check.error("object", "the job has no object", "add an [[object]] table with path = \"...\"");
     } else if job.object.is_empty() && check.sound("object") {
-        check.error("object", "the list of objects is empty", "add an [[object]] table with path = \"...\"");
+        let help = "write [[object]] with path = \"my-part.stl\" in place of the empty list";
+        check.error("object", "the list of objects is empty", help);
     }
     let mut meshes: Vec<File> = Vec::new();
     let mut unread = 0;
@@ -169,10 +171,10 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
         if let Some(wanted) = entry.part.as_ref().filter(|_| !parts.iter().any(|part| meant(&part))) {
             let names: Vec<&str> = parts.iter().filter_map(|part| part.name.as_deref()).take(20).collect();
             let message = format!("{} has no part `{}`", path.display(), wanted.escape_debug());
-            let help = if names.is_empty() {
-                String::from("it has no parts")
-            } else {
-                format!("its parts: {}", names.join(", "))
+            let help = match (names.is_empty(), nearest(wanted, names.iter().copied())) {
+                (true, _) => String::from("it has no parts: leave `part` out"),
+                (false, Some(near)) => format!("did you mean part = {near:?}? Its parts: {}", names.join(", ")),
+                (false, None) => format!("its parts: {}; leave `part` out for all of them", names.join(", ")),
             };
             check.error(&format!("object.{i}.part"), message, help);
             unread += 1;
@@ -193,6 +195,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                 size.known_from = Some("as length_mm says");
             }
             said.extend(findings::of_mesh(&size, &part.cleaned, &pad));
+            let is_doubted = said.iter().any(Finding::doubts_the_size);
             for finding in said {
                 let found = finding.diagnostic(&shown).at(place(*i));
                 match finding.severity {
@@ -200,8 +203,11 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
                     _ => notes.push(found),
                 }
             }
-            let of_job = object_notes::of(&shown, job, &scale, clusters, &part.facets);
-            notes.extend(of_job.into_iter().map(|note| note.at(place(*i))));
+            // Of another size than the true one, the rest tells nothing.
+            if !is_doubted {
+                let of_job = object_notes::of(&shown, job, &scale, clusters, &part.facets);
+                notes.extend(of_job.into_iter().map(|note| note.at(place(*i))));
+            }
             if let Some(expected) = &entry.sha256
                 && *expected != part.sha256
             {
@@ -295,8 +301,14 @@ fn height_maps(check: &mut Check<'_>, i: usize, entry: &Entry, found: &[PathBuf]
         }
         return;
     };
+    if numbers.iter().all(|(_, value, _)| value.is_none()) {
+        let help = format!("how large is {}? For example mm_per_px = 0.02 and height_mm = 0.5", map.display());
+        check.missing(&path("mm_per_px"), &help);
+    }
     for (key, value, example) in numbers {
         match value {
+            // Both were asked for together.
+            None if entry.mm_per_px.is_none() && entry.height_mm.is_none() => {}
             Some(value) => check.number(&path(key), value, 1e-4..=100.0, "mm"),
             None => {
                 check.missing(&path(key), &format!("how large is {}? For example {key} = {example}", map.display()))
