@@ -40,7 +40,7 @@ fn a_sound_mesh_gets_a_block_with_its_figures_and_nothing_to_note() {
     ] {
         assert!(text.lines().any(|printed| printed == line), "{line}\n{text}");
     }
-    assert!(text.lines().any(|line| line.starts_with("  -z ") && line.contains("160 x 160")), "{text}");
+    assert!(text.lines().any(|line| line.starts_with("  -z* ") && line.contains("160 x 160")), "{text}");
     let (mini, _) = stdout(&folder, "inspect cube.obj --sensor gelsight-mini", 0);
     assert!(mini.starts_with("against gelsight-mini: 320 x 240 px on 18.6 x 14.3 mm"), "{mini}");
 }
@@ -134,8 +134,9 @@ fn the_side_that_auto_takes_is_the_one_that_a_job_presses() {
                 "{auto}: {said}"
             );
             let (table, _) = stdout(&folder, &format!("inspect {name}.obj --sensor gelsight-mini"), 0);
-            let marked: Vec<&str> = table.lines().filter(|line| line.ends_with("<- auto")).collect();
-            assert!(marked.len() == 1 && marked[0].trim_start().starts_with(&auto), "{table}");
+            let marked: Vec<&str> =
+                table.lines().filter(|line| line.trim_start().starts_with(&format!("{auto}* "))).collect();
+            assert!(marked.len() == 1 && table.contains("* face = \"auto\" presses this side"), "{table}");
             assert!(name == "turned" || auto == face, "{mesh}: {auto}");
         }
     }

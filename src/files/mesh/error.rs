@@ -4,11 +4,12 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::format::ENDINGS;
+use super::format::{ENDINGS, Format};
 use super::missing::Missing;
 use super::points::Points;
 use crate::core::mesh::MeshError;
 use crate::files::foreign::Foreign;
+use crate::files::input::meant;
 
 /// Why a mesh file cannot be used, and where. Its text is one line, such as
 /// `objects/a.obj:17: face refers to vertex 9, but the file has 8 so far`.
@@ -137,7 +138,17 @@ impl MeshFileProblem {
 impl MeshFileError {
     /// A way out.
     pub fn help(&self) -> String {
-        self.problem.help()
+        let is_absent = |error: &io::Error| error.kind() == io::ErrorKind::NotFound;
+        match (&self.problem, &self.path) {
+            (MeshFileProblem::Unreadable(error), Some(path)) if is_absent(error) => {
+                let is_mesh = |path: &Path| Format::from_path(path).is_some();
+                match meant(path, is_mesh) {
+                    Some(name) => format!("did you mean {}?", path.with_file_name(name).display()),
+                    None => self.problem.help(),
+                }
+            }
+            _ => self.problem.help(),
+        }
     }
 
     /// What is true of several files with such a problem, behind their number.

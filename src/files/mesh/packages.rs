@@ -332,6 +332,7 @@ mod tests {
         let folder = folder(&[
             "ws/src/arm/package.xml=my_arm",
             "ws/src/arm/m/a.stl",
+            "ws/src/arm/m/plate.stl",
             "ws/src/group/hand/package.xml=my_hand",
             "ws/src/group/hand/a.stl",
             "ws/far/off/and/on/tool/package.xml=my_tool",
@@ -355,8 +356,8 @@ mod tests {
             assert_eq!(at("ws/src/arm", &[given], tool), Ok("ws/far/off/and/on/tool/a.stl".into()), "{given}");
         }
         assert_eq!(
-            at("ws/src/arm", &[], "package://my_arm/m/b.stl"),
-            Err(Reason::NotThere(Some("package://my_arm/m/a.stl".into())))
+            at("ws/src/arm", &[], "package://my_arm/m/plat.stl"),
+            Err(Reason::NotThere(Some("package://my_arm/m/plate.stl".into())))
         );
         assert_eq!(at("ws/src/arm", &[], "package://../arm/m/a.stl"), Err(Reason::NoPackage("..".into())));
     }

@@ -121,8 +121,8 @@ fn sides(facts: &MeshFacts, pad: &SensorPad, columns: Option<usize>) -> String {
     }
     let depth = format!("at {} mm", figure(pad.press_mm));
     let mut table = TextTable::new(&[
-        ["face", "outline", "outline", "fits", "of view", "relief", "touches", "thin", "anchor", ""],
-        ["", "mm", "px", "", "", "mm", &depth, "", "", ""],
+        ["face", "outline", "outline", "fits", "of view", "relief", "touches", "thin", "anchor"],
+        ["", "mm", "px", "", "", "mm", &depth, "", ""],
     ]);
     for side in &facts.sides {
         let [x, y] = side.outline_mm.map(figure);
@@ -133,7 +133,7 @@ fn sides(facts: &MeshFacts, pad: &SensorPad, columns: Option<usize>) -> String {
             None => "-",
         };
         table.row([
-            side.face.name().to_owned(),
+            format!("{}{}", side.face.name(), if facts.auto_face == Some(side.face) { "*" } else { "" }),
             format!("{x} x {y}"),
             format!("{u} x {v}"),
             String::from(if side.fits { "yes" } else { "no" }),
@@ -142,11 +142,11 @@ fn sides(facts: &MeshFacts, pad: &SensorPad, columns: Option<usize>) -> String {
             format!("{} px", side.touching_px),
             percent(side.thin_fraction),
             anchor.to_owned(),
-            String::from(if facts.auto_face == Some(side.face) { "<- auto" } else { "" }),
         ]);
     }
     let table = table.render(columns.map(|columns| columns.saturating_sub(2)));
-    table.lines().map(|line| if line.is_empty() { String::from("\n") } else { format!("  {line}\n") }).collect()
+    let rows = table.lines().map(|line| if line.is_empty() { String::from("\n") } else { format!("  {line}\n") });
+    rows.chain([String::from("  * face = \"auto\" presses this side\n")]).collect()
 }
 
 /// A file's name on one line, whatever is in it.
