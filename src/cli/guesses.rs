@@ -23,6 +23,7 @@ const FLAGS: &[(&[&str], &[&str])] = &[
     (&["--level", "--quality", "--rung"], &["--fidelity"]),
     (&["--random-seed", "--rng-seed", "-s"], &["--seed"]),
     (&["--silent"], &["--quiet"]),
+    (&["--debug", "--info"], &["--verbose"]),
     (&["--index", "--sample", "--id"], &["--key"]),
     (&["--preset"], &["--sensor"]),
     (&["--units"], &["--unit", "--depth-unit"]),
@@ -47,6 +48,7 @@ const ELSEWHERE: &[(&[&str], &str)] = &[
         "the job names its meshes: `gelsim init --objects FOLDER job.toml` writes one for a folder",
     ),
     (&["--config", "--job", "-c", "--file"], "the file stands by itself, without a flag before it"),
+    (&["--gpu", "--device", "--cuda", "--gpus"], "it runs on CPUs, on all cores unless --threads says fewer"),
     (&["--resume", "--continue"], "the same command goes on where a run was stopped"),
     (&["--format"], "`gelsim export DIR --to lerobot|zarr|hdf5 --out OUT` copies a dataset to other formats"),
 ];
@@ -114,6 +116,13 @@ pub(super) fn advised(mut error: Error, line: &[OsString]) -> Error {
             let Some(flag) = text(ContextKind::InvalidArg) else { return error };
             // That it might be a value was a guess, too, and leads nowhere.
             error.remove(ContextKind::Suggested);
+            if flag.ends_with(".toml") && command.as_ref().is_some_and(|command| command.get_name() == "render") {
+                suggest(
+                    &mut error,
+                    "gelsim generate JOB.toml and gelsim preview JOB.toml render a job; render takes --depth FRAMES",
+                );
+                return error;
+            }
             let has = |wanted: &&&str| command.as_ref().is_some_and(|command| has_flag(command, wanted));
             let known = meant(FLAGS, &flag).and_then(|meant| meant.iter().find(has));
             if let Some(known) = known {

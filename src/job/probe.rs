@@ -242,7 +242,29 @@ fn remedies(plan: &Plan) -> Vec<(String, Plan)> {
             job.pose.y_mm = Quantity::Constant(0.0);
         });
     }
+    if let Some([x, y]) = place_of_lowest(plan) {
+        let help = format!(
+            "write x_mm = {x} and y_mm = {y} under [pose], which put what touches first into the middle of the view"
+        );
+        add(&help, &|job| {
+            job.pose.x_mm = Quantity::Constant(x);
+            job.pose.y_mm = Quantity::Constant(y);
+        });
+    }
     found
+}
+
+/// Where an object must be placed for what touches first of it to be in the middle of the view, mm; that of the first sample.
+fn place_of_lowest(plan: &Plan) -> Option<[f64; 2]> {
+    let middle = plan.changed(|job| {
+        job.pose.x_mm = Quantity::Constant(0.0);
+        job.pose.y_mm = Quantity::Constant(0.0);
+    });
+    let middle = middle.of_sample(0, 0);
+    let indenter = Scene::draw(middle, 0, 0).indenter(middle);
+    let place = sides::lowest_place(indenter.shape.clusters()?, &indenter.pose)?;
+    // To a hundredth of a millimetre, and without a sign before zero.
+    Some(place.map(|mm| (-100.0 * mm).round() / 100.0 + 0.0))
 }
 
 /// What is to be said of single objects: those that never touch, where others do, and those of which what touches is thin.

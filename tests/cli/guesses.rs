@@ -18,6 +18,9 @@ fn flags_and_commands_of_other_programs_are_answered() {
         ("generate job.toml --dry-run", "gelsim plan JOB.toml"),
         ("generate job.toml --resolution 64", "--set 'sensor.resolution_px=[320, 240]'"),
         ("generate job.toml --workers 2", "'--threads'"),
+        ("generate job.toml --debug", "'--verbose'"),
+        ("generate job.toml --gpu", "it runs on CPUs"),
+        ("render job.toml", "gelsim generate JOB.toml"),
         ("list presets", "'sensors'"),
         ("list rung", "'levels'"),
         ("version", "gelsim --version"),
@@ -48,7 +51,7 @@ fn short_flags_are_those_that_people_know() {
 
 /// What is written in the job in place of something, what is said of it, and what is to be written instead; none where the
 /// answer is elsewhere.
-const KEYS: [(&str, &str, &str, &str); 33] = [
+const KEYS: [(&str, &str, &str, &str); 47] = [
     (
         "resolution_px",
         "background_image = \"rest.png\"\nresolution_px",
@@ -96,6 +99,40 @@ const KEYS: [(&str, &str, &str, &str); 33] = [
     ("\"contact\"]", "\"force\"]", "`pressure`", "\"pressure\"]"),
     ("\"contact\"]", "\"contact\"]\ncontainer = \"hdf5\"", "gelsim-export", ""),
     ("\"contact\"]", "\"contact\"]\ncontainer = \"webdataset\"", "`tar`", "\"contact\"]\ncontainer = \"tar\""),
+    ("[\"depth\", \"contact\"]", "\"all\"", "gelsim list layers", ""),
+    (
+        "[\"depth\", \"contact\"]",
+        "\"normals, mask\"",
+        "`layers = [\"normal\", \"contact\"]`",
+        "[\"normal\", \"contact\"]",
+    ),
+    ("y_mm = [-2.0, 2.0]", "y_mm = [1.5]", "`y_mm = 1.5`", "y_mm = 1.5"),
+    (
+        "y_mm = [-2.0, 2.0]",
+        "y_mm = [0.1, 0.2, 0.3]",
+        "{ choice = [0.1, 0.2, 0.3] }",
+        "y_mm = { choice = [0.1, 0.2, 0.3] }",
+    ),
+    (
+        "y_mm = [-2.0, 2.0]",
+        "y_mm = { uniform = { min = -1.0, max = 1.5 } }",
+        "`uniform = [-1, 1.5]`",
+        "y_mm = { uniform = [-1, 1.5] }",
+    ),
+    (
+        "resolution_px = [48, 36]",
+        "resolution_px = { width = 48, height = 36 }",
+        "`resolution_px = [48, 36]`",
+        "resolution_px = [48, 36]",
+    ),
+    ("resolution_px = [48, 36]", "resolution_px = [48.0, 36]", "write `48`", "resolution_px = [48, 36]"),
+    ("resolution_px", "camera_resolution", "`resolution_px`", "resolution_px"),
+    ("[pose]", "[lighting]\n[pose]", "[[sensor.led]]", ""),
+    ("[pose]", "[gel]\nthickness_mm = 4.0\n[pose]", "gelpad_thickness_mm", ""),
+    ("path = \"cube.obj\"", "path = [\"cube.obj\", \"cone.obj\"]", "one table for each file", ""),
+    ("path = \"cube.obj\"", "path = \"cube.obj\"\nrotation = 90.0", "under [pose]: yaw_deg = 90.0", ""),
+    ("name = \"small\"", "name = my-set", "`name = \"my-set\"`", "name = \"my-set\""),
+    ("samples = 8", "samples: 8", "`samples = 8`", "samples = 8"),
     ("[\"depth\", \"contact\"]", "\"depth\"", "`layers = [\"depth\"]`", "[\"depth\"]"),
 ];
 

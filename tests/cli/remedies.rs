@@ -64,6 +64,37 @@ fn an_object_larger_than_the_view_is_brought_into_it_by_what_plan_advises() {
 }
 
 #[test]
+fn a_ring_around_the_view_is_placed_where_plan_advises() {
+    let folder = Folder::new();
+    // 60 mm across, with nothing in the middle; level, all of it touches first.
+    let blocks = (0..48).map(|k| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 48.0).sin_cos();
+        let [x, y] = [29.0 * cos, 29.0 * sin];
+        cuboid([x - 1.5, y - 1.5, 0.0], [x + 1.5, y + 1.5, 4.0], 8 * k as usize)
+    });
+    folder.write("ring.obj", blocks.collect::<String>());
+    let job = edited(
+        &one_object("ring.obj", ""),
+        &[
+            ("tilt_deg = { uniform = [0.0, 8.0] }", "tilt_deg = 0.0"),
+            ("x_mm = { normal = { mean = 0.0, std = 1.0, min = -3.0, max = 3.0 } }", "x_mm = 0.0"),
+            ("y_mm = [-2.0, 2.0]", "y_mm = 0.0"),
+        ],
+    );
+    folder.write("job.toml", job.as_str());
+    let said = said(&folder, "plan job.toml", 0);
+    let (_, advice) = said.split_once("help: write x_mm = ").unwrap_or_else(|| panic!("{said}"));
+    let (x, rest) = advice.split_once(" and y_mm = ").expect("two numbers");
+    let y = rest.split_once(" under [pose]").expect("where").0;
+    folder.write(
+        "job.toml",
+        edited(&job, &[("x_mm = 0.0", &format!("x_mm = {x}")), ("y_mm = 0.0", &format!("y_mm = {y}"))]),
+    );
+    folder.succeed("generate job.toml --out met --quiet");
+    assert_eq!(touching(&folder, "met"), 8);
+}
+
+#[test]
 fn a_mesh_in_another_unit_is_pressed_when_its_unit_is_written() {
     let folder = Folder::new();
     let metres: String = folder

@@ -128,12 +128,19 @@ impl Document {
         }
         // After a slip in a table's header its keys count to the table before: not the user's doubles.
         let doubles = errors.iter().all(is_duplicate);
+        let mut lines = None;
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
             if problems.is_full() {
                 break;
             }
             let span = error.span().unwrap_or(0..text.len());
             let place = Place { source, start: span.start, end: span.end };
+            // Of one line one mistake is enough: what follows from it is none.
+            let before = &text.as_bytes()[..span.start.min(text.len())];
+            let line = before.iter().filter(|byte| **byte == b'\n').count();
+            if !is_duplicate(&error) && lines.replace(line) == Some(line) {
+                continue;
+            }
             let problem = Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place);
             let first = slips::first_of_double(&text, span.start).filter(|_| is_duplicate(&error));
             let help = match first {

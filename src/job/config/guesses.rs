@@ -5,6 +5,7 @@
 
 use super::document::{Node, Value};
 use crate::files::spelling::{nearest, one_of};
+use crate::job::layers::OutputLayer;
 
 /// What somebody means by a key.
 enum Means {
@@ -23,7 +24,7 @@ const KEYS: &[(&[&str], &[Means])] = &[
         &[Key("background"), Elsewhere("under [sensor]: background = \"untouched.png\"")],
     ),
     (
-        &["leds", "lights", "light", "led_list", "illumination"],
+        &["leds", "lights", "light", "lighting", "led_list", "illumination"],
         &[
             Elsewhere(
                 "each LED is a table of its own, [[sensor.led]], in a sensor file [[led]], with azimuth_deg, elevation_deg and color",
@@ -70,7 +71,16 @@ const KEYS: &[(&[&str], &[Means])] = &[
         &["noise", "noise_level", "noise_std", "sensor_noise", "image_noise", "gaussian_noise"],
         &[Key("read_noise_levels"), Elsewhere("under [camera]: read_noise_levels = 2.0, in grey levels")],
     ),
-    (&["yaw", "rz_deg", "rz", "rotation", "rotation_deg", "angle", "angle_deg", "theta"], &[Key("yaw_deg")]),
+    (
+        &["yaw", "rz_deg", "rz", "rotation", "rotation_deg", "angle", "angle_deg", "theta", "orientation"],
+        &[Key("yaw_deg"), Elsewhere("under [pose]: yaw_deg = 90.0 about the pad's normal, and face = \"-z\"")],
+    ),
+    (
+        &["gel", "pad", "elastomer", "skin", "material", "gelpad_params"],
+        &[Elsewhere(
+            "under [sensor]: gelpad_thickness_mm and gelpad_youngs_modulus_kpa; of a soft object youngs_modulus_kpa under [[object]]",
+        )],
+    ),
     (&["rx_deg", "rx", "roll"], &[Key("roll_deg")]),
     (&["ry_deg", "ry", "pitch"], &[Key("pitch_deg"), Key("pitch_mm")]),
     (&["tilt"], &[Key("tilt_deg")]),
@@ -140,6 +150,8 @@ const KEYS: &[(&[&str], &[Means])] = &[
             "size_px",
             "res",
             "image_resolution",
+            "camera_resolution",
+            "sensor_resolution",
             "width_px",
             "height_px",
         ],
@@ -354,6 +366,10 @@ impl Wanted {
     }
 }
 
+/// Names of the ends of ranges.
+const LOWER: &[&str] = &["min", "low", "from", "start", "lower"];
+const UPPER: &[&str] = &["max", "high", "to", "end", "stop", "upper"];
+
 /// Tables that are often taken for switches, or for names.
 const TABLES: &[(&str, &str)] = &[
     ("markers", "a table says which: [markers] with pitch_mm = 1.5 and diameter_mm = 0.4"),
@@ -384,6 +400,9 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             [low, high] => write(list(&[*low, *high])),
             _ => None,
         },
+        (Value::Array(items), Wanted::Text) if key == "path" && items.len() > 1 => Some(String::from(
+            "one table for each file: [[object]] with path = \"a.stl\"; or a pattern for all of them, path = \"*.stl\"",
+        )),
         (Value::Array(items), Wanted::Whole | Wanted::Number | Wanted::Text) => match items.as_slice() {
             [Node { value, .. }] => write(literal(value)?),
             _ => None,
@@ -401,6 +420,17 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
         (Value::Integer(truth @ (0 | 1)), Wanted::Truth) => write((*truth == 1).to_string()),
         (Value::Integer(_) | Value::Float(_) | Value::Bool(_), Wanted::Text) => {
             write(format!("\"{}\"", literal(value)?))
+        }
+        (Value::String(text), Wanted::List) if key == "layers" => {
+            let known: Vec<&str> = OutputLayer::ALL.into_iter().map(OutputLayer::name).collect();
+            let named: Option<Vec<&str>> =
+                text.split([',', ' ']).filter(|word| !word.is_empty()).map(|word| choice(word, &known)).collect();
+            match named.filter(|named| !named.is_empty()) {
+                Some(named) => write(format!("{named:?}")),
+                None => Some(String::from(
+                    "name them, such as `layers = [\"depth\", \"contact\"]`: gelsim list layers shows all",
+                )),
+            }
         }
         (Value::String(text), Wanted::List) => match numbers(text) {
             Some(several) if several.len() > 1 => write(list(&several)),
@@ -423,7 +453,17 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             };
             Some(format!("there may be several: write [[{table}]]"))
         }
-        (Value::Table(_), Wanted::List) => Some(format!("a list stands in brackets: {key} = [..]")),
+        (Value::Table(entries), Wanted::List) => {
+            let of = |names: &[&str]| {
+                let found = entries.iter().find(|entry| names.contains(&entry.key.as_str()));
+                found.and_then(|entry| float(&entry.node.value))
+            };
+            let ends = of(LOWER).zip(of(UPPER)).or_else(|| of(&["width", "w", "x"]).zip(of(&["height", "h", "y"])));
+            match ends {
+                Some((first, second)) => write(list(&[first, second])),
+                None => Some(format!("a list stands in brackets: {key} = [..]")),
+            }
+        }
         (Value::Array(items), Wanted::Table) if key == "splits" => match floats(items)?.as_slice() {
             [train, val, test] => {
                 write(format!("{{ train = {}, val = {}, test = {} }}", decimal(*train), decimal(*val), decimal(*test)))
@@ -451,8 +491,7 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
                     .find(|entry| names.contains(&entry.key.as_str()))
                     .and_then(|entry| float(&entry.node.value))
             };
-            let (low, high) =
-                (of(&["min", "low", "from", "start", "lower"]), of(&["max", "high", "to", "end", "stop", "upper"]));
+            let (low, high) = (of(LOWER), of(UPPER));
             match (of(&["mean", "mu"]), of(&["std", "sigma", "sd"]), low.zip(high)) {
                 (Some(mean), Some(std), limits) => {
                     let limits = limits.map_or(String::new(), |(low, high)| {
@@ -476,6 +515,12 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
         )),
         _ => None,
     }
+}
+
+/// The same of an element of a list, which has no key.
+pub fn element(value: &Value, wanted: Wanted) -> Option<String> {
+    let written = line("", value, wanted)?;
+    Some(written.replace("` = ", "`").replace("`= ", "`"))
 }
 
 /// A list as it should read where its numbers have decimal commas, so that it has twice as many elements as `wanted`.

@@ -122,8 +122,7 @@ impl de::Error for Mistake {
 
     fn invalid_type(unexpected: Unexpected<'_>, expected: &dyn de::Expected) -> Self {
         let expected = expected.to_string().replace("a sequence", "a list");
-        // The one kind of value that says itself what it may be.
-        let wanted = expected.starts_with("a number, [min, max]").then_some(Wanted::Quantity);
+        let wanted = expected.starts_with(QUANTITY).then_some(Wanted::Quantity);
         Self { wanted, ..Self::new(format!("expected {expected}, found {}", spoken(unexpected))) }
     }
 
@@ -136,6 +135,15 @@ impl de::Error for Mistake {
         Self { missing: true, ..Self::new(format!("missing key `{field}`")) }
     }
 }
+
+/// True of a visitor of the one kind of value that says itself what it may be.
+fn is_quantity<'de, V: Visitor<'de>>(visitor: &V) -> bool {
+    let expected: &dyn de::Expected = visitor;
+    expected.to_string().starts_with(QUANTITY)
+}
+
+/// How a quantity begins to say what it may be.
+const QUANTITY: &str = "a number, [min, max]";
 
 fn spoken(unexpected: Unexpected<'_>) -> String {
     match unexpected {
@@ -184,6 +192,7 @@ impl<'a> Reader<'a> {
             Value::String(text) => visitor.visit_str(text),
             Value::Datetime => Err(self.wrong_type("a value that is not a date", None)),
             Value::Array(items) => {
+                let wanted = Some(Wanted::Quantity).filter(|_| is_quantity(&visitor));
                 let lost = {
                     let skipped = self.context.skipped.borrow();
                     !skipped.is_empty() && items.iter().any(|item| skipped.contains(&item.place))
@@ -192,14 +201,17 @@ impl<'a> Reader<'a> {
                 let mut items = Items { items: items.iter(), context: self.context };
                 match (visitor.visit_seq(&mut items), items.items.len()) {
                     // A mistake with a place is one in a further element.
-                    (Err(mistake), _) if !lost || mistake.place.is_some() => Err(mistake),
+                    (Err(mistake), _) if !lost || mistake.place.is_some() => {
+                        let is_whole = mistake.place.is_none();
+                        Err(Mistake { wanted: mistake.wanted.or(wanted.filter(|_| is_whole)), ..mistake })
+                    }
                     _ if lost => Err(Mistake { echo: true, ..Mistake::new("") }),
                     (value, 0) => value,
                     (_, more) => {
-                        let (all, wanted) = (items_in_all, items_in_all - more);
-                        let help = guesses::decimal_commas(&self.node.value, wanted);
-                        let message = format!("{all} elements, where {wanted} belong");
-                        Err(Mistake { help, ..Mistake::new(message) })
+                        let (all, most) = (items_in_all, items_in_all - more);
+                        let help = guesses::decimal_commas(&self.node.value, most);
+                        let message = format!("{all} elements, where {most} belong");
+                        Err(Mistake { help, wanted, ..Mistake::new(message) })
                     }
                 }
             }
@@ -384,6 +396,11 @@ impl<'de> de::SeqAccess<'de> for &mut Items<'_> {
         };
         let value = seed.deserialize(Reader { node, context }).map_err(|mut mistake| {
             mistake.field.get_or_insert(node.place);
+            if let Some(wanted) =
+                mistake.wanted.take().filter(|_| mistake.place.is_none_or(|place| place == node.place))
+            {
+                mistake.help = mistake.help.or_else(|| guesses::element(&node.value, wanted));
+            }
             mistake
         });
         value.map(Some)

@@ -26,6 +26,22 @@ pub fn help(text: &str, at: usize) -> Option<String> {
     if let Some(help) = comma(value) {
         return Some(help);
     }
+    if let Some((key, bare)) = line.split_once('=') {
+        let (key, bare) = (key.trim(), bare.split('#').next().unwrap_or_default().trim());
+        let is_word = |text: &str| text.starts_with(char::is_alphabetic) && !text.contains(['"', '\'', '[', '{', '=']);
+        if let Some(rest) = bare.strip_suffix([',', ';']) {
+            return Some(format!("write `{key} = {}`, without the {}", rest.trim(), &bare[rest.len()..]));
+        }
+        if is_word(bare) && !["true", "false", "inf", "nan"].contains(&bare) {
+            return Some(match bare {
+                "True" | "False" => format!("write `{key} = {}`", bare.to_lowercase()),
+                "None" | "null" | "nil" => String::from("leave it out: a key that is not there has its default"),
+                _ => format!("write `{key} = {bare:?}`: text stands in quotes"),
+            });
+        }
+    } else if let Some((key, value)) = line.split_once(':').filter(|(key, _)| is_bare(key)) {
+        return Some(format!("write `{} = {}`", key.trim(), value.trim().trim_end_matches(',')));
+    }
     if value.contains('\\') && value.contains('"') {
         return Some(format!(
             "in \"..\" a backslash begins an escape: write / between folders, {}",
@@ -65,6 +81,12 @@ fn is_yaml(text: &str) -> bool {
     is_key && (rest.is_empty() || rest.starts_with(' ')) && !first.contains('=')
 }
 
+/// True of what may be a key.
+fn is_bare(text: &str) -> bool {
+    let text = text.trim();
+    !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.'))
+}
+
 /// What `0,5`, `3,000` or `0.2, 1.0` should be, which are no lists.
 fn comma(value: &str) -> Option<String> {
     let value = value.split('#').next().unwrap_or_default().trim();
@@ -99,7 +121,11 @@ mod tests {
         assert_eq!(of("a = 0.2, 1.5"), "a range or list stands in brackets: [0.2, 1.5]");
         assert_eq!(of("a = 1.0,2.0"), "a range or list stands in brackets: [1.0, 2.0]");
         assert!(of("a = \"C:\\m\\c.stl\"").ends_with("write / between folders, \"C:/m/c.stl\""));
-        for other in ["a = [0,5]", "a = 1,", "a = x", ""] {
+        assert_eq!(of("a = 1,"), "write `a = 1`, without the ,");
+        assert_eq!(of("name = my-set"), "write `name = \"my-set\"`: text stands in quotes");
+        assert_eq!(of("a = True"), "write `a = true`");
+        assert_eq!(help("samples: 4", 7).unwrap_or_default(), "write `samples = 4`");
+        for other in ["a = [0,5]", "a = 1", ""] {
             assert_eq!(of(other), "", "{other}");
         }
     }

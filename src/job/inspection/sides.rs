@@ -130,26 +130,46 @@ fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Si
 
 /// Whether one of the points that touch first, to a micrometre, is over the view.
 pub fn lowest_is_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> bool {
+    let mut found = false;
+    each_vertex(object, pose, |[x, y, z]| {
+        found |= z < 1e-3 - pad.press_mm
+            && x.abs() <= pad.field_of_view_mm[0] / 2.0
+            && y.abs() <= pad.field_of_view_mm[1] / 2.0;
+    });
+    found
+}
+
+/// Where, of the points that touch first, to a micrometre, the one nearest to the middle of the view is, mm.
+pub fn lowest_place(object: &Clusters, pose: &Pose) -> Option<[f64; 2]> {
+    let mut lowest = f64::INFINITY;
+    each_vertex(object, pose, |[_, _, z]| lowest = lowest.min(z));
+    let mut nearest: Option<[f64; 2]> = None;
+    each_vertex(object, pose, |[x, y, z]| {
+        let is_nearer = nearest.is_none_or(|[u, v]| x * x + y * y < u * u + v * v);
+        if z < lowest + 1e-3 && is_nearer {
+            nearest = Some([x, y]);
+        }
+    });
+    nearest
+}
+
+/// Shows the vertices of an object in a pose, sensor frame, mm.
+fn each_vertex(object: &Clusters, pose: &Pose, mut see: impl FnMut([f64; 3])) {
     let placement = pose.placement();
     let centre_mm = object.centre_mm();
-    let mut found = false;
     object.query(
         |_, _| true,
         |part| {
             for at in 0..part.x.len() {
                 let vertex = [part.x[at], part.y[at], part.z[at]];
-                let [x, y, z] = [0, 1, 2].map(|k| {
+                see([0, 1, 2].map(|k| {
                     let turned: f64 =
                         (0..3).map(|j| placement.rotation[k][j] * (centre_mm[j] + f64::from(vertex[j]))).sum();
                     turned + placement.translation_mm[k]
-                });
-                found |= z < 1e-3 - pad.press_mm
-                    && x.abs() <= pad.field_of_view_mm[0] / 2.0
-                    && y.abs() <= pad.field_of_view_mm[1] / 2.0;
+                }));
             }
         },
     );
-    found
 }
 
 /// What is seen of an object in one pose.
