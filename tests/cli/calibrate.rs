@@ -280,6 +280,35 @@ fn a_hopeless_set_of_presses_is_no_sensor() {
     }
 }
 
+/// Dots on a grid, printed on the pad: dark discs of 3 px radius every 12 px.
+fn dotted(mut picture: RgbImage) -> RgbImage {
+    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+        let off = |at: u32| (f64::from(at) % 12.0) - 6.0;
+        if off(x).hypot(off(y)) < 2.2 {
+            *pixel = Rgb([20, 22, 24]);
+        }
+    }
+    picture
+}
+
+#[test]
+fn printed_dots_are_masked_and_stand_in_the_sensor_file() {
+    let folder = good();
+    dotted(rest()).save(folder.path("rest.png")).expect("an image");
+    for (k, circle) in CIRCLES.into_iter().enumerate() {
+        dotted(pressed(circle)).save(folder.path(&format!("{k}.png"))).expect("an image");
+    }
+    let assert = folder.gelsim(&format!("{CALIBRATE} --steps 150 --keep-anyway")).assert().success();
+    let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(said.contains("dots are printed on the pad"), "{said}");
+    let sensor: toml::Table = folder.read("out/mine.toml").parse().expect("TOML");
+    let pitch_mm = sensor["markers"]["pitch_mm"].as_float().expect("a number");
+    assert!((pitch_mm - 12.0 * 0.2).abs() < 0.05, "{pitch_mm}");
+    let written = image::open(folder.path("out/mine.background.png")).expect("a picture").into_rgb8();
+    let off = written.iter().zip(rest().iter()).map(|(a, b)| a.abs_diff(*b)).max().expect("pixels");
+    assert!(off < 12, "the background image is the pad without its print: {off}");
+}
+
 /// What `calibrate` says of a background is done by the flag that it names.
 #[test]
 fn a_background_in_another_order_and_darker_is_matched() {

@@ -418,3 +418,58 @@ fn a_plan_whose_samples_are_all_rejected_ends_soon_and_says_so() {
     let said = String::from_utf8_lossy(&plan.get_output().stderr).into_owned();
     assert!(said.contains("warning: ") && said.contains("reject"), "{said}");
 }
+
+#[test]
+fn sixty_frames_with_one_fault_are_one_message() {
+    let folder = Folder::new();
+    fs::create_dir(folder.path("frames")).expect("a folder");
+    let mut values: Vec<f32> = vec![60.0; 48 * 36];
+    values[100] = f32::NAN;
+    for k in 0..60 {
+        fs::write(folder.path(&format!("frames/{k:02}.npy")), npy::encode(48, 36, &[&values])).expect("a frame");
+    }
+    let said = said(&folder, &format!("render --depth frames --depth-unit mm --plane-mm 10 {HERE} --out out"), 2);
+    assert_eq!(said.matches("error: ").count(), 1, "{said}");
+    assert!(said.contains("60") && said.contains("00.npy") && said.contains("57 more"), "{said}");
+    assert!(said.contains("--background-value=nan"), "{said}");
+}
+
+/// A box of this length as glTF, whose unit is the metre.
+fn gltf(length: f32) -> String {
+    use base64::Engine;
+    let mut bytes = Vec::new();
+    for corner in 0..8_u32 {
+        for axis in 0..3 {
+            bytes.extend((if corner >> axis & 1 == 1 { length } else { 0.0 }).to_le_bytes());
+        }
+    }
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    for [a, b, c, d] in quads {
+        [a, b, c, a, c, d].into_iter().for_each(|index: u16| bytes.extend(index.to_le_bytes()));
+    }
+    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+    format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
+"buffers":[{{"byteLength":{},"uri":"data:application/octet-stream;base64,{data}"}}],
+"bufferViews":[{{"buffer":0,"byteLength":96}},{{"buffer":0,"byteOffset":96,"byteLength":72}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3","min":[0,0,0],"max":[{length},{length},{length}]}},
+{{"bufferView":1,"componentType":5123,"count":36,"type":"SCALAR"}}]}}"#,
+        bytes.len()
+    )
+}
+
+#[test]
+fn a_format_that_states_its_unit_is_believed() {
+    let folder = Folder::new();
+    for (name, length) in [("small.gltf", 0.005), ("tiny.gltf", 0.0004), ("large.gltf", 0.9)] {
+        folder.write(name, gltf(length));
+        folder.write("job.toml", one_object(name, ""));
+        let said = said(&folder, "plan job.toml", 0);
+        assert!(!said.contains("look like") && !said.contains("write unit"), "{name}: {said}");
+    }
+    // The same numbers in a format that states none.
+    folder.write("small.obj", cuboid([0.0; 3], [0.005; 3], 0));
+    folder.write("job.toml", one_object("small.obj", ""));
+    assert!(said(&folder, "plan job.toml", 0).contains("write unit = \"m\""));
+}
