@@ -39,7 +39,7 @@ fn row(name: &str, [x, y, radius]: [f64; 3]) -> String {
 }
 
 /// Good pictures 0.png to 6.png, rest.png, and a table of them.
-fn good() -> Folder {
+pub fn good() -> Folder {
     let folder = Folder::new();
     let mut table = String::from(HEAD);
     for (k, circle) in CIRCLES.into_iter().enumerate() {

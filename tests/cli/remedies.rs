@@ -308,15 +308,31 @@ fn a_level_on_the_command_line_keeps_the_friction_of_a_frame() {
 }
 
 #[test]
-fn keys_that_change_nothing_are_said() {
+fn keys_that_change_nothing_are_said_and_have_an_effect_when_the_advice_is_followed() {
     let folder = Folder::new();
-    for (more, key) in [
-        ("[shear]\nfriction = { coulomb = { coefficient = 0.5 } }\n", "friction"),
-        ("[texture]\nscale_mm = 0.3\n", "`texture` has no effect"),
+    let coulomb = "friction = { coulomb = { coefficient = 0.5 } }\n";
+    for (more, notes, mended) in [
+        (
+            format!("[shear]\n{coulomb}"),
+            ["`shear.friction` has no effect", "add x_mm = [-0.3, 0.3]"],
+            format!("[shear]\nx_mm = [-0.3, 0.3]\n{coulomb}[markers]\npitch_mm = 1.5\n"),
+        ),
+        (
+            String::from("[shear]\nx_mm = [-0.3, 0.3]\n"),
+            ["`shear` has no effect", "add a [markers] table or the layer flow"],
+            String::from("[shear]\nx_mm = [-0.3, 0.3]\n[markers]\npitch_mm = 1.5\n"),
+        ),
+        (
+            String::from("[texture]\nscale_mm = 0.3\n"),
+            ["`texture` has no effect", "add amplitude_mm = [0.01, 0.05]"],
+            String::from("[texture]\namplitude_mm = [0.01, 0.05]\nscale_mm = 0.3\n"),
+        ),
     ] {
         folder.write("job.toml", format!("{}\n{more}", one_object("cube.obj", "")));
-        let said = said(&folder, "plan job.toml", 0);
-        assert!(said.contains("note: ") && said.contains(key), "{more}: {said}");
+        let before = said(&folder, "plan job.toml", 0);
+        assert!(before.contains("note: ") && notes.iter().all(|note| before.contains(note)), "{more}: {before}");
+        folder.write("job.toml", format!("{}\n{mended}", one_object("cube.obj", "")));
+        assert_eq!(said(&folder, "plan job.toml --strict", 0), "", "{mended}");
     }
 }
 

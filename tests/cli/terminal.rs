@@ -220,6 +220,11 @@ fn progress_is_a_bar_within_the_terminal_and_nothing_on_a_dumb_one() {
             assert_drawn(&Terminal::of(columns).run(&folder, arguments), columns, arguments);
         }
     }
+    let presses = super::calibrate::good();
+    let fit = "calibrate presses.csv --background rest.png --out out/mine.toml --steps 200 --keep-anyway";
+    for columns in WIDTHS {
+        assert_drawn(&Terminal::of(columns).run(&presses, fit), columns, fit);
+    }
     let shown = Terminal::with(80, &[("TERM", "dumb")]).run(&folder, "generate job.toml --out set --overwrite");
     assert!(!shown.raw.contains(['\u{1b}', '░', '█']), "{:?}", shown.raw);
     let quiet = Terminal::of(80).run(&folder, "generate job.toml --out set --overwrite --quiet");
