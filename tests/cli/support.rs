@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use exr::prelude::{ReadChannels, ReadLayers};
 use tempfile::TempDir;
 
+use crate::advice::assert_mended;
 use crate::command::Command;
 
 /// A job of 8 small samples; every test that needs another one edits it.
@@ -115,7 +116,11 @@ impl Folder {
     /// Runs `gelsim`, which must end with `status`; what it said on standard error.
     pub fn fail(&self, arguments: &str, status: i32) -> String {
         let assert = self.gelsim(arguments).assert().code(status).stdout("");
-        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+        let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        if ["plan job.toml", "generate job.toml"].iter().any(|begin| arguments.starts_with(begin)) {
+            assert_mended(self, &said);
+        }
+        said
     }
 
     /// Every file below `name`, relative to it, sorted, with its bytes.

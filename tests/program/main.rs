@@ -3,6 +3,8 @@
 //! Each folder beside this one is a module, whose head says what it asks. The command is run as a child with limits,
 //! current folder, environment and signals of its own: nothing is set for this process, whose tests run side by side.
 
+#[path = "../cli/advice.rs"]
+mod advice;
 #[path = "../cli/mod.rs"]
 mod cli;
 #[path = "../cli/command.rs"]
