@@ -283,7 +283,8 @@ def odd_maps():
 
     # A landscape map on a sensor that stands upright: said once, and of what is the map's.
     _, said = warned(lambda: digit.render(ball.T))
-    assert len(said) == 1 and "out of proportion" in said[0] and "`[columns, rows] = [120, 160]`" in said[0], said
+    assert len(said) == 1 and "out of proportion" in said[0] and "turn the frames by 90 degrees, as numpy.rot90 does" in said[0], said
+    assert warned(lambda: digit.render(np.rot90(ball.T)))[1] == []
     assert warned(lambda: digit.render(ball.T))[1] == []
 
     for factor, word, fix in [(1e-3, "metres", lambda mm: mm * 1000), (1e3, "micrometres", lambda mm: mm / 1000)]:
