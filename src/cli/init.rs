@@ -1,7 +1,6 @@
 //! `gelsim init`
 
-use std::fs::OpenOptions;
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -13,6 +12,7 @@ use super::{Failure, print, say};
 use crate::files::diagnostic::{Report, user_error};
 use crate::files::sensor::PRESETS;
 use crate::files::spelling::shell_word;
+use crate::files::write::write_new;
 use crate::job::inspection::SensorPad;
 use crate::lab::inspect::job;
 
@@ -45,6 +45,11 @@ pub struct Init {
 
 impl Init {
     pub(super) fn run(self) -> Result<(), Failure> {
+        let exists = |path: &Path| user_error(format!("{} exists already", path.display()), "choose another name");
+        // Before meshes are looked at, and again as it is written.
+        if let Some(path) = self.file.as_deref().filter(|path| path.symlink_metadata().is_ok()) {
+            return Err(exists(path).into());
+        }
         let (text, notes) = match &self.objects {
             None => (template(self.sensor.as_deref()), Report::default()),
             Some(folder) => {
@@ -58,7 +63,7 @@ impl Init {
             return print(&text);
         };
         if !create(path, text.as_bytes())? {
-            return Err(user_error(format!("{} exists already", path.display()), "choose another name").into());
+            return Err(exists(path).into());
         }
         let starter = path.with_file_name(STARTER.0);
         let is_starter = self.objects.is_none() && create(&starter, STARTER.1)?;
@@ -71,11 +76,10 @@ impl Init {
 
 /// Writes a new file; false if there is one already.
 fn create(path: &Path, bytes: &[u8]) -> Result<bool, Failure> {
-    let failed =
-        |error: std::io::Error| Failure::denied(&format!("{}: {error}", path.display()), &error, "nothing was written");
-    match OpenOptions::new().write(true).create_new(true).open(path) {
+    match write_new(path, bytes) {
+        Ok(()) => Ok(true),
         Err(error) if error.kind() == ErrorKind::AlreadyExists => Ok(false),
-        opened => opened.and_then(|mut file| file.write_all(bytes)).map(|()| true).map_err(failed),
+        Err(error) => Err(Failure::denied(&format!("{}: {error}", path.display()), &error, "it was not written")),
     }
 }
 

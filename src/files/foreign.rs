@@ -10,7 +10,12 @@ pub struct Foreign {
     pub help: &'static str,
 }
 
-const UNPACK: &str = "unpack it, and name what is in it";
+/// What to do about a scene of an editor.
+pub const BLENDER: &str = "open it in Blender and export it as .glb, .obj, .ply or .stl";
+/// What to do about an archive.
+pub const UNPACK: &str = "unpack it, and name what is in it";
+
+const FROM_PICKLE: &str = "write what is in it with numpy.save, or as a file of the format that belongs here";
 
 /// Beginnings of files, and what they are.
 const BEGINNINGS: &[(&[u8], &str, &str)] = &[
@@ -30,30 +35,14 @@ const BEGINNINGS: &[(&[u8], &str, &str)] = &[
     (b"\x76\x2f\x31\x01", "an EXR picture", "name the file that belongs here"),
     (b"\x93NUMPY", "a NumPy array", "name the file that belongs here"),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", "write what is in it as files of their own"),
-    (b"Kaydara FBX Binary", "an FBX file", "open it in Blender and export it as .glb, .obj, .ply or .stl"),
-    (b"BLENDER", "a Blender file", "open it in Blender and export it as .glb, .obj, .ply or .stl"),
+    (b"Kaydara FBX Binary", "an FBX file", BLENDER),
+    (b"BLENDER", "a Blender file", BLENDER),
     (b"ISO-10303-21", "a STEP file", "open it in a CAD program and export it as .stl or .3mf"),
     (b"SQLite format 3\x00", "an SQLite database", "name the file that belongs here"),
-    (
-        b"\x80\x02",
-        "a Python pickle",
-        "write what is in it with numpy.save, or as a file of the format that belongs here",
-    ),
-    (
-        b"\x80\x03",
-        "a Python pickle",
-        "write what is in it with numpy.save, or as a file of the format that belongs here",
-    ),
-    (
-        b"\x80\x04",
-        "a Python pickle",
-        "write what is in it with numpy.save, or as a file of the format that belongs here",
-    ),
-    (
-        b"\x80\x05",
-        "a Python pickle",
-        "write what is in it with numpy.save, or as a file of the format that belongs here",
-    ),
+    (b"\x80\x02", "a Python pickle", FROM_PICKLE),
+    (b"\x80\x03", "a Python pickle", FROM_PICKLE),
+    (b"\x80\x04", "a Python pickle", FROM_PICKLE),
+    (b"\x80\x05", "a Python pickle", FROM_PICKLE),
 ];
 
 /// What stands in place of a file of any kind: nothing that is read here is ever one of these.

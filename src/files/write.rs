@@ -38,12 +38,45 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     sync_folder(path)
 }
 
+/// The same where nothing may be: what is there stays, and the error says so.
+pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    sweep_beside(path)?;
+    write_beside(path, bytes, File::sync_all, rename_new)?;
+    sync_folder(path)
+}
+
 /// The same without bringing it to disk, for one of many files; see [`sync_all_in`].
 pub fn write_one_of_many(path: &Path, bytes: &[u8]) -> io::Result<()> {
     replace(path, bytes, |_| Ok(()))
 }
 
 fn replace(path: &Path, bytes: &[u8], sync: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
+    write_beside(path, bytes, sync, |partial, path| fs::rename(partial, path))
+}
+
+/// Renames a file to a name that nothing has.
+fn rename_new(partial: &Path, path: &Path) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::fs::{CWD, RenameFlags, renameat_with};
+        match renameat_with(CWD, partial, CWD, path, RenameFlags::NOREPLACE) {
+            Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP) => {}
+            renamed => return Ok(renamed?),
+        }
+    }
+    match path.symlink_metadata() {
+        Ok(_) => Err(io::ErrorKind::AlreadyExists.into()),
+        Err(_) => fs::rename(partial, path),
+    }
+}
+
+/// Writes a file beside its place, and has it `put` there.
+fn write_beside(
+    path: &Path,
+    bytes: &[u8],
+    sync: impl FnOnce(&File) -> io::Result<()>,
+    put: impl FnOnce(&Path, &Path) -> io::Result<()>,
+) -> io::Result<()> {
     let partial = partial_beside(path);
     let written = create_anew(&partial).and_then(|mut file| {
         hold(&file);
@@ -53,7 +86,7 @@ fn replace(path: &Path, bytes: &[u8], sync: impl FnOnce(&File) -> io::Result<()>
         Step::FileWritten.reached(path);
         Ok(())
     });
-    if let Err(error) = written.and_then(|()| fs::rename(&partial, path)) {
+    if let Err(error) = written.and_then(|()| put(&partial, path)) {
         let _ = fs::remove_file(&partial);
         return Err(error);
     }
@@ -221,6 +254,20 @@ mod tests {
         let mut child = std::process::Command::new("true").spawn().expect("a process");
         child.wait().expect("its end");
         child.id()
+    }
+
+    #[test]
+    fn a_new_file_takes_no_place_that_is_taken_and_leaves_nothing_beside_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("job.toml");
+        write_new(&path, b"mine").expect("written");
+        let taken = write_new(&path, b"another").expect_err("it is there");
+        assert_eq!(taken.kind(), io::ErrorKind::AlreadyExists);
+        assert_eq!(fs::read(&path).expect("a file"), b"mine");
+        // A link that leads nowhere is something, too.
+        std::os::unix::fs::symlink("nowhere", folder.path().join("link")).expect("a link");
+        write_new(&folder.path().join("link"), b"x").expect_err("it is there");
+        assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 2);
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::{Format, Words, obj, off, stl};
-use crate::files::foreign::{self, Foreign};
+use crate::files::foreign::{self, BLENDER, Foreign, UNPACK};
 use crate::files::zip;
 
 /// What a file is.
@@ -20,7 +20,6 @@ pub(super) enum Detected {
 
 use Detected::Mesh;
 
-const BLENDER: &str = "open it in Blender and export it as .glb, .obj, .ply or .stl";
 const CAD: &str = "open it in a CAD program, such as FreeCAD, and export it as .stl or .3mf";
 const MESHES_IN_IT: &str =
     "name the meshes that it refers to, each by path = \"FILE\" or all by path = \"FOLDER/*.stl\"";
@@ -28,7 +27,6 @@ const XACRO: &str = "expand it, and name what comes out: xacro IN.xacro > OUT.ur
 const POINTS: &str =
     "it holds points: reconstruct a surface, e.g. in CloudCompare or MeshLab, and export it as .ply or .stl";
 const SOLVER: &str = "take its surface, e.g. in ParaView: Extract Surface, then File > Save Data as .stl or .ply";
-const UNPACK: &str = "unpack it, and name what is in it";
 const PICTURE: &str = "a height map is a grey .png, or an .npy, .npz or .exr";
 
 /// Other formats: the endings of their files, what they are, and what to do.

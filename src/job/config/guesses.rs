@@ -3,7 +3,7 @@
 //! A guess that is known beats the nearest spelling: `leds` is as near to `lens` as to `led`. Targets are checked against what
 //! is known where the guess stands, so that none is advised where it is an error.
 
-use super::document::{Node, Value};
+use super::document::{Entry, Node, Value};
 use crate::files::spelling::{nearest, one_of};
 use crate::job::layers::OutputLayer;
 
@@ -380,9 +380,15 @@ const TABLES: &[(&str, &str)] = &[
     ("splits", "a table says how much each gets: splits = { train = 0.8, val = 0.1, test = 0.1 }"),
 ];
 
-/// The line as it should read where the value of `key` is of another kind than wanted, if it is plain what is meant.
+/// The line as it should read where the value of `key` is of another kind than wanted, if it is plain what is meant; of an
+/// element of a list, whose key is empty, the value.
 pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
-    let write = |value: String| Some(format!("write `{key} = {value}`"));
+    let write = |value: String| {
+        Some(match key {
+            "" => format!("write `{value}`"),
+            key => format!("write `{key} = {value}`"),
+        })
+    };
     let list = |numbers: &[f64]| format!("[{}]", numbers.iter().map(|n| decimal(*n)).collect::<Vec<_>>().join(", "));
     match (value, wanted) {
         (Value::String(text), Wanted::Whole)
@@ -454,10 +460,7 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             Some(format!("there may be several: write [[{table}]]"))
         }
         (Value::Table(entries), Wanted::List) => {
-            let of = |names: &[&str]| {
-                let found = entries.iter().find(|entry| names.contains(&entry.key.as_str()));
-                found.and_then(|entry| float(&entry.node.value))
-            };
+            let of = |names: &[&str]| number_of(entries, names);
             let ends = of(LOWER).zip(of(UPPER)).or_else(|| of(&["width", "w", "x"]).zip(of(&["height", "h", "y"])));
             match ends {
                 Some((first, second)) => write(list(&[first, second])),
@@ -485,12 +488,7 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
         }
         (_, Wanted::Table) => TABLES.iter().find(|(table, _)| *table == key).map(|(_, help)| (*help).to_owned()),
         (Value::Table(entries), Wanted::Quantity) => {
-            let of = |names: &[&str]| {
-                entries
-                    .iter()
-                    .find(|entry| names.contains(&entry.key.as_str()))
-                    .and_then(|entry| float(&entry.node.value))
-            };
+            let of = |names: &[&str]| number_of(entries, names);
             let (low, high) = (of(LOWER), of(UPPER));
             match (of(&["mean", "mu"]), of(&["std", "sigma", "sd"]), low.zip(high)) {
                 (Some(mean), Some(std), limits) => {
@@ -515,12 +513,6 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
         )),
         _ => None,
     }
-}
-
-/// The same of an element of a list, which has no key.
-pub fn element(value: &Value, wanted: Wanted) -> Option<String> {
-    let written = line("", value, wanted)?;
-    Some(written.replace("` = ", "`").replace("`= ", "`"))
 }
 
 /// A list as it should read where its numbers have decimal commas, so that it has twice as many elements as `wanted`.
@@ -594,6 +586,11 @@ fn float(value: &Value) -> Option<f64> {
         Value::Float(number) => Some(*number),
         _ => None,
     }
+}
+
+/// The number of the first key of a table that has one of these names.
+fn number_of(entries: &[Entry], names: &[&str]) -> Option<f64> {
+    entries.iter().find(|entry| names.contains(&entry.key.as_str())).and_then(|entry| float(&entry.node.value))
 }
 
 fn floats(items: &[Node]) -> Option<Vec<f64>> {

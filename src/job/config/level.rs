@@ -65,6 +65,20 @@ impl Change<'_> {
         self.document.get(key).is_some() && before != Some(own)
     }
 
+    /// Refuses a key with a value of the user's own that is not the level's.
+    fn keep_to<T: PartialEq + Copy>(
+        &mut self,
+        key: &str,
+        own: T,
+        before: Option<T>,
+        after: T,
+        show: impl Fn(T) -> String,
+    ) {
+        if own != after && self.is_own(key, &own, before.as_ref()) {
+            self.refuse(key, &show(own), &show(after));
+        }
+    }
+
     /// What of a job's gelpad stays; `None`: nothing but what the level stands for.
     fn gelpad(&mut self, own: gelpad::Model, before: &Models, after: &Models) -> Option<gelpad::Model> {
         use gelpad::Model::{Elastic, MeanBlur};
@@ -75,24 +89,14 @@ impl Change<'_> {
                 let name = |resolution| {
                     format!("{:?}", serde_json::to_value(resolution).unwrap_or_default().as_str().unwrap_or_default())
                 };
-                let key = path("resolution");
-                if own.resolution != after.resolution
-                    && self.is_own(&key, &own.resolution, before.map(|b| &b.resolution))
-                {
-                    self.refuse(&key, &name(own.resolution), &name(after.resolution));
-                }
-                let key = path("tolerance_um");
-                if own.tolerance_um != after.tolerance_um
-                    && self.is_own(&key, &own.tolerance_um, before.map(|b| &b.tolerance_um))
-                {
-                    self.refuse(&key, &own.tolerance_um.to_string(), &after.tolerance_um.to_string());
-                }
-                let key = path("max_iterations");
-                if own.max_iterations != after.max_iterations
-                    && self.is_own(&key, &own.max_iterations, before.map(|b| &b.max_iterations))
-                {
-                    self.refuse(&key, &own.max_iterations.to_string(), &after.max_iterations.to_string());
-                }
+                let [own_grid, grid_after] = [own.resolution, after.resolution];
+                self.keep_to(&path("resolution"), own_grid, before.map(|b| b.resolution), grid_after, name);
+                let show = |value: f64| value.to_string();
+                let [own_um, after_um] = [own.tolerance_um, after.tolerance_um];
+                self.keep_to(&path("tolerance_um"), own_um, before.map(|b| b.tolerance_um), after_um, show);
+                let show = |value| f64::from(value).to_string();
+                let [own_most, most_after] = [own.max_iterations, after.max_iterations];
+                self.keep_to(&path("max_iterations"), own_most, before.map(|b| b.max_iterations), most_after, show);
                 Some(Elastic(gelpad::elastic::Elastic { friction: own.friction, ..*after }))
             }
             (Elastic(own), Elastic(_), after) => {

@@ -13,9 +13,8 @@ pub mod document;
 pub mod fidelity;
 pub mod gripper;
 mod guesses;
-mod level;
-pub use guesses::{choice, is_guess_at, of_choice, whole};
 mod lay;
+mod level;
 pub mod object;
 pub mod output;
 pub mod random;
@@ -35,7 +34,9 @@ use crate::files::sensor::camera::CameraDistribution;
 use crate::files::sensor::markers::MarkerDistribution;
 use crate::files::sensor::random::SensorDistribution;
 use crate::files::sensor::{self, Sensor};
+use crate::files::spelling::shell_word;
 use document::{Document, Node, Value};
+pub use guesses::{choice, is_guess_at, of_choice, whole};
 use lay::lay_over;
 pub use lay::{Laid, lay};
 
@@ -223,8 +224,9 @@ pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> R
     if Format::from_path(path).is_some() {
         let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         let help = format!(
-            "gelsim inspect {name} says what it is like; gelsim init --objects {} job.toml writes a job that presses it",
-            folder.display()
+            "gelsim inspect {} says what it is like; gelsim init --objects {} job.toml writes a job that presses it",
+            shell_word(path),
+            shell_word(folder)
         );
         return Err(user_error(format!("{name} is a mesh, not a job"), help));
     }

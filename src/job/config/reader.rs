@@ -399,7 +399,7 @@ impl<'de> de::SeqAccess<'de> for &mut Items<'_> {
             if let Some(wanted) =
                 mistake.wanted.take().filter(|_| mistake.place.is_none_or(|place| place == node.place))
             {
-                mistake.help = mistake.help.or_else(|| guesses::element(&node.value, wanted));
+                mistake.help = mistake.help.or_else(|| guesses::line("", &node.value, wanted));
             }
             mistake
         });

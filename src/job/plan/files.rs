@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::check::Check;
+use super::paths::Kind;
 use super::{paths, view};
 use crate::core::base::view::MOST_PX;
 use crate::core::depth::relief::Relief;
@@ -21,7 +22,7 @@ use crate::job::config::texture::{Pattern, TextureDistribution};
 pub fn read<T>(
     check: &mut Check<'_>,
     key: &str,
-    what: &str,
+    kind: &Kind,
     path: &mut String,
     sha256: &mut Option<String>,
     decode: impl Fn(&[u8]) -> Result<T, String>,
@@ -36,26 +37,20 @@ pub fn read<T>(
     let (content, hash) = match bytes.and_then(|bytes| Ok((decode(&bytes)?, hash::sha256(&bytes)))) {
         Ok(read) => read,
         Err(reason) => {
-            let message = format!("cannot read the {what} {}: {reason}", found.display());
-            let kind = match what {
-                "background" => paths::BACKGROUNDS,
-                "table of pins" => paths::PINS,
-                "calibration" => paths::CALIBRATIONS,
-                _ => paths::HEIGHT_MAPS,
-            };
+            let message = format!("cannot read the {} {}: {reason}", kind.name, found.display());
             // A table of another version is one: what to do is said with the reason.
-            let is_table = what == "calibration" && !reason.starts_with("no table") && is_there;
+            let is_table = kind.key == paths::CALIBRATIONS.key && !reason.starts_with("no table") && is_there;
             let help = match is_there {
                 true if is_table => String::from("gelsim calibrate writes it, beside the sensor file"),
                 true => kind.what.to_owned(),
-                false => paths::absent(check, key, path, &kind),
+                false => paths::absent(check, key, path, kind),
             };
             check.error(key, message, help);
             return None;
         }
     };
     if sha256.as_ref().is_some_and(|expected| *expected != hash) {
-        let message = format!("the {what} {} has changed: its SHA-256 is {hash}", found.display());
+        let message = format!("the {} {} has changed: its SHA-256 is {hash}", kind.name, found.display());
         let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
         let own = match name {
             "path" => String::from("sha256"),
@@ -100,7 +95,7 @@ pub fn backgrounds(check: &mut Check<'_>, job: &mut Job) -> Option<(Vec<Photogra
         return (size.is_some() && check.problems.is_empty()).then(|| (Vec::new(), None));
     };
     let sha256 = &mut job.sensor.background_sha256;
-    let image = read(check, "sensor.background", "background", path, sha256, image_file::decode_rgb)?;
+    let image = read(check, "sensor.background", &paths::BACKGROUNDS, path, sha256, image_file::decode_rgb)?;
     let [width, height] = size?;
     let expected = (width as u32, height as u32);
     let note = resampled(check, path, image.dimensions(), [width, height], job.sensor.field_of_view_mm);
@@ -174,7 +169,9 @@ fn several(check: &mut Check<'_>, job: &mut Job, size: Option<[usize; 2]>) -> Op
     let mut photographs = Vec::new();
     for (i, (place, path)) in named.iter_mut().enumerate() {
         let mut sha256 = None;
-        let Some(image) = read(check, place, "background", path, &mut sha256, image_file::decode_rgb) else { continue };
+        let Some(image) = read(check, place, &paths::BACKGROUNDS, path, &mut sha256, image_file::decode_rgb) else {
+            continue;
+        };
         let sha256 = sha256.unwrap_or_default();
         if given.get(i).is_some_and(|given| *given != sha256) {
             let message = format!("the background {path} has changed: its SHA-256 is {sha256}");
@@ -217,7 +214,7 @@ pub fn file_name(path: &str) -> String {
 /// What was measured on the sensor, if anything was. `None` after a mistake, too.
 pub fn calibration(check: &mut Check<'_>, job: &mut Job) -> Option<Table> {
     let path = job.sensor.calibration.as_mut()?;
-    read(check, "sensor.calibration", "calibration", path, &mut job.sensor.calibration_sha256, Table::parse)
+    read(check, "sensor.calibration", &paths::CALIBRATIONS, path, &mut job.sensor.calibration_sha256, Table::parse)
 }
 
 /// The patterns of the texture at the key `at`, made ready; none if no sample has any. Those that cannot be read are left out,
@@ -230,7 +227,7 @@ pub fn textures(check: &mut Check<'_>, at: &str, texture: &mut TextureDistributi
         let relief = match pattern {
             Pattern::Image(image) => {
                 let key = format!("{at}.patterns.{i}.image.path");
-                read(check, &key, "height map", &mut image.path, &mut image.sha256, heights::decode)
+                read(check, &key, &paths::HEIGHT_MAPS, &mut image.path, &mut image.sha256, heights::decode)
                     .map(Relief::from_heights)
             }
             pattern => pattern.procedural().filter(|_| wanted).map(Relief::procedural),
@@ -246,7 +243,7 @@ pub fn rest_surface(check: &mut Check<'_>, job: &mut Job) -> Option<RestSurface>
         RestShape::Dome(dome) => Some(RestSurface::Dome { radius_mm: dome.radius_mm }),
         RestShape::HeightMap(map) => {
             let key = "sensor.rest_shape.height_map.path";
-            let heights = read(check, key, "height map", &mut map.path, &mut map.sha256, heights::decode)?;
+            let heights = read(check, key, &paths::HEIGHT_MAPS, &mut map.path, &mut map.sha256, heights::decode)?;
             Some(RestSurface::HeightMap { heights: Arc::new(heights), height_mm: map.height_mm })
         }
     }

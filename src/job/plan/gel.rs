@@ -38,7 +38,7 @@ pub fn read(check: &mut Check<'_>, sensor: &mut Sensor) {
         }
         let sha256 = &mut pins.layout_sha256;
         let table = |bytes: &[u8]| Ok(bytes.to_vec());
-        let bytes = files::read(check, "sensor.pins.layout.file", "table of pins", path, sha256, table);
+        let bytes = files::read(check, "sensor.pins.layout.file", &paths::PINS, path, sha256, table);
         if let Some(bytes) = bytes {
             match places(path, &bytes) {
                 Ok(places) => pins.places_mm = Some(Arc::new(places)),

@@ -15,6 +15,8 @@ use crate::job::layout::Split;
 
 /// What belongs where a path stands.
 pub struct Kind {
+    /// What messages call it.
+    pub name: &'static str,
     /// Its key, for examples.
     pub key: &'static str,
     /// True of a file with a name that may be one.
@@ -24,21 +26,27 @@ pub struct Kind {
 }
 
 /// Meshes and height maps.
-pub const OBJECTS: Kind =
-    Kind { key: "path", may_be: |path| Format::from_path(path).is_some() || is_height_map(path), what: "" };
+pub const OBJECTS: Kind = Kind {
+    name: "mesh",
+    key: "path",
+    may_be: |path| Format::from_path(path).is_some() || is_height_map(path),
+    what: "",
+};
 
 /// Photographs of the untouched pad.
 pub const BACKGROUNDS: Kind = Kind {
+    name: "background",
     key: "background",
     may_be: |path| has_ending(path, &["png", "jpg", "jpeg", "bmp", "tif", "tiff", "webp"]),
     what: "a PNG of the untouched pad belongs here, or a JPEG, BMP, TIFF or WebP",
 };
 
 /// Grey values that are heights.
-pub const HEIGHT_MAPS: Kind = Kind { key: "path", may_be: is_height_map, what: HEIGHT_MAP };
+pub const HEIGHT_MAPS: Kind = Kind { name: "height map", key: "path", may_be: is_height_map, what: HEIGHT_MAP };
 
 /// Places of pins.
 pub const PINS: Kind = Kind {
+    name: "table of pins",
     key: "file",
     may_be: |path| has_ending(path, &["csv"]),
     what: "a CSV file with the columns x_mm and y_mm belongs here",
@@ -46,13 +54,15 @@ pub const PINS: Kind = Kind {
 
 /// What was measured on a sensor.
 pub const CALIBRATIONS: Kind = Kind {
+    name: "calibration",
     key: "calibration",
     may_be: |path| has_ending(path, &["json"]),
     what: "the table that `gelsim calibrate` wrote beside its sensor file belongs here",
 };
 
 /// The shape of a gel.
-pub const GELS: Kind = Kind { key: "path", may_be: |path| Format::from_path(path).is_some(), what: "" };
+pub const GELS: Kind =
+    Kind { name: "gel's mesh", key: "path", may_be: |path| Format::from_path(path).is_some(), what: "" };
 
 fn has_ending(path: &Path, endings: &[&str]) -> bool {
     let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
@@ -160,7 +170,7 @@ pub fn absent(check: &Check<'_>, place: &str, written: &str, kind: &Kind) -> Str
 
 /// The same where relative paths start as `starts` says, from `folder` on.
 pub fn help(folder: &Path, written: &str, kind: &Kind, starts: &str) -> String {
-    let Kind { key, may_be, what } = kind;
+    let Kind { key, may_be, what, .. } = kind;
     let path = Path::new(written);
     let after = if what.is_empty() { starts.to_owned() } else { format!("{starts}; {what}") };
     if let Some(help) = not_taken(written, Some(key)) {

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use glob::Pattern;
+use rayon::prelude::*;
 
 use super::{Inspection, inspect, set};
 use crate::core::gelpad::USUAL_DEPTHS;
@@ -64,17 +65,17 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Wri
     let mut good = 0;
     let mut notes = Diagnostics::default();
     for group in &groups {
-        let inspected = group.files.iter().map(|path| inspect(path, Reading::default(), &pad)).collect::<Vec<_>>();
+        let look = |path: &PathBuf| inspect(path, Reading::default(), &pad);
+        let inspected: Vec<Inspection> = group.files.par_iter().map(look).collect();
         good += inspected.iter().filter(|mesh| mesh.mesh.is_some()).count();
         let sizes = sizes(group, &inspected, &pad);
-        for (path, (first, size)) in group.files.iter().zip(inspected.iter().zip(&sizes)) {
-            // What is of the size is answered by the unit that the job gives it.
-            let again = match size {
-                Size::In(unit) => {
-                    Some(inspect(path, Reading { mm_per_unit: Some(unit.mm()), ..Reading::default() }, &pad))
-                }
-                Size::AsItIs | Size::Long => None,
-            };
+        // What is of the size is answered by the unit that the job gives it.
+        let again = |(path, size): (&PathBuf, &Size)| match size {
+            Size::In(unit) => Some(inspect(path, Reading { mm_per_unit: Some(unit.mm()), ..Reading::default() }, &pad)),
+            Size::AsItIs | Size::Long => None,
+        };
+        let again: Vec<Option<Inspection>> = group.files.par_iter().zip(&sizes).map(again).collect();
+        for ((path, size), (first, again)) in group.files.iter().zip(&sizes).zip(inspected.iter().zip(&again)) {
             let of_size = |kind: Kind| matches!(size, Size::Long) && kind == Kind::Normalised;
             let found = again.as_ref().unwrap_or(first).findings.iter().filter(|finding| !of_size(finding.kind));
             notes.extend(found.map(|finding| {
@@ -170,8 +171,8 @@ fn sizes(group: &Group, inspected: &[Inspection], pad: &SensorPad) -> Vec<Size> 
         let length_mm = |facts: &super::MeshFacts| facts.largest_mm() / facts.mm_per_unit * unit.mm();
         facts().all(|facts| is_plausible(length_mm(facts), pad.field_of_view_mm))
     };
-    let most = Unit::ALL.into_iter().max_by_key(|unit| own.iter().filter(|size| **size == Size::In(*unit)).count());
     let in_it = |unit: &Unit| own.iter().filter(|size| **size == Size::In(*unit)).count();
+    let most = Unit::ALL.into_iter().max_by_key(in_it);
     match most.filter(|unit| 2 * in_it(unit) > facts().count() && fits(*unit)) {
         Some(unit) => vec![Size::In(unit); group.files.len()],
         None => own,

@@ -52,6 +52,8 @@ fn copy(what: &str, holds: &str, own: Option<&Value>) -> (String, String) {
 
 /// Annotations that are not read, behind "has", and what to do.
 pub fn recognise_annotations(root: &Path) -> Option<(String, String)> {
+    let help = "export them as COCO, which is read: labelling programs and Roboflow write it; or write a table of labels \
+                without boxes";
     let folders = ["", "train", "valid", "val", "test"].map(|folder| root.join(folder));
     let holds = |name: &str, kind: &str| {
         let mut folders = folders.iter().map(|folder| folder.join(name)).filter(|folder| folder.is_dir());
@@ -59,13 +61,9 @@ pub fn recognise_annotations(root: &Path) -> Option<(String, String)> {
     };
     let yaml = ["data.yaml", "data.yml", "dataset.yaml"].iter().any(|name| root.join(name).is_file());
     if holds("labels", "txt") || yaml && holds("", "txt") {
-        let help = "export them as COCO, which is read: labelling programs and Roboflow write it; or write a table of \
-                    labels without boxes";
         return Some((String::from("annotations in the form of YOLO (labels/NAME.txt)"), String::from(help)));
     }
     if holds("Annotations", "xml") || holds("annotations", "xml") || holds("", "xml") {
-        let help = "export them as COCO, which is read: labelling programs and Roboflow write it; or write a table of \
-                    labels without boxes";
         return Some((String::from("annotations in the form of Pascal VOC (NAME.xml)"), String::from(help)));
     }
     None
