@@ -6,7 +6,7 @@
 //! tactile image, and surface, contact, pressure, normals and markers beneath it.
 //!
 //! ```
-//! use gelsim::{Fidelity, Indenter, Sensor, Simulator};
+//! use gelsim::{Fidelity, ImageExt, Indenter, Sensor, SensorExt, Simulator};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let sensor = Sensor::preset("gelsight-mini")?.with_resolution([80, 60]);
@@ -31,55 +31,34 @@
 //! datasets on disk and what is done with them; `cli`, the default, the command `gelsim`. What these add is the program's
 //! own: it is hidden here, and may change with every version.
 
-#![forbid(unsafe_code)]
-#![warn(missing_docs)]
+mod file;
 
-// Six floors, each of which sees only those below; docs/architecture.md has the drawing, tests/library/floors.rs the rule.
+pub use gelsim_core::base::grid::{Grid, Rect};
+pub use gelsim_core::camera::markers::{MarkerPattern, MarkerPositions, MarkerPrint};
+pub use gelsim_core::camera::{CameraParams, Image};
+pub use gelsim_core::depth::height_map::HeightMap;
+pub use gelsim_core::depth::indenter::{HeightMapError, Indenter, Shape};
+pub use gelsim_core::depth::outline::Outline;
+pub use gelsim_core::depth::relief::Relief;
+pub use gelsim_core::depth::texture::{Laid, Texture, TextureSample};
+pub use gelsim_core::effects::{Effect, EffectLog, EffectPolicy};
+pub use gelsim_core::fidelity::{Fidelity, Models};
+pub use gelsim_core::gelpad::elastic::history::Contacting;
+pub use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
+pub use gelsim_core::gelpad::elastic::soft::Soft;
+pub use gelsim_core::gelpad::material::Material;
+pub use gelsim_core::gelpad::object::ObjectMaterial;
+pub use gelsim_core::gelpad::planar::{PlanarFrame, PlanarMotion};
+pub use gelsim_core::gelpad::sliding::{ObjectStep, Sliding, Slip, Wrench};
+pub use gelsim_core::gelpad::tangential::Shear;
+pub use gelsim_core::gelpad::{Contact, Numerics};
+pub use gelsim_core::impression::{Impression, Slid};
+pub use gelsim_core::mesh::{Cleaned, Mesh, MeshError};
+pub use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
+pub use gelsim_core::sensor::{Background, Markers, Sensor, SensorError};
+pub use gelsim_core::simulator::{Press, Simulator};
+pub use gelsim_files::sensor::UnknownPreset;
 
-#[doc(hidden)]
-pub mod core;
-
-#[doc(hidden)]
-pub mod files;
-
-#[cfg(feature = "datasets")]
-#[doc(hidden)]
-pub mod job;
-
-#[cfg(feature = "datasets")]
-#[doc(hidden)]
-pub mod dataset;
-
-#[cfg(feature = "datasets")]
-#[doc(hidden)]
-pub mod lab;
-
-#[cfg(feature = "cli")]
-#[doc(hidden)]
-pub mod cli;
-
-pub use crate::core::base::grid::{Grid, Rect};
-pub use crate::core::camera::markers::{MarkerPattern, MarkerPositions, MarkerPrint};
-pub use crate::core::camera::{CameraParams, Image};
-pub use crate::core::depth::height_map::HeightMap;
-pub use crate::core::depth::indenter::{HeightMapError, Indenter, Shape};
-pub use crate::core::depth::outline::Outline;
-pub use crate::core::depth::relief::Relief;
-pub use crate::core::depth::texture::{Laid, Texture, TextureSample};
-pub use crate::core::effects::{Effect, EffectLog, EffectPolicy};
-pub use crate::core::fidelity::{Fidelity, Models};
-pub use crate::core::gelpad::elastic::history::Contacting;
-pub use crate::core::gelpad::elastic::shear::{Friction, Motion};
-pub use crate::core::gelpad::elastic::soft::Soft;
-pub use crate::core::gelpad::material::Material;
-pub use crate::core::gelpad::object::ObjectMaterial;
-pub use crate::core::gelpad::planar::{PlanarFrame, PlanarMotion};
-pub use crate::core::gelpad::sliding::{ObjectStep, Sliding, Slip, Wrench};
-pub use crate::core::gelpad::tangential::Shear;
-pub use crate::core::gelpad::{Contact, Numerics};
-pub use crate::core::impression::{Impression, Slid};
-pub use crate::core::mesh::{Cleaned, Mesh, MeshError};
-pub use crate::core::pose::{Anchor, Angles, PadPlane, Pose, Side};
-pub use crate::core::sensor::{Background, Markers, Sensor, SensorError};
-pub use crate::core::simulator::{Press, Simulator};
-pub use crate::files::sensor::UnknownPreset;
+pub use crate::file::{ImageExt, SensorExt};
+#[cfg(feature = "files")]
+pub use crate::file::{MeshExt, MeshFileError, SensorFileError};

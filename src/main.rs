@@ -6,5 +6,5 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     memory::keep_freed();
-    ExitCode::from(gelsim::cli::main(std::env::args_os()))
+    ExitCode::from(gelsim_cli::main(std::env::args_os()))
 }

@@ -5,20 +5,20 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use gelsim::core::camera::Image;
-use gelsim::core::optics::background::BackgroundImage;
-use gelsim::core::pose::Angles;
-use gelsim::files::diagnostic::{Diagnostics, Report};
-use gelsim::files::png;
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
-use gelsim::lab::augment::counterpart::{CounterpartRenderer, Orientation, Paired, PressMetadata};
-use gelsim::lab::augment::photometric::background::BackgroundSwap;
-use gelsim::lab::augment::photometric::noise::NoiseLevel;
-use gelsim::lab::augment::photometric::{Photometric, PhotometricRecipe, SensorProfile};
-use gelsim::lab::preview::difference;
-use gelsim::lab::preview::rows::{Row, sheet};
+use gelsim_augment::counterpart::{CounterpartRenderer, Orientation, Paired, PressMetadata};
+use gelsim_augment::photometric::background::BackgroundSwap;
+use gelsim_augment::photometric::noise::NoiseLevel;
+use gelsim_augment::photometric::{Photometric, PhotometricRecipe, SensorProfile};
+use gelsim_core::camera::Image;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::pose::Angles;
+use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::png;
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
+use gelsim_lab::preview::difference;
+use gelsim_lab::preview::rows::{Row, sheet};
 use image::{Rgb, RgbImage};
 
 /// The sensor as its file describes it.
@@ -111,7 +111,7 @@ fn photometric() -> Result<RgbImage, String> {
         let settings: Photometric = toml::from_str(text).map_err(|error| format!("{caption}: {error}"))?;
         let (out, applied) = PhotometricRecipe::new(settings, &profile, if swaps { swap() } else { Vec::new() })
             .apply(&image, 1, number);
-        println!("{caption}: {}", String::from_utf8_lossy(&gelsim::dataset::encode::json(&applied)));
+        println!("{caption}: {}", String::from_utf8_lossy(&gelsim_dataset::encode::json(&applied)));
         made.push((caption, picture(&out)));
     }
     let rows = made.chunks(5).map(|row| Row {
@@ -185,6 +185,6 @@ fn over(image: &RgbImage, own: &RgbImage, other: &RgbImage) -> RgbImage {
     let planes = BackgroundSwap::new("", &own, other.as_raw()).light(image.as_raw());
     RgbImage::from_fn(image.width(), image.height(), |x, y| {
         let at = (y * image.width() + x) as usize;
-        Rgb([0, 1, 2].map(|k| gelsim::core::base::light::quantise(planes[k][at])))
+        Rgb([0, 1, 2].map(|k| gelsim_core::base::light::quantise(planes[k][at])))
     })
 }

@@ -2,11 +2,11 @@
 
 use std::collections::TryReserveError;
 
-use gelsim::dataset::content::{Content, Positions, content};
-use gelsim::dataset::encode::json;
-use gelsim::job::layers::{Form, OutputLayer};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
+use gelsim_dataset::content::{Content, Positions, content};
+use gelsim_dataset::encode::json;
+use gelsim_job::layers::{Form, OutputLayer};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
 use numpy::ndarray::{ArrayD, IxDyn};
 use numpy::{Element, IntoPyArray, PyUntypedArray};
 use pyo3::PyTypeInfo;

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::view::MOST_PX;
-use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::MOST_PX;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use numpy::ndarray::{ArrayView2, ArrayViewD, Axis, Ix2};
 use numpy::{PyArrayDescrMethods, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::PyTypeError;

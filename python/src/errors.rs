@@ -2,12 +2,12 @@
 
 use std::any::Any;
 
-use gelsim::core::fidelity::Fidelity;
-use gelsim::dataset::generate;
-use gelsim::files::diagnostic::user_error;
-use gelsim::files::diagnostic::{Display, Report};
-use gelsim::files::spelling::one_of;
-use gelsim::job::config::of_choice;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_dataset::generate;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::diagnostic::{Display, Report};
+use gelsim_files::spelling::one_of;
+use gelsim_job::config::of_choice;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;

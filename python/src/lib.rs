@@ -19,7 +19,6 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 mod _native {
     use std::panic::catch_unwind;
 
-    use gelsim::cli;
     use pyo3::prelude::*;
 
     use crate::arguments::words;
@@ -45,6 +44,6 @@ mod _native {
     #[pyfunction]
     fn main(py: Python<'_>, argv: &Bound<'_, PyAny>) -> PyResult<u8> {
         let argv = words("argv", argv)?;
-        Ok(py.detach(|| catch_unwind(|| cli::main(argv)).unwrap_or(cli::PANICKED)))
+        Ok(py.detach(|| catch_unwind(|| gelsim_cli::main(argv)).unwrap_or(gelsim_cli::PANICKED)))
     }
 }

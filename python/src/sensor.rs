@@ -5,24 +5,24 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use gelsim::core::camera::projection::LensModel;
-use gelsim::core::depth::height_map::HeightMap;
-use gelsim::core::depth::indenter::Shape;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::pose::Pose;
-use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
-use gelsim::dataset::frames::reader::FrameReader;
-use gelsim::dataset::frames::run::sample;
-use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use gelsim::files::sensor::PRESETS;
-use gelsim::job::config::{Overrides, choice};
-use gelsim::job::layers::OutputLayer;
-use gelsim::job::layout::Split;
-use gelsim::job::plan::Plan;
-use gelsim::job::plan::frames::Frames;
-use gelsim::job::plan::standalone::sensor;
-use gelsim::job::sample::press;
-use gelsim::job::scene::{Frame, KnownPress, Pressed, Scene};
+use gelsim_core::camera::projection::LensModel;
+use gelsim_core::depth::height_map::HeightMap;
+use gelsim_core::depth::indenter::Shape;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::pose::Pose;
+use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
+use gelsim_dataset::frames::reader::FrameReader;
+use gelsim_dataset::frames::run::sample;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::sensor::PRESETS;
+use gelsim_job::config::{Overrides, choice};
+use gelsim_job::layers::OutputLayer;
+use gelsim_job::layout::Split;
+use gelsim_job::plan::Plan;
+use gelsim_job::plan::frames::Frames;
+use gelsim_job::plan::standalone::sensor;
+use gelsim_job::sample::press;
+use gelsim_job::scene::{Frame, KnownPress, Pressed, Scene};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -51,7 +51,7 @@ pub struct Sensor {
     source: String,
     set: Vec<String>,
     threads: Option<usize>,
-    itself: gelsim::core::sensor::Sensor,
+    itself: gelsim_core::sensor::Sensor,
     /// What is not meant of it, perhaps, at its own resolution.
     notes: Report,
     /// The simulators that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.

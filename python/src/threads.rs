@@ -8,7 +8,7 @@ use std::mem::forget;
 use std::process;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use gelsim::cli::MOST_THREADS;
+use gelsim_cli::MOST_THREADS;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 

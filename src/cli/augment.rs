@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
+use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::guesses::whole;
 use super::log::Log;
@@ -11,11 +11,11 @@ use super::long_run::long_run;
 use super::store::{folder_only, local_output};
 use super::terminal::say;
 use super::{Failure, checked_threads};
-use crate::dataset::refused::Refused;
-use crate::files::spelling::visible;
-use crate::lab::augment::report::PerSource;
-use crate::lab::augment::trace::Source;
-use crate::lab::augment::{AugmentError, Recipe, Summary, Target, augment, report};
+use gelsim_augment::report::PerSource;
+use gelsim_augment::trace::Source;
+use gelsim_augment::{AugmentError, Recipe, Summary, Target, augment, report};
+use gelsim_dataset::refused::Refused;
+use gelsim_files::spelling::visible;
 
 /// Enlarge a real dataset: its images as other LEDs, gelpads and cameras would have shown them, simulated counterparts
 /// of its samples, new synthetic samples where it has gaps. The layout stays, and every sample says where it comes from.

@@ -2,6 +2,7 @@
 
 mod summary;
 
+use gelsim_files::calibration;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,27 +16,27 @@ use super::log::Log;
 use super::progress::bar::Bar;
 use super::store::local_output;
 use super::{Failure, checked_threads, no_threads, print, say};
-use crate::core::fidelity::Fidelity;
-use crate::core::optics::calibrated::{Colors, Table};
-use crate::dataset::encode::json;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
-use crate::files::hash::sha256;
-use crate::files::png::encode_rgb;
-use crate::files::sensor::Sensor;
-use crate::files::write::write_output;
-use crate::job::plan::standalone;
-use crate::lab::calibrate::camera::{MeasuredCamera, measure};
-use crate::lab::calibrate::evaluate::{Evaluated, Evaluation, Options, evaluate, picture_name};
-use crate::lab::calibrate::gelsight::{self, Left};
-use crate::lab::calibrate::judge::{self, Findings, background, fit, scale};
-use crate::lab::calibrate::leds::FittedLeds;
-use crate::lab::calibrate::outliers::OutlierReason;
-use crate::lab::calibrate::page::{Page, PressPanel};
-use crate::lab::calibrate::run::{Calibration, LedsAlone, Request, Unfit, doubts, run_heard, run_leds};
-use crate::lab::calibrate::taxim::{Imported, import};
-use crate::lab::calibrate::train::Settings;
-use crate::lab::calibrate::{Geometry, Session, session, surfaces};
-use crate::lab::compare::score::{Score, Scores};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics::calibrated::{Colors, Table};
+use gelsim_dataset::encode::json;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_files::hash::sha256;
+use gelsim_files::png::encode_rgb;
+use gelsim_files::sensor::Sensor;
+use gelsim_files::write::write_output;
+use gelsim_job::plan::standalone;
+use gelsim_lab::calibrate::camera::{MeasuredCamera, measure};
+use gelsim_lab::calibrate::evaluate::{Evaluated, Evaluation, Options, evaluate, picture_name};
+use gelsim_lab::calibrate::gelsight::{self, Left};
+use gelsim_lab::calibrate::judge::{self, Findings, background, fit, scale};
+use gelsim_lab::calibrate::leds::FittedLeds;
+use gelsim_lab::calibrate::outliers::OutlierReason;
+use gelsim_lab::calibrate::page::{Page, PressPanel};
+use gelsim_lab::calibrate::run::{Calibration, LedsAlone, Request, Unfit, doubts, run_heard, run_leds};
+use gelsim_lab::calibrate::taxim::{Imported, import};
+use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
+use gelsim_lab::compare::score::{Score, Scores};
 
 /// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
 #[derive(Debug, Args)]
@@ -571,7 +572,7 @@ fn unfit_failure(unfit: &Unfit, count: usize) -> Failure {
 /// Refuses a sensor that no job would take: what was fitted is no light that a sensor file can hold.
 fn holds(sensor: &Sensor, table: Option<&Table>) -> Result<(), Failure> {
     let mut wrong = standalone::out_of_range(sensor);
-    if let Some(Err(reason)) = table.map(|table| Table::parse(&json(table))) {
+    if let Some(Err(reason)) = table.map(|table| calibration::parse(&json(table))) {
         wrong.push(Diagnostic::new(reason));
     }
     if wrong.is_empty() {

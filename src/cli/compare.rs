@@ -10,10 +10,10 @@ use super::log::Log;
 use super::store::local_output;
 use super::terminal::columns;
 use super::{Failure, print, say};
-use crate::files::diagnostic::{Diagnostics, Report, user_error};
-use crate::files::png;
-use crate::files::write::write_output;
-use crate::lab::compare::{compare, picture, report};
+use gelsim_files::diagnostic::{Diagnostics, Report, user_error};
+use gelsim_files::png;
+use gelsim_files::write::write_output;
+use gelsim_lab::compare::{compare, picture, report};
 
 /// Measure how far simulated images are from real ones: MAE, PSNR and SSIM of pairs, over the whole image and over the
 /// contact, and which way the simulated images are off as a set.

@@ -8,7 +8,7 @@ use std::process::Command;
 use clap::Args;
 
 use super::Failure;
-use crate::files::diagnostic::user_error;
+use gelsim_files::diagnostic::user_error;
 
 /// Copy a dataset to LeRobot, Zarr or HDF5. The Python module does it: this command starts its `gelsim-export` with the same
 /// arguments.

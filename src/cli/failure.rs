@@ -4,10 +4,10 @@ use std::io;
 use std::path::Path;
 
 use super::terminal::fold;
-use crate::dataset::refused::Refused;
-use crate::files::diagnostic::{Diagnostic, Display, Report};
-use crate::files::spelling::{visible, without_codes};
-use crate::files::store::{self, StoreError};
+use gelsim_dataset::refused::Refused;
+use gelsim_files::diagnostic::{Diagnostic, Display, Report};
+use gelsim_files::spelling::{visible, without_codes};
+use gelsim_files::store::{self, StoreError};
 
 /// Why the program ends with a status other than 0.
 #[derive(Debug)]

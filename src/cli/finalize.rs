@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
+use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::store::{address, staging};
 use super::verify::mended_by;
 use super::{Failure, print};
-use crate::dataset::finalize::{Finalized, finalize, same_version};
-use crate::dataset::mirror::finalize_in;
-use crate::dataset::recorded::Recorded;
-use crate::dataset::verify::CheckLevel;
-use crate::files::store::open;
+use gelsim_dataset::finalize::{Finalized, finalize, same_version};
+use gelsim_dataset::mirror::finalize_in;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::verify::CheckLevel;
+use gelsim_files::store::open;
 
 /// Describe a dataset that was made in parts: once all its shards are there and are what was written, write dataset.json,
 /// wids.json and README.md. Otherwise name the shards that are missing or broken, with exit status 1. Doing it again changes

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
+use gelsim_lab::numbers::{HumanBytes, HumanCount};
 use serde_json::{Value, json};
 
 use super::log::{Format, Log};
@@ -11,14 +11,14 @@ use super::long_run::long_run;
 use super::store::{address, staging};
 use super::terminal::say;
 use super::{Extent, Failure, JobOverrides, settled};
-use crate::dataset::folder::recorded_rung;
-use crate::dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
-use crate::dataset::verify::{Cure, Finding};
-use crate::files::diagnostic::{Diagnostic, user_error};
-use crate::files::store::{Address, open};
-use crate::job::label::key;
-use crate::job::plan::Plan;
-use crate::job::probe::foresee;
+use gelsim_dataset::folder::recorded_rung;
+use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
+use gelsim_dataset::verify::{Cure, Finding};
+use gelsim_files::diagnostic::{Diagnostic, user_error};
+use gelsim_files::store::{Address, open};
+use gelsim_job::label::key;
+use gelsim_job::plan::Plan;
+use gelsim_job::probe::foresee;
 
 /// Generate the dataset that a job describes. The same command goes on where a stopped run left off.
 #[derive(Debug, Args)]

@@ -177,7 +177,7 @@ pub(super) fn whole<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
         text if text.ends_with('m') => (text[..text.len() - 1].to_owned(), 1e6),
         text => (text, 1.0),
     };
-    match digits.parse::<f64>().ok().map(|number| times * number).and_then(crate::job::config::whole) {
+    match digits.parse::<f64>().ok().map(|number| times * number).and_then(gelsim_job::config::whole) {
         Some(number) if number != text => Err(format!("write a whole number: {number}")),
         _ => Err(String::from("write a whole number, such as 100")),
     }

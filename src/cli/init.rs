@@ -9,12 +9,12 @@ use super::inspect::presets;
 use super::log::Log;
 use super::store::local_output;
 use super::{Failure, print, say};
-use crate::files::diagnostic::{Report, user_error};
-use crate::files::sensor::PRESETS;
-use crate::files::spelling::shell_word;
-use crate::files::write::write_new;
-use crate::job::inspection::SensorPad;
-use crate::lab::inspect::job;
+use gelsim_files::diagnostic::{Report, user_error};
+use gelsim_files::sensor::PRESETS;
+use gelsim_files::spelling::shell_word;
+use gelsim_files::write::write_new;
+use gelsim_job::inspection::SensorPad;
+use gelsim_lab::inspect::job;
 
 /// The job that `init` writes.
 pub const TEMPLATE: &str = include_str!("template.toml");

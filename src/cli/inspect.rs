@@ -8,15 +8,15 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use super::progress::bar::Bar;
 use super::terminal::columns;
 use super::{Failure, print, terminal};
-use crate::dataset::encode::json;
-use crate::files::diagnostic::Severity;
-use crate::files::diagnostic::user_error;
-use crate::files::figures::counted;
-use crate::files::mesh::{ENDINGS, Reading, UrdfShapes};
-use crate::files::sensor::PRESETS;
-use crate::job::config::object::Unit;
-use crate::job::inspection::SensorPad;
-use crate::lab::inspect::{InspectReport, Inspection, inspect, inspect_set, set, text};
+use gelsim_dataset::encode::json;
+use gelsim_files::diagnostic::Severity;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::figures::counted;
+use gelsim_files::mesh::{ENDINGS, Reading, UrdfShapes};
+use gelsim_files::sensor::PRESETS;
+use gelsim_job::config::object::Unit;
+use gelsim_job::inspection::SensorPad;
+use gelsim_lab::inspect::{InspectReport, Inspection, inspect, inspect_set, set, text};
 
 /// Say what meshes are like and what a sensor would see of them: size and likely unit, holes and other flaws, each of
 /// the six sides against view and pad. Ends with status 1 if a mesh has an error.
@@ -32,7 +32,7 @@ pub struct Inspect {
     #[arg(value_name = "MESH", required = true)]
     meshes: Vec<PathBuf>,
     /// Unit of their coordinates, if not the one that the file says, or mm
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = crate::unit_of_length())]
     unit: Option<Unit>,
     /// Folders of packages in which the meshes of a robot may be (.urdf), beside those around it and of ROS_PACKAGE_PATH
     #[arg(long, value_name = "DIR", num_args = 1..)]

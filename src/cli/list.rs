@@ -4,13 +4,13 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
 use super::{Failure, print};
-use crate::core::base::gel::{GelCapsule, GelDome};
-use crate::core::effects::Effect;
-use crate::core::fidelity::Fidelity;
-use crate::core::optics::LightSource;
-use crate::files::sensor::shape::SensorShape;
-use crate::files::sensor::{PRESETS, Sensor};
-use crate::job::layers::OutputLayer;
+use gelsim_core::base::gel::{GelCapsule, GelDome};
+use gelsim_core::effects::Effect;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics::LightSource;
+use gelsim_files::sensor::shape::SensorShape;
+use gelsim_files::sensor::{PRESETS, Sensor};
+use gelsim_job::layers::OutputLayer;
 
 /// The meshes in the project's `objects` folder.
 pub const OBJECTS: [&str; 29] = [

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::Failure;
 use super::terminal::{self, say, say_shown};
-use crate::files::diagnostic::{Diagnostic, Display, Report};
+use gelsim_files::diagnostic::{Diagnostic, Display, Report};
 
 /// Form of the messages on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]

@@ -9,7 +9,7 @@ use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 use super::log::Log;
 use super::progress::Progress;
 use super::{Failure, no_threads};
-use crate::dataset::generate::Watch;
+use gelsim_dataset::generate::Watch;
 
 /// Does the work, which looks at the watch. Its result, and the signal that came; 0 if none did.
 pub(super) fn long_run<T: Send>(log: Log, work: impl FnOnce(&Watch) -> T + Send) -> Result<(T, usize), Failure> {

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::Failure;
-use crate::files::diagnostic::user_error;
-use crate::files::spelling::shell_word;
-use crate::files::write::write_output;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::spelling::shell_word;
+use gelsim_files::write::write_output;
 
 /// Refuses, before the work, a path at which no file of these `endings` can be: `what` is to be written there, for example
 /// `picture.png`.

@@ -4,18 +4,18 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::lab::numbers::{HumanBytes, HumanCount, HumanDuration};
 use clap::Args;
+use gelsim_lab::numbers::{HumanBytes, HumanCount, HumanDuration};
 
 use super::store::address;
 use super::{Extent, Failure, JobOverrides, Log, print, settled};
-use crate::core::effects::Effect;
-use crate::dataset::folder::recorded_rung;
-use crate::dataset::forecast::{Forecast, first_draw, forecast};
-use crate::files::diagnostic::{Diagnostic, Report};
-use crate::job::config::output::OnUnhealthy;
-use crate::job::plan;
-use crate::job::probe::foresee;
+use gelsim_core::effects::Effect;
+use gelsim_dataset::folder::recorded_rung;
+use gelsim_dataset::forecast::{Forecast, first_draw, forecast};
+use gelsim_files::diagnostic::{Diagnostic, Report};
+use gelsim_job::config::output::OnUnhealthy;
+use gelsim_job::plan;
+use gelsim_job::probe::foresee;
 
 /// Say what `generate` would do: which effects the samples call for and why, what they take, how long the run lasts and
 /// how large it gets. Renders some samples to find out, and writes nothing.

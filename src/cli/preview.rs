@@ -11,19 +11,19 @@ use rayon::prelude::*;
 use super::guesses::whole;
 use super::store::{folder_only, local_output};
 use super::{Failure, JobOverrides, Log, output_file, settled};
-use crate::core::effects::Effect;
-use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::{Diagnostic, user_error};
-use crate::files::png::encode_small;
-use crate::files::spelling::{nearest, shell_word};
-use crate::job::layers::OutputLayer;
-use crate::job::plan::Plan;
-use crate::job::probe::foresee;
-use crate::lab::preview::choice::{Choice, choose};
-use crate::lab::preview::effects::{self, EffectComparison, compare};
-use crate::lab::preview::film::animation;
-use crate::lab::preview::panel::has_picture;
-use crate::lab::preview::{Tile, Wanted, sample_files, sheet};
+use gelsim_core::effects::Effect;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_files::diagnostic::{Diagnostic, user_error};
+use gelsim_files::png::encode_small;
+use gelsim_files::spelling::{nearest, shell_word};
+use gelsim_job::layers::OutputLayer;
+use gelsim_job::plan::Plan;
+use gelsim_job::probe::foresee;
+use gelsim_lab::preview::choice::{Choice, choose};
+use gelsim_lab::preview::effects::{self, EffectComparison, compare};
+use gelsim_lab::preview::film::animation;
+use gelsim_lab::preview::panel::has_picture;
+use gelsim_lab::preview::{Tile, Wanted, sample_files, sheet};
 
 /// Draw a contact sheet: tactile image, depth and (where there is one) contact, or the layers that are named, with class, depth and
 /// split under each; of a dataset every split and class as often as it is there. Or show what each effect changes in a job's

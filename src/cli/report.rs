@@ -6,9 +6,9 @@ use clap::Args;
 
 use super::store::local_output;
 use super::{Failure, output_file, print, say};
-use crate::dataset::cleanup::{self, REPORT};
-use crate::dataset::lock::Lock;
-use crate::lab::report;
+use gelsim_dataset::cleanup::{self, REPORT};
+use gelsim_dataset::lock::Lock;
+use gelsim_lab::report;
 
 /// Write one HTML page about a dataset: counts by class and split, distributions of contact, pose and brightness, effects,
 /// health, time, size, some samples, the configuration. It needs no network and no scripts.

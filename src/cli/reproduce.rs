@@ -7,13 +7,13 @@ use clap::Args;
 
 use super::preview::unreadable_help;
 use super::{Failure, Log, print};
-use crate::dataset::archive::{Files, Member};
-use crate::dataset::encode::{Keep, make};
-use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::{Diagnostic, user_error};
-use crate::files::spelling::shell_word;
-use crate::job::config::Overrides;
-use crate::job::plan::Plan;
+use gelsim_dataset::archive::{Files, Member};
+use gelsim_dataset::encode::{Keep, make};
+use gelsim_dataset::recorded::Recorded;
+use gelsim_files::diagnostic::{Diagnostic, user_error};
+use gelsim_files::spelling::shell_word;
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
 
 /// Render one sample of a dataset again, from the seed in its label, and say whether the bytes are the same. Exit status 1
 /// if they are not.

@@ -3,13 +3,13 @@
 use clap::{Args, ValueEnum};
 
 use super::{Failure, print};
-use crate::files::sensor::Sensor;
-use crate::job::config::Job;
-use crate::job::gripper::label::{GripLabel, GripSequenceLabel};
-use crate::job::label::Label;
-use crate::job::schema::with_distributions;
-use crate::job::sequence::label::SequenceLabel;
-use crate::lab::augment::config::Augment;
+use gelsim_augment::config::Augment;
+use gelsim_files::sensor::Sensor;
+use gelsim_job::config::Job;
+use gelsim_job::gripper::label::{GripLabel, GripSequenceLabel};
+use gelsim_job::label::Label;
+use gelsim_job::schema::with_distributions;
+use gelsim_job::sequence::label::SequenceLabel;
 
 /// Print the JSON Schema of a file format.
 #[derive(Debug, Args)]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::builder::{OsStringValueParser, TypedValueParser};
 
 use super::Failure;
-use crate::files::diagnostic::user_error;
-use crate::files::store::{Address, BUILT_IN, mistaken_output};
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::store::{Address, BUILT_IN, mistaken_output};
 
 /// The address that stands in place of a folder's path; `None` of a path. Refuses an address that is not sound, or that this
 /// program cannot go to.

@@ -7,8 +7,8 @@ use std::io::{self, IsTerminal, Write};
 use anstream::{AutoStream, ColorChoice};
 use terminal_size::{Height, Width, terminal_size_of};
 
-use crate::files::diagnostic::Display;
-use crate::files::spelling::visible;
+use gelsim_files::diagnostic::Display;
+use gelsim_files::spelling::visible;
 
 /// Columns of a terminal that does not say how many it has.
 const USUAL_COLUMNS: usize = 80;

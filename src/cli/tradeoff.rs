@@ -10,11 +10,11 @@ use super::progress::bar::Bar;
 use super::store::local_output;
 use super::terminal::columns;
 use super::{Failure, Log, output_file, print, say};
-use crate::files::diagnostic::user_error;
-use crate::job::config::Overrides;
-use crate::job::plan::Plan;
-use crate::lab::finite::{self, Options, finite};
-use crate::lab::tradeoff::{plot, report, sequences, tradeoff};
+use gelsim_files::diagnostic::user_error;
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
+use gelsim_lab::finite::{self, Options, finite};
+use gelsim_lab::tradeoff::{plot, report, sequences, tradeoff};
 
 /// Samples, if the user names no number.
 const SAMPLES: u64 = 32;

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
 use clap::Args;
+use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::{Failure, print};
-use crate::dataset::verify::{CheckLevel, Finding, cures, verify};
+use gelsim_dataset::verify::{CheckLevel, Finding, cures, verify};
 
 /// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged shards,
 /// files that cannot be decoded, numbers that are not finite, labels that break the schema. Exit status 1 if there is any.

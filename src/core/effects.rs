@@ -73,9 +73,9 @@ pub enum Requirement {
 
 /// Which effects run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
-#[cfg_attr(feature = "datasets", schemars(rename = "Gate"))]
+#[cfg_attr(feature = "schema", schemars(rename = "Gate"))]
 pub enum EffectPolicy {
     /// Those that can change a pixel.
     #[default]
@@ -100,8 +100,8 @@ pub struct EffectLog {
 
 /// Whether an effect ran.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "datasets", schemars(rename = "Effect"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Effect"))]
 pub struct Note {
     /// True if it was computed.
     pub ran: bool,
@@ -182,6 +182,26 @@ impl<T: Serialize> Serialize for PerEffect<T> {
             map.serialize_entry(effect.name(), value)?;
         }
         map.end()
+    }
+}
+
+#[cfg(feature = "schema")]
+impl<T: schemars::JsonSchema> schemars::JsonSchema for PerEffect<T> {
+    fn schema_name() -> Cow<'static, str> {
+        Cow::Borrowed("Effects")
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let mut schema = schemars::json_schema!({ "type": "object", "description": "Every effect." });
+        let value = generator.subschema_for::<T>().to_value();
+        let properties = Effect::ALL.into_iter().map(|effect| {
+            let mut property = value.clone();
+            property["description"] = effect.summary().into();
+            (effect.name().to_owned(), property)
+        });
+        schema.insert(String::from("properties"), serde_json::Value::Object(properties.collect()));
+        schema.insert(String::from("required"), Effect::ALL.map(Effect::name).to_vec().into());
+        schema
     }
 }
 

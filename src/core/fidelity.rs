@@ -2,21 +2,21 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grid::Resolution;
-use crate::core::gelpad;
-use crate::core::gelpad::elastic::Elastic;
-use crate::core::gelpad::mean_blur::MeanBlur;
-use crate::core::optics;
-use crate::core::optics::LightSource;
-use crate::core::optics::calibrated::Calibrated;
-use crate::core::optics::lamps::Lamps;
-use crate::core::optics::phong::{Phong, Shadows, Soft};
+use crate::base::grid::Resolution;
+use crate::gelpad;
+use crate::gelpad::elastic::Elastic;
+use crate::gelpad::mean_blur::MeanBlur;
+use crate::optics;
+use crate::optics::LightSource;
+use crate::optics::calibrated::Calibrated;
+use crate::optics::lamps::Lamps;
+use crate::optics::phong::{Phong, Shadows, Soft};
 
 /// A fidelity level: a named choice of models, from cheap to exact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
-#[cfg_attr(feature = "datasets", schemars(rename = "Rung"))]
+#[cfg_attr(feature = "schema", schemars(rename = "Rung"))]
 pub enum Fidelity {
     /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,

@@ -2,23 +2,23 @@
 
 use std::sync::Arc;
 
-use crate::core::base::clock::Seconds;
-use crate::core::base::grid::Grid;
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::camera::gel_map::GelMap;
-use crate::core::camera::lens::Lens;
-use crate::core::camera::markers::MarkerPositions;
-use crate::core::camera::pins::PinPositions;
-use crate::core::camera::{CameraParams, Image};
-use crate::core::depth::Depth;
-use crate::core::depth::outline::Outline;
-use crate::core::effects::EffectLog;
-use crate::core::gelpad::Contact;
-use crate::core::gelpad::elastic::history::Contacting;
-use crate::core::gelpad::sliding::{Slip, Wrench};
-use crate::core::optics::lamps;
-use crate::core::optics::normals::normals;
-use crate::core::pose::PadPlane;
+use crate::base::clock::Seconds;
+use crate::base::grid::Grid;
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::camera::gel_map::GelMap;
+use crate::camera::lens::Lens;
+use crate::camera::markers::MarkerPositions;
+use crate::camera::pins::PinPositions;
+use crate::camera::{CameraParams, Image};
+use crate::depth::Depth;
+use crate::depth::outline::Outline;
+use crate::effects::EffectLog;
+use crate::gelpad::Contact;
+use crate::gelpad::elastic::history::Contacting;
+use crate::gelpad::sliding::{Slip, Wrench};
+use crate::optics::lamps;
+use crate::optics::normals::normals;
+use crate::pose::PadPlane;
 
 /// What a press gives: the tactile image, and what is known beneath it.
 #[non_exhaustive]

@@ -1,12 +1,12 @@
 //! Where the object is: rotation = tilt * yaw * face, and a translation that puts its anchor at (x, y) and its lowest
 //! point at a given height.
 
-use crate::core::base::angle::sin_cos_deg;
+use crate::base::angle::sin_cos_deg;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::first_along;
+use crate::mesh::clusters::Clusters;
+use crate::mesh::nearest::first_along;
 
 /// Side of an object that faces the pad, in the object's own axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,7 +45,7 @@ impl Side {
 
 /// Point of an object that a position refers to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Anchor {
     /// Centre of the turned object's bounding box.
@@ -278,7 +278,7 @@ pub fn about(axis: DVec3, angle_deg: f64) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::mesh::cleaning::Mesh;
+    use crate::mesh::cleaning::Mesh;
 
     /// A box from (0, 0, 0) to (2, 4, 6) mm.
     fn brick() -> Clusters {

@@ -2,20 +2,20 @@
 
 use std::sync::Arc;
 
-use crate::core::base::gel::GelShape;
-use crate::core::base::view::{MOST_PX, View};
-use crate::core::camera::CameraParams;
-use crate::core::camera::markers::{MarkerPattern, MarkerPrint};
-use crate::core::camera::pins::Pins;
-use crate::core::camera::projection::{LensModel, Projection};
-use crate::core::depth::rest::{Grain, RestSurface};
-use crate::core::gelpad::material::Material;
-use crate::core::optics::LightSource;
-use crate::core::optics::background::{BackgroundImage, RenderedBackground};
-use crate::core::optics::calibrated::Table;
-use crate::core::optics::lamps::{self, Lamp};
-use crate::core::optics::led::Led;
-use crate::core::optics::residual::LightResidual;
+use crate::base::gel::GelShape;
+use crate::base::view::{MOST_PX, View};
+use crate::camera::CameraParams;
+use crate::camera::markers::{MarkerPattern, MarkerPrint};
+use crate::camera::pins::Pins;
+use crate::camera::projection::{LensModel, Projection};
+use crate::depth::rest::{Grain, RestSurface};
+use crate::gelpad::material::Material;
+use crate::optics::LightSource;
+use crate::optics::background::{BackgroundImage, RenderedBackground};
+use crate::optics::calibrated::Table;
+use crate::optics::lamps::{self, Lamp};
+use crate::optics::led::Led;
+use crate::optics::residual::LightResidual;
 
 /// A camera-based tactile sensor.
 ///
@@ -74,7 +74,7 @@ pub enum Background {
 
 impl Background {
     /// Size of the grain of one that is rendered, mm.
-    pub(in crate::core) fn grain_size_mm(&self) -> Option<f64> {
+    pub(crate) fn grain_size_mm(&self) -> Option<f64> {
         match self {
             Self::Rendered(look) => Some(look.grain_size_mm),
             Self::Photograph(_) => None,
@@ -82,7 +82,7 @@ impl Background {
     }
 
     /// True if both are the same photograph, or are rendered from the same numbers.
-    pub(in crate::core) fn looks_like(&self, other: &Self) -> bool {
+    pub(crate) fn looks_like(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Rendered(a), Self::Rendered(b)) => a == b,
             (Self::Photograph(a), Self::Photograph(b)) => Arc::ptr_eq(a, b),
@@ -137,6 +137,31 @@ pub enum SensorError {
 }
 
 impl Sensor {
+    /// A flat pad seen by an ideal camera: no LEDs, no markers, its background image rendered. `gelpad` is lit by what is added
+    /// to [`Sensor::leds`].
+    pub fn new(name: &str, resolution_px: [usize; 2], field_of_view_mm: [f64; 2], gelpad: Material) -> Self {
+        Self {
+            name: name.to_owned(),
+            resolution_px,
+            field_of_view_mm,
+            gelpad,
+            shape: None,
+            lens: LensModel::default(),
+            pins: None,
+            rest_surface: None,
+            coating: None,
+            background: Background::Rendered(RenderedBackground::default()),
+            leds: Vec::new(),
+            lamps: Vec::new(),
+            darkening: 0.0,
+            stray_light: None,
+            light_residual: None,
+            calibration: None,
+            markers: None,
+            camera: CameraParams::default(),
+        }
+    }
+
     /// The same with an image of another size, of the same field of view.
     pub fn with_resolution(mut self, resolution_px: [usize; 2]) -> Self {
         self.resolution_px = resolution_px;
@@ -160,7 +185,7 @@ impl Sensor {
     }
 
     /// Width and height of what its view holds, mm.
-    pub(in crate::core) fn window_mm(&self) -> [f64; 2] {
+    pub(crate) fn window_mm(&self) -> [f64; 2] {
         match &self.shape {
             None => self.field_of_view_mm,
             Some(_) => {
@@ -184,7 +209,7 @@ impl Sensor {
     }
 
     /// True if the LEDs of both give a rendered background image the same glow.
-    pub(in crate::core) fn leds_glow_like(&self, other: &Self) -> bool {
+    pub(crate) fn leds_glow_like(&self, other: &Self) -> bool {
         let glowing = |led: &Led| (led.azimuth_deg, led.intensity, led.color);
         self.leds.iter().map(glowing).eq(other.leds.iter().map(glowing))
     }

@@ -1,7 +1,7 @@
 //! A shard as a tar: written, and read back sample by sample.
 
-use crate::files::fail_point::Step;
-use crate::files::input::{self, MOST_IMAGE_BYTES};
+use gelsim_files::fail_point::Step;
+use gelsim_files::input::{self, MOST_IMAGE_BYTES};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use crate::files::hash::hex;
-use crate::files::write::{create_anew, same_file};
+use gelsim_files::hash::hex;
+use gelsim_files::write::{create_anew, same_file};
 
 /// One file of a sample.
 pub struct Member {

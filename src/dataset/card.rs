@@ -6,17 +6,17 @@ use serde_json::Value;
 
 use super::manifest::Manifest;
 use super::recorded::Recorded;
-use crate::files::sensor::shape::SensorShape;
-use crate::files::spelling::is_hidden;
-use crate::job::config::Job;
-use crate::job::config::output::Container;
-use crate::job::gripper::FINGERS;
-use crate::job::gripper::label::GripLabel;
-use crate::job::label::Label;
-use crate::job::layers::{Coding, OutputLayer};
-use crate::job::layout::Split;
-use crate::job::plan::view;
-use crate::job::sequence::label::FrameRow;
+use gelsim_files::sensor::shape::SensorShape;
+use gelsim_files::spelling::is_hidden;
+use gelsim_job::config::Job;
+use gelsim_job::config::output::Container;
+use gelsim_job::gripper::FINGERS;
+use gelsim_job::gripper::label::GripLabel;
+use gelsim_job::label::Label;
+use gelsim_job::layers::{Coding, OutputLayer};
+use gelsim_job::layout::Split;
+use gelsim_job::plan::view;
+use gelsim_job::sequence::label::FrameRow;
 
 mod loading;
 

@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 use super::imagefolder;
 use super::lock::Lock;
-use crate::files::fail_point::Step;
-use crate::files::write::absent_is_fine;
-use crate::job::layout::Split;
+use gelsim_files::fail_point::Step;
+use gelsim_files::write::absent_is_fine;
+use gelsim_job::layout::Split;
 
 /// Files that describe a whole dataset. They are there only while it is whole.
 pub const DESCRIPTIONS: [&str; 3] = ["dataset.json", "wids.json", "README.md"];

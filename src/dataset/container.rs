@@ -1,8 +1,8 @@
 //! What holds a shard's files, a tar ([`archive`]) or a folder ([`imagefolder`]), behind one set of verbs: created,
 //! appended to, finished, put in place; measured, checked, read.
 
-use crate::files::fail_point::Step;
-use crate::files::input::{self, MOST_IMAGE_BYTES};
+use gelsim_files::fail_point::Step;
+use gelsim_files::input::{self, MOST_IMAGE_BYTES};
 use std::fs;
 use std::io::{self, Read};
 use std::ops::ControlFlow;
@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 use super::archive::{self, Files, Head, Member};
 use super::cleanup;
 use super::imagefolder;
-use crate::files::hash;
-use crate::job::config::output::Container;
-use crate::job::label::key;
-use crate::job::layout::Shard;
+use gelsim_files::hash;
+use gelsim_job::config::output::Container;
+use gelsim_job::label::key;
+use gelsim_job::layout::Shard;
 
 /// A container being written.
 pub enum Writer {
@@ -42,22 +42,56 @@ impl Writer {
     }
 }
 
-impl Container {
+/// What a shard is written to and read from.
+pub trait ShardContainer: Copy {
     /// The name of a shard in `data`.
-    pub fn file_name(self, shard: &Shard) -> String {
+    fn file_name(self, shard: &Shard) -> String;
+
+    /// The same from the dataset's folder.
+    fn file(self, shard: &Shard) -> String;
+
+    /// Starts a shard at `partial`, in place of what a killed run may have left there, that will go to `path`.
+    fn create(self, partial: &Path, path: &Path, shard: &Shard) -> io::Result<Writer>;
+
+    /// Gives what is at `partial` its final name, in place of what is there. A folder that is there goes aside first: no
+    /// call exchanges two folders on every disk.
+    fn put_in_place(self, partial: &Path, path: &Path) -> io::Result<()>;
+
+    /// Bytes of the shard at `path`.
+    fn measure(self, path: &Path) -> io::Result<u64>;
+
+    /// Bytes and SHA-256 of the shard at `path`: reads all of it.
+    fn checksum(self, path: &Path) -> io::Result<(u64, String)>;
+
+    /// Shows every sample of the shard at `path` to `visit`, in order, until that breaks off, with the files that are
+    /// `wanted`; the others are not read.
+    fn read(
+        self,
+        path: &Path,
+        wanted: impl FnMut(Head<'_>) -> bool,
+        visit: impl FnMut(Files) -> ControlFlow<()>,
+    ) -> Result<(), String>;
+
+    /// Bytes that a sample's files take; `label` is the content of one of them.
+    fn bytes_of(self, shard: &Shard, index: u64, label: &[u8], members: &[Member]) -> u64;
+
+    /// Bytes of a shard without samples.
+    fn empty_bytes(self) -> u64;
+}
+
+impl ShardContainer for Container {
+    fn file_name(self, shard: &Shard) -> String {
         match self {
             Self::Tar => format!("{}.tar", shard.name()),
             Self::Folder => shard.name(),
         }
     }
 
-    /// The same from the dataset's folder.
-    pub fn file(self, shard: &Shard) -> String {
+    fn file(self, shard: &Shard) -> String {
         format!("data/{}", self.file_name(shard))
     }
 
-    /// Starts a shard at `partial`, in place of what a killed run may have left there, that will go to `path`.
-    pub fn create(self, partial: &Path, path: &Path, shard: &Shard) -> io::Result<Writer> {
+    fn create(self, partial: &Path, path: &Path, shard: &Shard) -> io::Result<Writer> {
         match self {
             Self::Tar => archive::Writer::create(partial).map(Writer::Tar),
             Self::Folder => {
@@ -68,9 +102,7 @@ impl Container {
         }
     }
 
-    /// Gives what is at `partial` its final name, in place of what is there. A folder that is there goes aside first: no
-    /// call exchanges two folders on every disk.
-    pub fn put_in_place(self, partial: &Path, path: &Path) -> io::Result<()> {
+    fn put_in_place(self, partial: &Path, path: &Path) -> io::Result<()> {
         let aside = aside(path);
         if self == Self::Folder {
             cleanup::remove(&aside)?;
@@ -85,16 +117,14 @@ impl Container {
         if self == Self::Folder { cleanup::remove(&aside) } else { Ok(()) }
     }
 
-    /// Bytes of the shard at `path`.
-    pub fn measure(self, path: &Path) -> io::Result<u64> {
+    fn measure(self, path: &Path) -> io::Result<u64> {
         match self {
             Self::Tar => input::open_inside(path).map(|(_, length)| length),
             Self::Folder => imagefolder::measure(path),
         }
     }
 
-    /// Bytes and SHA-256 of the shard at `path`: reads all of it.
-    pub fn checksum(self, path: &Path) -> io::Result<(u64, String)> {
+    fn checksum(self, path: &Path) -> io::Result<(u64, String)> {
         match self {
             Self::Tar => {
                 let (file, length) = input::open_inside(path)?;
@@ -105,9 +135,7 @@ impl Container {
         }
     }
 
-    /// Shows every sample of the shard at `path` to `visit`, in order, until that breaks off, with the files that are
-    /// `wanted`; the others are not read.
-    pub fn read(
+    fn read(
         self,
         path: &Path,
         mut wanted: impl FnMut(Head<'_>) -> bool,
@@ -119,8 +147,7 @@ impl Container {
         }
     }
 
-    /// Bytes that a sample's files take; `label` is the content of one of them.
-    pub fn bytes_of(self, shard: &Shard, index: u64, label: &[u8], members: &[Member]) -> u64 {
+    fn bytes_of(self, shard: &Shard, index: u64, label: &[u8], members: &[Member]) -> u64 {
         match self {
             Self::Tar => archive::bytes_of(members),
             Self::Folder => {
@@ -131,8 +158,7 @@ impl Container {
         }
     }
 
-    /// Bytes of a shard without samples.
-    pub fn empty_bytes(self) -> u64 {
+    fn empty_bytes(self) -> u64 {
         match self {
             Self::Tar => archive::EMPTY_BYTES,
             Self::Folder => 0,

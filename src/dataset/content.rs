@@ -5,9 +5,9 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-use crate::core::optics::lamps;
-use crate::job::layers::OutputLayer;
-use crate::job::sample::Sample;
+use gelsim_core::optics::lamps;
+use gelsim_job::layers::OutputLayer;
+use gelsim_job::sample::Sample;
 
 /// What one layer holds, in the form that its row says. Pixels are row-major, as many as the image has; the values of a
 /// pixel stand together.

@@ -1,11 +1,11 @@
 //! Float layers read back, whatever format they were written in: the inverse of [`super::encode`].
 
 use super::archive::Files;
-use crate::core::base::grid::Grid;
-use crate::files::exr::{self, Planes};
-use crate::files::npy::{self, Numbers};
-use crate::job::layers::{Coding, DepthFormat, OutputLayer};
-use crate::job::steps::Steps;
+use gelsim_core::base::grid::Grid;
+use gelsim_files::exr::{self, Planes};
+use gelsim_files::npy::{self, Numbers};
+use gelsim_job::layers::{Coding, DepthFormat, OutputLayer};
+use gelsim_job::steps::Steps;
 
 /// Decodes a float layer; `steps` are the label's.
 pub fn planes(layer: OutputLayer, coding: Coding, bytes: &[u8], steps: &Steps) -> Result<Planes, String> {
@@ -52,7 +52,7 @@ pub fn layer(files: &Files, part: &str, layer: OutputLayer, steps: &Steps) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::exr::{Compression, Exr, Pixel};
+    use gelsim_files::exr::{Compression, Exr, Pixel};
 
     #[test]
     fn every_format_gives_the_same_planes() {

@@ -6,20 +6,20 @@ use std::{fmt, io};
 use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
-use crate::core::base::clock::{Clock, Seconds};
-use crate::core::effects::PerEffect;
-use crate::dataset::archive::Member;
-use crate::dataset::content::{Content, content};
-use crate::dataset::spool::Spool;
-use crate::files::exr::Exr;
-use crate::files::{exr, npy, png};
-use crate::job::gripper::sequence::Pair;
-use crate::job::gripper::{self, FINGERS};
-use crate::job::label::{Label, key};
-use crate::job::layers::{Coding, Form, OutputLayer};
-use crate::job::plan::Plan;
-use crate::job::sample::{Accepted, Sample, Unfit, accept, render};
-use crate::job::sequence::{self, Shown};
+use crate::archive::Member;
+use crate::content::{Content, content};
+use crate::spool::Spool;
+use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::effects::PerEffect;
+use gelsim_files::exr::Exr;
+use gelsim_files::{exr, npy, png};
+use gelsim_job::gripper::sequence::Pair;
+use gelsim_job::gripper::{self, FINGERS};
+use gelsim_job::label::{Label, key};
+use gelsim_job::layers::{Coding, Form, OutputLayer};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::{Accepted, Sample, Unfit, accept, render};
+use gelsim_job::sequence::{self, Shown};
 
 /// A sample made and encoded. Its images are not kept.
 pub struct Made {
@@ -275,11 +275,11 @@ impl Formatter for DecimalPoints {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::archive::Bytes;
-    use crate::job::config::Overrides;
+    use crate::archive::Bytes;
+    use gelsim_job::config::Overrides;
 
     fn slide(folder: &Path) -> Plan {
-        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects/sphere.obj");
+        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../objects/sphere.obj");
         let text = format!(
             "dataset = {{ name = \"t\", samples = 1, seed = 5 }}\nsensor.resolution_px = [24, 18]\n\
              object = [{{ path = {ball:?} }}]\noutput.layers = [\"slip\"]\n\

@@ -2,7 +2,7 @@
 //!
 //! Whoever finishes last does it, and doing it again gives the same bytes.
 
-use crate::files::fail_point::Step;
+use gelsim_files::fail_point::Step;
 use std::path::PathBuf;
 
 use super::card::card;
@@ -14,11 +14,11 @@ use super::recorded::Recorded;
 use super::refused::Refused;
 use super::stats::Stats;
 use super::verify::{CheckLevel, Finding, absent, look, strays};
-use crate::files::diagnostic::Report;
-use crate::files::diagnostic::user_error;
-use crate::files::input::{self, MOST_METADATA_BYTES};
-use crate::files::write::write_whole;
-use crate::job::plan::fingerprint;
+use gelsim_files::diagnostic::Report;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::input::{self, MOST_METADATA_BYTES};
+use gelsim_files::write::write_whole;
+use gelsim_job::plan::fingerprint;
 
 /// What became of it.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! The folder of a dataset: made, recognised, refused if another job made it.
 
-use crate::files::fail_point::Step;
+use gelsim_files::fail_point::Step;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
@@ -12,12 +12,12 @@ use super::refused::Refused;
 use super::seal::{BLANK, is_sealed, sealed};
 use super::stats::Stats;
 use super::versioned::Versioned;
-use crate::core::fidelity::Fidelity;
-use crate::files::diagnostic::user_error;
-use crate::files::input;
-use crate::files::write::write_whole;
-use crate::job::config::document::{MOST_READ, RESOLVED};
-use crate::job::plan::{Plan, stem};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::input;
+use gelsim_files::write::write_whole;
+use gelsim_job::config::document::{MOST_READ, RESOLVED};
+use gelsim_job::plan::{Plan, stem};
 
 /// What stands before the seal in a job.toml.
 const SEAL: &str = "# SHA-256 of this file with 64 zeros in this place: ";

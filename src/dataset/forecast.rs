@@ -4,6 +4,7 @@
 //! Samples are taken from all over the job until their mean time is known well enough; time and bytes of the whole are
 //! in proportion. CPU time is taken while all threads are busy, so that what they take from each other is in it.
 
+use crate::container::ShardContainer;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -11,14 +12,14 @@ use std::time::Instant;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-use crate::core::base::clock::Clock;
-use crate::core::base::clock::Seconds;
-use crate::core::effects::{Effect, PerEffect};
-use crate::dataset::encode::{Made, make_shown};
-use crate::dataset::stats::LightRange;
-use crate::job::config::output::OnUnhealthy;
-use crate::job::plan::Plan;
-use crate::job::probe::{Contacts, spread};
+use crate::encode::{Made, make_shown};
+use crate::stats::LightRange;
+use gelsim_core::base::clock::Clock;
+use gelsim_core::base::clock::Seconds;
+use gelsim_core::effects::{Effect, PerEffect};
+use gelsim_job::config::output::OnUnhealthy;
+use gelsim_job::plan::Plan;
+use gelsim_job::probe::{Contacts, spread};
 
 /// Samples that are probed at least, if the job has them and time allows.
 const FEWEST: u64 = 32;
@@ -78,7 +79,7 @@ pub struct Probe {
     /// It shows contact.
     pub in_contact: bool,
     light: LightRange,
-    notes: PerEffect<crate::core::effects::Note>,
+    notes: PerEffect<gelsim_core::effects::Note>,
     effects: PerEffect<f64>,
     seconds: Seconds,
     write_s: f64,

@@ -3,7 +3,8 @@
 //! What is there already is read first, and made again where it is not what was written. Who renders what is in `workers.rs`; no
 //! bytes depend on it: a shard is a function of plan and shard number.
 
-use crate::files::fail_point::Step;
+use crate::container::ShardContainer;
+use gelsim_files::fail_point::Step;
 use std::any::Any;
 use std::collections::HashSet;
 use std::io;
@@ -16,27 +17,27 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::dataset::cleanup::{self, DATA};
-use crate::dataset::encode::{Keep, Made, Unmade, make};
-use crate::dataset::finalize::{Finalized, finalize};
-use crate::dataset::folder::{prepare, recorded_samples, still_ours};
-use crate::dataset::lock::Lock;
-use crate::dataset::manifest::Manifest;
-use crate::dataset::mirror::Mirror;
-use crate::dataset::paths::Paths;
-use crate::dataset::recorded::Recorded;
-use crate::dataset::refused::Refused;
-use crate::dataset::shard::Writer;
-use crate::dataset::stats::{LightRange, Stats};
-use crate::dataset::verify::{CheckLevel, Cure, Finding};
-use crate::dataset::versioned::Versioned;
-use crate::dataset::workers::{Claim, Workers};
-use crate::files::diagnostic::{Report, user_error};
-use crate::files::store::{Cause, Store, said as store_said};
-use crate::job::config::output::Container;
-use crate::job::layout::Shard;
-use crate::job::plan::Plan;
-use crate::job::sample::Unfit;
+use crate::cleanup::{self, DATA};
+use crate::encode::{Keep, Made, Unmade, make};
+use crate::finalize::{Finalized, finalize};
+use crate::folder::{prepare, recorded_samples, still_ours};
+use crate::lock::Lock;
+use crate::manifest::Manifest;
+use crate::mirror::Mirror;
+use crate::paths::Paths;
+use crate::recorded::Recorded;
+use crate::refused::Refused;
+use crate::shard::Writer;
+use crate::stats::{LightRange, Stats};
+use crate::verify::{CheckLevel, Cure, Finding};
+use crate::versioned::Versioned;
+use crate::workers::{Claim, Workers};
+use gelsim_files::diagnostic::{Report, user_error};
+use gelsim_files::store::{Cause, Store, said as store_said};
+use gelsim_job::config::output::Container;
+use gelsim_job::layout::Shard;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Unfit;
 
 /// What to generate and where.
 #[derive(Clone)]
@@ -402,11 +403,11 @@ pub fn said(panic: &(dyn Any + Send)) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::job::config::Overrides;
+    use gelsim_job::config::Overrides;
 
     /// 30 small samples in shards of 10.
     fn job(folder: &Path) -> Plan {
-        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects/sphere.obj");
+        let ball = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../objects/sphere.obj");
         let text = format!(
             "dataset = {{ name = \"t\", samples = 30, samples_per_shard = 10, seed = 5 }}\n\
              sensor.resolution_px = [24, 18]\nindentation.depth_mm = 0.5\nobject = [{{ path = {ball:?} }}]\n"

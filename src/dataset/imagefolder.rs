@@ -5,8 +5,8 @@
 //! names: `(cd data/train-000000 && LC_ALL=C sha256sum *) | sha256sum`. Only files with names of ours count, and nothing
 //! in it is opened through a link.
 
-use crate::files::fail_point::Step;
-use crate::files::input;
+use gelsim_files::fail_point::Step;
+use gelsim_files::input;
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Write};
@@ -17,8 +17,8 @@ use rustix::fs::{AtFlags, CWD, Dir, FileType, Mode, OFlags, openat, statat, unli
 use sha2::{Digest, Sha256};
 
 use super::archive::{Files, Head, Member};
-use crate::files::hash::hex;
-use crate::files::write::{same_file, sync_all_in};
+use gelsim_files::hash::hex;
+use gelsim_files::write::{same_file, sync_all_in};
 
 mod rows;
 

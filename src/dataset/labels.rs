@@ -3,10 +3,10 @@
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::job::gripper::FINGERS;
-use crate::job::gripper::label::{GripLabel, GripSequenceLabel};
-use crate::job::label::{Label, SCHEMA_VERSION, SensorLabel};
-use crate::job::sequence::label::SequenceLabel;
+use gelsim_job::gripper::FINGERS;
+use gelsim_job::gripper::label::{GripLabel, GripSequenceLabel};
+use gelsim_job::label::{Label, SCHEMA_VERSION, SensorLabel};
+use gelsim_job::sequence::label::SequenceLabel;
 
 /// A label that was read.
 #[derive(Clone, Debug, PartialEq)]

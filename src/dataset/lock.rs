@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 
-use crate::files::write::same_file;
+use gelsim_files::write::same_file;
 
 /// The right to write something, held until dropped. The operating system frees it when a process dies.
 pub struct Lock {

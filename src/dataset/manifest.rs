@@ -10,11 +10,11 @@ use serde_json::json;
 use super::recorded::{Recorded, RecordedObject};
 use super::stats::Stats;
 use super::versioned::Versioned;
-use crate::job::config::output::Container;
-use crate::job::label::SCHEMA_VERSION;
-use crate::job::layers::DepthFormat;
-use crate::job::layout::Split;
-use crate::job::plan::{classes, fingerprint, level};
+use gelsim_job::config::output::Container;
+use gelsim_job::label::SCHEMA_VERSION;
+use gelsim_job::layers::DepthFormat;
+use gelsim_job::layout::Split;
+use gelsim_job::plan::{classes, fingerprint, level};
 
 /// Version of the manifest's keys and their meaning.
 pub const MANIFEST_VERSION: u32 = 1;

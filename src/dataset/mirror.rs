@@ -5,6 +5,7 @@
 //! shard whole, then its stats; the files that describe the dataset last. Of a shard that is in the store only the
 //! length stays here, so that this machine's disk holds no more shards than there are threads.
 
+use crate::container::ShardContainer;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io;
@@ -22,11 +23,11 @@ use super::refused::Refused;
 use super::stats::Stats;
 use super::verify::{CheckLevel, Finding};
 use super::versioned::Versioned;
-use crate::files::input::{self, MOST_METADATA_BYTES};
-use crate::files::store::{Entry, Store};
-use crate::files::write::{absent_is_fine, sweep};
-use crate::job::layout::{Layout, Shard};
-use crate::job::plan::Plan;
+use gelsim_files::input::{self, MOST_METADATA_BYTES};
+use gelsim_files::store::{Entry, Store};
+use gelsim_files::write::{absent_is_fine, sweep};
+use gelsim_job::layout::{Layout, Shard};
+use gelsim_job::plan::Plan;
 
 /// The folders of mirrors, with a dot before, and the number of their process behind it.
 const NAME: &str = "gelsim-store";

@@ -1,9 +1,10 @@
 //! Where the files of a shard are in a dataset's folder.
 
+use crate::container::ShardContainer;
 use std::path::{Path, PathBuf};
 
-use crate::job::config::output::Container;
-use crate::job::layout::Shard;
+use gelsim_job::config::output::Container;
+use gelsim_job::layout::Shard;
 
 /// The names that a shard has on disk.
 #[derive(Clone, Debug)]

@@ -1,19 +1,20 @@
 //! A dataset that is there, as its own job.toml describes it. The meshes and pictures it was made from need not be.
 
+use crate::container::ShardContainer;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use super::archive::{Files, Head};
 use super::paths::Paths;
-use crate::files::diagnostic::user_error;
-use crate::files::diagnostic::{Diagnostics, Report};
-use crate::files::store::Address;
-use crate::job::config::object::Object;
-use crate::job::config::output::Container;
-use crate::job::config::{self, Job, Overrides};
-use crate::job::label::key;
-use crate::job::layout::{Layout, Shard};
-use crate::job::plan::{ids, name};
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::store::Address;
+use gelsim_job::config::object::Object;
+use gelsim_job::config::output::Container;
+use gelsim_job::config::{self, Job, Overrides};
+use gelsim_job::label::key;
+use gelsim_job::layout::{Layout, Shard};
+use gelsim_job::plan::{ids, name};
 
 /// A dataset's folder.
 pub struct Recorded {

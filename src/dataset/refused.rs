@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::files::diagnostic::Report;
+use gelsim_files::diagnostic::Report;
 
 /// Why a folder could not be used.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Texts that vouch for themselves: a SHA-256 in a place of its own, over the text with that place blank.
 
-use crate::files::hash::sha256;
+use gelsim_files::hash::sha256;
 
 /// What stands where the seal belongs while the text is hashed.
 pub const BLANK: &str = "0000000000000000000000000000000000000000000000000000000000000000";

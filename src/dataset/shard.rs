@@ -3,7 +3,8 @@
 //! The order of events makes every state after a crash recoverable: the shard is written beside its final place, synced,
 //! renamed; then the stats file, likewise. A shard is complete if its stats file is there.
 
-use crate::files::fail_point::Step;
+use crate::container::ShardContainer;
+use gelsim_files::fail_point::Step;
 use std::fs;
 use std::io;
 use std::path::PathBuf;
@@ -13,8 +14,8 @@ use super::lock::Lock;
 use super::paths::Paths;
 use super::stats::Stats;
 use super::{cleanup, container};
-use crate::files::write::{sync_folder, write_whole};
-use crate::job::layout::Shard;
+use gelsim_files::write::{sync_folder, write_whole};
+use gelsim_job::layout::Shard;
 
 /// A shard being written.
 pub struct Writer {

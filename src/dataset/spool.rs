@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::archive::{Bytes, Member};
-use crate::files::write::create_anew;
+use gelsim_files::write::create_anew;
 
 /// A file without a name, which the system removes when nobody holds it any more.
 pub struct Spool {

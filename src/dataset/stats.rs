@@ -1,5 +1,6 @@
 //! What is known of a finished shard: its `stats/NAME.json`, written last, which marks the shard as complete.
 
+use crate::container::ShardContainer;
 use std::collections::BTreeMap;
 use std::io;
 
@@ -8,11 +9,11 @@ use serde::{Deserialize, Serialize};
 use super::paths::Paths;
 use super::seal::{BLANK, is_sealed, sealed};
 use super::versioned::Versioned;
-use crate::core::base::clock::Seconds;
-use crate::core::effects::{Effect, PerEffect};
-use crate::job::config::output::Container;
-use crate::job::label::Label;
-use crate::job::layout::Shard;
+use gelsim_core::base::clock::Seconds;
+use gelsim_core::effects::{Effect, PerEffect};
+use gelsim_job::config::output::Container;
+use gelsim_job::label::Label;
+use gelsim_job::layout::Shard;
 
 /// Version of the keys of stats and their meaning.
 pub const STATS_VERSION: u32 = 1;

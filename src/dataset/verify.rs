@@ -2,6 +2,7 @@
 //!
 //! Looks at the dataset alone: the meshes and pictures that it was made from need not be there.
 
+use crate::container::ShardContainer;
 use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
@@ -17,9 +18,9 @@ use super::recorded::Recorded;
 use super::refused::Refused;
 use super::stats::Stats;
 use super::versioned::Versioned;
-use crate::files::input;
-use crate::job::config::output::Container;
-use crate::job::layout::Shard;
+use gelsim_files::input;
+use gelsim_job::config::output::Container;
+use gelsim_job::layout::Shard;
 
 mod described;
 mod finding;

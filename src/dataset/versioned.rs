@@ -8,8 +8,8 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::refused::Refused;
-use crate::files::diagnostic::user_error;
-use crate::files::input;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::input;
 
 /// The version of the newer gelsim that wrote a file.
 #[derive(Debug)]
@@ -68,8 +68,8 @@ pub trait Versioned: DeserializeOwned {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::manifest::Manifest;
-    use crate::dataset::stats::Stats;
+    use crate::manifest::Manifest;
+    use crate::stats::Stats;
 
     #[test]
     fn a_file_of_a_newer_version_is_recognised_by_name_and_a_broken_one_is_none() {

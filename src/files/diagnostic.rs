@@ -5,8 +5,8 @@ use std::fmt;
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use serde::Serialize;
 
-use crate::files::source::{Place, Source};
-use crate::files::spelling::{visible, without_codes};
+use crate::source::{Place, Source};
+use crate::spelling::{visible, without_codes};
 
 /// How bad it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -5,7 +5,7 @@
 
 use super::npz::Npz;
 use super::{exr, foreign, npy, png};
-use crate::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 /// Reads a height map of 1 to 8192 px on a side. Every value is from 0 to 1.
 pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
@@ -19,7 +19,7 @@ pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
             None => String::from("it begins neither like a PNG nor like an npy, npz or EXR file"),
         }),
     }?;
-    crate::core::base::view::sides([heights.width, heights.height])?;
+    gelsim_core::base::view::sides([heights.width, heights.height])?;
     match heights.data.iter().position(|height| !(0.0..=1.0).contains(height)) {
         None => Ok(heights),
         Some(at) => {
@@ -62,8 +62,8 @@ fn scaled(array: npy::Array) -> Grid<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::exr::{Compression, Exr, Pixel};
-    use crate::files::zip::tests::stored;
+    use crate::exr::{Compression, Exr, Pixel};
+    use crate::zip::encode_stored;
 
     fn npy(descr: &str, data: &[u8]) -> Vec<u8> {
         let text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': (1, 2), }}");
@@ -82,7 +82,7 @@ mod tests {
         let npz = |members: &[&str]| {
             let (file, other) = (npy("|u1", &[51, 255]), npy("|u1", &[0, 0]));
             let bytes = |name: &str| if name.starts_with("other") { &other[..] } else { &file[..] };
-            stored(&members.iter().map(|name| (*name, bytes(name))).collect::<Vec<_>>())
+            encode_stored(&members.iter().map(|name| (*name, bytes(name))).collect::<Vec<_>>())
         };
         assert_eq!(decode(&npz(&["any.npy"])), expected);
         assert_eq!(decode(&npz(&["other.npy", "Heights.npy"])), expected);

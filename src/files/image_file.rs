@@ -7,7 +7,7 @@ use image::error::ImageError;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
 
 use super::{foreign, input, png, unpack};
-use crate::core::base::view::{MOST_PX, sides};
+use gelsim_core::base::view::{MOST_PX, sides};
 
 /// Formats that are read, how their files begin, and the endings of their names.
 const FORMATS: [(ImageFormat, &str, &[&str]); 5] = [

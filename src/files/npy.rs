@@ -4,7 +4,7 @@
 //! checking, and takes as much memory as it says the header has. Taken are float16, float32, float64 and integers, in
 //! either byte order, in C or Fortran order.
 
-use crate::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 mod header;
 

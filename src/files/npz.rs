@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::npy::{self, Numbers};
 use super::zip::Zip;
-use crate::files::input::{self, MOST_IMAGE_BYTES};
+use crate::input::{self, MOST_IMAGE_BYTES};
 
 /// An archive of arrays.
 pub struct Npz(Zip);

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
 
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::source::{Place, Source};
+use crate::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::source::{Place, Source};
 
 /// One record of the file.
 pub struct Row<'a> {

@@ -3,7 +3,7 @@
 //! A few bytes of a compressed file can stand for gigabytes. Pictures do not compress that well: what would unpack to
 //! much more than its file is refused, unless it is small anyway.
 
-use crate::core::base::view::sides;
+use gelsim_core::base::view::sides;
 
 /// Bytes that any file may unpack to.
 const FREE_BYTES: usize = 96 << 20;

@@ -1,6 +1,6 @@
 //! Files that are on disk whole or not at all: written beside their place, brought to disk, renamed.
 
-use crate::files::fail_point::Step;
+use crate::fail_point::Step;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;

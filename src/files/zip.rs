@@ -135,41 +135,41 @@ fn checksum(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |crc, byte| (crc >> 8) ^ table[usize::from(crc as u8 ^ byte)])
 }
 
-#[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-
-    /// An archive of stored members.
-    pub(crate) fn stored(members: &[(&str, &[u8])]) -> Vec<u8> {
-        let (mut archive, mut directory) = (Vec::new(), Vec::new());
-        for (name, bytes) in members {
-            let offset = archive.len() as u32;
-            let mut sizes = checksum(bytes).to_le_bytes().to_vec();
-            sizes.extend([bytes.len() as u32; 2].map(u32::to_le_bytes).as_flattened());
-            sizes.extend((name.len() as u16).to_le_bytes());
-            sizes.extend([0; 2]);
-            archive.extend(b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0");
-            archive.extend(&sizes);
-            archive.extend(name.as_bytes());
-            archive.extend(*bytes);
-            directory.extend(b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0");
-            directory.extend(&sizes);
-            directory.extend([0; 10]);
-            directory.extend(offset.to_le_bytes());
-            directory.extend(name.as_bytes());
-        }
-        let (start, count) = (archive.len() as u32, members.len() as u16);
-        archive.extend(&directory);
-        archive.extend(b"PK\x05\x06\0\0\0\0");
-        archive.extend([count; 2].map(u16::to_le_bytes).as_flattened());
-        archive.extend([directory.len() as u32, start].map(u32::to_le_bytes).as_flattened());
-        archive.extend([0; 2]);
-        archive
+/// An archive of stored members.
+pub fn encode_stored(members: &[(&str, &[u8])]) -> Vec<u8> {
+    let (mut archive, mut directory) = (Vec::new(), Vec::new());
+    for (name, bytes) in members {
+        let offset = archive.len() as u32;
+        let mut sizes = checksum(bytes).to_le_bytes().to_vec();
+        sizes.extend([bytes.len() as u32; 2].map(u32::to_le_bytes).as_flattened());
+        sizes.extend((name.len() as u16).to_le_bytes());
+        sizes.extend([0; 2]);
+        archive.extend(b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0");
+        archive.extend(&sizes);
+        archive.extend(name.as_bytes());
+        archive.extend(*bytes);
+        directory.extend(b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0");
+        directory.extend(&sizes);
+        directory.extend([0; 10]);
+        directory.extend(offset.to_le_bytes());
+        directory.extend(name.as_bytes());
     }
+    let (start, count) = (archive.len() as u32, members.len() as u16);
+    archive.extend(&directory);
+    archive.extend(b"PK\x05\x06\0\0\0\0");
+    archive.extend([count; 2].map(u16::to_le_bytes).as_flattened());
+    archive.extend([directory.len() as u32, start].map(u32::to_le_bytes).as_flattened());
+    archive.extend([0; 2]);
+    archive
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
 
     #[test]
     fn members_come_back_and_damaged_ones_are_refused() {
-        let archive = stored(&[("a/b.txt", b"hello"), ("c", b"")]);
+        let archive = encode_stored(&[("a/b.txt", b"hello"), ("c", b"")]);
         let zip = Zip::open(archive.clone()).unwrap();
         assert_eq!(zip.names().collect::<Vec<_>>(), ["a/b.txt", "c"]);
         assert_eq!(zip.member("a/b.txt", 1), Some(Ok(b"hello".to_vec())));

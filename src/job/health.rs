@@ -7,8 +7,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::impression::Impression;
-use crate::job::scene::{Pressed, Scene};
+use crate::scene::{Pressed, Scene};
+use gelsim_core::impression::Impression;
 
 /// What a check of the sample found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -6,16 +6,16 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grid::Grid;
-use crate::core::camera::CameraParams;
-use crate::core::effects::{Note, PerEffect};
-use crate::core::impression::Impression;
-use crate::core::simulator::Simulator;
-use crate::job::health::Health;
-use crate::job::layout::Split;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
-use crate::job::steps::Steps;
+use crate::health::Health;
+use crate::layout::Split;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use crate::steps::Steps;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::effects::{Note, PerEffect};
+use gelsim_core::impression::Impression;
+use gelsim_core::simulator::Simulator;
 
 mod contact;
 mod pressed;

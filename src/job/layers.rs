@@ -2,13 +2,13 @@
 //! dataset card, verification, the report and Python's arrays follow.
 //!
 //! A new layer is a variant of [`OutputLayer`] and its row of `TABLE` here, and what computes its values
-//! ([`crate::dataset::content`]).
+//! ([`gelsim_dataset::content`]).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::impression::OUT_OF_REACH_MM;
-use crate::files::exr::Pixel;
+use gelsim_core::impression::OUT_OF_REACH_MM;
+use gelsim_files::exr::Pixel;
 
 /// A layer of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -298,7 +298,7 @@ impl Form {
     }
 }
 
-/// Which of a label's scales the 16-bit steps of a layer have ([`crate::job::steps`]).
+/// Which of a label's scales the 16-bit steps of a layer have ([`crate::steps`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
     /// From 0 mm on.

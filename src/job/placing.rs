@@ -1,19 +1,19 @@
 //! The objects of a press: each turned, sized and pressed in as it is drawn, and those beside the first one placed so that none
 //! overlaps another.
 //!
-//! Objects whose outlines in the plane lie apart do not overlap ([`crate::core::depth::outline`]). A place is drawn anew, from
+//! Objects whose outlines in the plane lie apart do not overlap ([`gelsim_core::depth::outline`]). A place is drawn anew, from
 //! the same ranges, until the outline lies apart from all that are there; turn, size and depth stay, so that a place that is
 //! hard to find makes no object, angle or size rarer than another while one is found at all.
 
 use std::sync::Arc;
 
-use crate::core::base::rng::{self, Stream};
-use crate::core::depth::outline::Outline;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Anchor, Angles, PadPlane, Pose, Side};
-use crate::files::sensor::quantity::Quantity;
-use crate::job::layout::Split;
-use crate::job::plan::Plan;
+use crate::layout::Split;
+use crate::plan::Plan;
+use gelsim_core::base::rng::{self, Stream};
+use gelsim_core::depth::outline::Outline;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Distance between the pad and an object that does not touch it, mm.
 pub const NO_CONTACT_GAP_MM: f64 = 0.1;

@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::core::depth::{Window, captured};
-use crate::core::pose::Anchor;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::sensor::quantity::Quantity;
-use crate::job::inspection::sides::{lowest_is_in_view, thin_fraction};
-use crate::job::inspection::{SensorPad, findings, sides};
-use crate::job::plan::Plan;
-use crate::job::scene::{Pressed, Scene, crowded};
+use crate::inspection::sides::{lowest_is_in_view, thin_fraction};
+use crate::inspection::{SensorPad, findings, sides};
+use crate::plan::Plan;
+use crate::scene::{Pressed, Scene, crowded};
+use gelsim_core::depth::{Window, captured};
+use gelsim_core::pose::Anchor;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Samples that are captured: so many, or so many of each object.
 const PROBES: u64 = 32;
@@ -225,7 +225,7 @@ fn remedies(plan: &Plan) -> Vec<(String, Plan)> {
         "write anchor = \"contact\" under [pose], which puts the point that touches first where x_mm and y_mm say";
     let middle = "x_mm and y_mm of [pose] put most objects beside the view: write x_mm = 0.0 and y_mm = 0.0, or a range within it";
     let mut found = Vec::new();
-    let mut add = |help: &str, change: &dyn Fn(&mut crate::job::config::Job)| {
+    let mut add = |help: &str, change: &dyn Fn(&mut crate::config::Job)| {
         found.push((help.to_owned(), plan.changed(change)));
     };
     if pose.anchor != Anchor::Contact {
@@ -301,7 +301,7 @@ fn of_objects(plan: &Plan, touches: &[Touch], most_miss: bool, is_explained: boo
 
 impl Plan {
     /// The same with another job, of which no file is read again: for what samples draw from its tables.
-    fn changed(&self, change: impl Fn(&mut crate::job::config::Job)) -> Self {
+    fn changed(&self, change: impl Fn(&mut crate::config::Job)) -> Self {
         let mut plan = self.clone();
         plan.change(&change);
         plan
@@ -309,7 +309,7 @@ impl Plan {
 
     /// The same that keeps samples which are not healthy: what its first draws are like.
     pub fn keeping_unhealthy(&self) -> Self {
-        self.changed(|job| job.output.on_unhealthy = crate::job::config::output::OnUnhealthy::Keep)
+        self.changed(|job| job.output.on_unhealthy = crate::config::output::OnUnhealthy::Keep)
     }
 }
 

@@ -3,14 +3,14 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::core::base::clock::{Clock, Seconds};
-use crate::core::base::grid::Grid;
-use crate::core::impression::Impression;
-use crate::core::simulator::Simulator;
-use crate::job::config::output::OnUnhealthy;
-use crate::job::label::Label;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
+use crate::config::output::OnUnhealthy;
+use crate::label::Label;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::impression::Impression;
+use gelsim_core::simulator::Simulator;
 
 /// One sample of a dataset.
 pub struct Sample {

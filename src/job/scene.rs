@@ -4,30 +4,30 @@
 
 use std::sync::Arc;
 
-use crate::core::base::rng::{self, Stream};
-use crate::core::camera::CameraParams;
-use crate::core::camera::markers::MarkerPattern;
-use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::outline::Outline;
-use crate::core::depth::relief::Relief;
-use crate::core::depth::texture::{Texture, TextureSample};
-use crate::core::gelpad::elastic::shear::{Friction, Motion};
-use crate::core::gelpad::elastic::soft::Soft;
-use crate::core::gelpad::object::ObjectMaterial;
-use crate::core::gelpad::tangential::Shear;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{PadPlane, Pose, Side};
-use crate::core::sensor::{Background, Sensor};
-use crate::core::simulator::{Press, Simulator};
-use crate::files::diagnostic::Diagnostic;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::object::POISSON_RATIO;
-use crate::job::config::scene::At;
-use crate::job::layout::Split;
-use crate::job::placing::{OtherObject, TurnedObject, place_beside};
-use crate::job::plan::Plan;
-use crate::job::plan::draw::Place;
-use crate::job::plan::sensors::DrawnSensor;
+use crate::config::object::POISSON_RATIO;
+use crate::config::scene::At;
+use crate::layout::Split;
+use crate::placing::{OtherObject, TurnedObject, place_beside};
+use crate::plan::Plan;
+use crate::plan::draw::Place;
+use crate::plan::sensors::DrawnSensor;
+use gelsim_core::base::rng::{self, Stream};
+use gelsim_core::camera::CameraParams;
+use gelsim_core::camera::markers::MarkerPattern;
+use gelsim_core::depth::indenter::{Indenter, Shape};
+use gelsim_core::depth::outline::Outline;
+use gelsim_core::depth::relief::Relief;
+use gelsim_core::depth::texture::{Texture, TextureSample};
+use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
+use gelsim_core::gelpad::elastic::soft::Soft;
+use gelsim_core::gelpad::object::ObjectMaterial;
+use gelsim_core::gelpad::tangential::Shear;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{PadPlane, Pose, Side};
+use gelsim_core::sensor::Background;
+use gelsim_core::simulator::{Press, Simulator};
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Samples that are drawn to see whether objects find their places.
 const PROBES: u64 = 32;
@@ -344,11 +344,9 @@ impl Scene {
     pub fn simulator(&self, plan: &Plan) -> Arc<Simulator> {
         let Some(drawn) = &self.sensor else { return Arc::clone(&plan.simulator) };
         let nominal = plan.simulator.sensor();
-        let mut sensor = Sensor {
-            calibration: nominal.calibration.clone(),
-            rest_surface: nominal.rest_surface.clone(),
-            ..drawn.numbers.to_simulated(plan.job.markers.as_ref(), &plan.job.camera)
-        };
+        let mut sensor = drawn.numbers.to_simulated(plan.job.markers.as_ref(), &plan.job.camera);
+        sensor.calibration = nominal.calibration.clone();
+        sensor.rest_surface = nominal.rest_surface.clone();
         if let Some(photograph) = plan.sensors.photographs.get(drawn.photograph) {
             sensor.background = Background::Photograph(Arc::clone(&photograph.image));
         }
@@ -363,16 +361,15 @@ impl Scene {
             laid: None,
         };
         let friction = plan.job.shear.friction;
-        Press {
-            indenter: self.indenter(plan),
-            texture: self.texture.as_ref().map(texture),
-            material: self.material,
-            shear: plan.sampling.moves_objects.then_some(Shear { motion: self.motion, friction }),
-            markers: self.markers,
-            camera: self.camera,
-            unit_key: self.unit_key,
-            plane: self.plane,
-        }
+        let mut press = Press::new(self.indenter(plan), plan.simulator.sensor());
+        press.texture = self.texture.as_ref().map(texture);
+        press.material = self.material;
+        press.shear = plan.sampling.moves_objects.then_some(Shear { motion: self.motion, friction });
+        press.markers = self.markers;
+        press.camera = self.camera;
+        press.unit_key = self.unit_key;
+        press.plane = self.plane;
+        press
     }
 }
 

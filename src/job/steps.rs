@@ -1,17 +1,17 @@
 //! Depth and surface as grey PNG of 16 bits: whole steps, whose size and zero the label names.
 //!
 //! The steps follow from the pad's thickness alone: 65535 of them reach from nothing to the deepest object, or from the
-//! highest to the deepest surface, that [`crate::job::health`] lets pass. What lies beyond becomes the first or last step, and
+//! highest to the deepest surface, that [`crate::health`] lets pass. What lies beyond becomes the first or last step, and
 //! what is not finite 0, which no finite surface becomes; the label of such a sample says that it is not healthy.
 
 use image::DynamicImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grid::Grid;
-use crate::files::png;
-use crate::job::health;
-use crate::job::layers::{Coding, DepthFormat, OutputLayer, Scale};
+use crate::health;
+use crate::layers::{Coding, DepthFormat, OutputLayer, Scale};
+use gelsim_core::base::grid::Grid;
+use gelsim_files::png;
 
 /// The step that stands for a surface of 0 mm: the middle one.
 const SURFACE_ZERO: u32 = 1 << 15;

@@ -6,13 +6,13 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::files::diagnostic::user_error;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::rows::{self, Row, cell_place, row_place};
-use crate::files::source::Source;
-use crate::files::spelling::nearest;
-use crate::files::spelling::one_of;
-use crate::files::{foreign, input};
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::rows::{self, Row, cell_place, row_place};
+use gelsim_files::source::Source;
+use gelsim_files::spelling::nearest;
+use gelsim_files::spelling::one_of;
+use gelsim_files::{foreign, input};
 
 /// Largest table, bytes.
 const MOST_BYTES: u64 = 16 << 20;

@@ -3,23 +3,23 @@
 
 use image::RgbImage;
 
-use crate::core::camera::Image;
-use crate::dataset::archive::{Files, Member};
-use crate::dataset::content::{Content, content};
-use crate::dataset::decode;
-use crate::dataset::encode::{frame, make_shown};
-use crate::dataset::labels::SampleLabel;
-use crate::files::figures::figure;
-use crate::files::image_file;
-use crate::job::gripper::label::{GripFrameLabel, GripLabel};
-use crate::job::label::{Label, key};
-use crate::job::layers::{Form, OutputLayer};
-use crate::job::layout::Split;
-use crate::job::plan::Plan;
-use crate::job::sample::{Sample, shown};
-use crate::job::sequence::label::FrameLabel;
-use crate::job::steps::Steps;
-use crate::lab::page::letters;
+use crate::page::letters;
+use gelsim_core::camera::Image;
+use gelsim_dataset::archive::{Files, Member};
+use gelsim_dataset::content::{Content, content};
+use gelsim_dataset::decode;
+use gelsim_dataset::encode::{frame, make_shown};
+use gelsim_dataset::labels::SampleLabel;
+use gelsim_files::figures::figure;
+use gelsim_files::image_file;
+use gelsim_job::gripper::label::{GripFrameLabel, GripLabel};
+use gelsim_job::label::{Label, key};
+use gelsim_job::layers::{Form, OutputLayer};
+use gelsim_job::layout::Split;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::{Sample, shown};
+use gelsim_job::sequence::label::FrameLabel;
+use gelsim_job::steps::Steps;
 
 mod canvas;
 pub mod choice;

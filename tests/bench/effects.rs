@@ -8,11 +8,11 @@ mod memory;
 #[path = "../physics/plan.rs"]
 mod plan;
 
-use gelsim::core::effects::EffectPolicy;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
-use gelsim::lab::metrics::statistics::median;
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
+use gelsim_lab::metrics::statistics::median;
 
 /// Renders of each plan.
 const ROUNDS: u64 = 25;

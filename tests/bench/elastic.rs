@@ -13,11 +13,11 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group};
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::gelpad::elastic::Elastic;
-use gelsim::core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
-use gelsim::core::gelpad::elastic::kernel::kernel;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
+use gelsim_core::gelpad::elastic::kernel::kernel;
 use realfft::RealFftPlanner;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;

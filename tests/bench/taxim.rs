@@ -3,8 +3,8 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use gelsim::core::base::simd::simd_dispatch;
-use gelsim::core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
+use gelsim_core::base::simd::simd_dispatch;
+use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
 
 const SIZE: [usize; 2] = [640, 480];
 const BINS: usize = 125;

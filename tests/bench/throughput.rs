@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use gelsim::dataset::generate::{Request, Watch, generate};
-use gelsim::job::plan::Plan;
+use gelsim_dataset::generate::{Request, Watch, generate};
+use gelsim_job::plan::Plan;
 
 /// A job with one object in many poses at one rung.
 fn job(rung: &str, object: &str, resolution: [u32; 2], samples: u64) -> String {

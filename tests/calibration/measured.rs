@@ -3,17 +3,17 @@
 
 use std::sync::LazyLock;
 
-use gelsim::core::base::light::Light;
-use gelsim::core::base::simd;
-use gelsim::core::effects::EffectPolicy;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::optics::calibrated::Table;
-use gelsim::dataset::encode::json;
-use gelsim::files::sensor::Sensor;
-use gelsim::job::sample::render;
-use gelsim::lab::calibrate::run::{Calibration, Request, run};
-use gelsim::lab::calibrate::train::Settings;
+use gelsim_core::base::light::Light;
+use gelsim_core::base::simd;
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::optics::calibrated::Table;
+use gelsim_dataset::encode::json;
+use gelsim_files::sensor::Sensor;
+use gelsim_job::sample::render;
+use gelsim_lab::calibrate::run::{Calibration, Request, run};
+use gelsim_lab::calibrate::train::Settings;
 use image::RgbImage;
 
 use super::recovery::GOOD;
@@ -26,7 +26,7 @@ const SPACINGS_MM: [f64; 3] = [0.25, 0.6, 0.0];
 static TABLE: LazyLock<Table> = LazyLock::new(|| GOOD.table.clone());
 
 fn picture(light: &Light) -> RgbImage {
-    gelsim::lab::calibrate::picture(light, &rest())
+    gelsim_lab::calibrate::picture(light, &rest())
 }
 
 /// Some presses of every object.
@@ -49,7 +49,7 @@ fn a_flat_pad_is_the_background_byte_for_byte() {
 fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
     let like = &BALLS[0].contact;
     let wide = like.surface.width as f32;
-    let mut random = gelsim::core::base::rng::stream(8, "relief", 0);
+    let mut random = gelsim_core::base::rng::stream(8, "relief", 0);
     let rough: Vec<f32> = like.surface.data.iter().map(|_| 3.5 * random.unit() as f32).collect();
     let surfaces = [
         ("all pressed down to the shell", surface(like, |_, _| 3.5)),
@@ -129,7 +129,7 @@ fn the_number_of_threads_moves_no_bit_of_a_table() {
 
 #[test]
 fn a_table_is_the_same_from_its_file() {
-    assert_eq!(Table::parse(&json(&*TABLE)).as_ref(), Ok(&*TABLE));
+    assert_eq!(gelsim_files::calibration::parse(&json(&*TABLE)).as_ref(), Ok(&*TABLE));
 }
 
 #[test]

@@ -4,12 +4,12 @@
 
 use std::sync::LazyLock;
 
-use gelsim::core::base::rng::stream;
-use gelsim::core::optics::calibrated::Table;
-use gelsim::lab::calibrate::outliers::OutlierReason;
-use gelsim::lab::calibrate::run::{Calibration, Request, run};
-use gelsim::lab::calibrate::train::Settings;
-use gelsim::lab::calibrate::{Observation, Session};
+use gelsim_core::base::rng::stream;
+use gelsim_core::optics::calibrated::Table;
+use gelsim_lab::calibrate::outliers::OutlierReason;
+use gelsim_lab::calibrate::run::{Calibration, Request, run};
+use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::{Observation, Session};
 
 use super::sensor::{
     BACKGROUND, BALLS, CONTACT_OVER_DISC, Press, THICKNESS_MM, mean_error, presses, session, simulated, uncalibrated,

@@ -3,22 +3,22 @@
 
 use std::sync::LazyLock;
 
-use gelsim::core::base::grid::Rect;
-use gelsim::core::base::light::Light;
-use gelsim::core::base::rng::stream;
-use gelsim::core::base::view::View;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::optics::background::BackgroundImage;
-use gelsim::core::optics::calibrated::{self, Calibrated, Table};
-use gelsim::core::optics::{LightSource, Shader};
-use gelsim::files::sensor::Sensor;
-use gelsim::job::label::Label;
-use gelsim::job::sample::render;
-use gelsim::lab::calibrate::{Observation, Session, picture};
-use gelsim::lab::metrics::image::mae;
-use gelsim::lab::presses::Circle;
+use gelsim_core::base::grid::Rect;
+use gelsim_core::base::light::Light;
+use gelsim_core::base::rng::stream;
+use gelsim_core::base::view::View;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::calibrated::{self, Calibrated, Table};
+use gelsim_core::optics::{LightSource, Shader};
+use gelsim_files::sensor::Sensor;
+use gelsim_job::label::Label;
+use gelsim_job::sample::render;
+use gelsim_lab::calibrate::{Observation, Session, picture};
+use gelsim_lab::metrics::image::mae;
+use gelsim_lab::presses::Circle;
 use image::{RgbImage, imageops};
 use rayon::prelude::*;
 

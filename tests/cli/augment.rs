@@ -473,7 +473,7 @@ fn every_mistake_in_file_and_labels_is_said_at_once_with_its_line_and_nothing_is
     lines[8] += ",more";
     folder.write("real/labels.csv", lines.join("\n"));
     folder.write("real/images/000000008.png", &folder.read_bytes("real/images/000000008.png")[..90]);
-    let other = gelsim::files::png::encode_rgb(20, 10, &[7; 600]);
+    let other = gelsim_files::png::encode_rgb(20, 10, &[7; 600]);
     folder.write("real/images/000000009.png", other);
     let wrong = edited(
         RECIPE,

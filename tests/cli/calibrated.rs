@@ -2,9 +2,9 @@
 
 use std::fs;
 
-use gelsim::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS};
-use gelsim::dataset::encode;
-use gelsim::lab::calibrate::{Geometry, table};
+use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS};
+use gelsim_dataset::encode;
+use gelsim_lab::calibrate::{Geometry, table};
 use image::{Rgb, RgbImage};
 
 use crate::support::{Folder, JOB, assert_same_files, edited};

@@ -1,7 +1,7 @@
 //! The layer `gap` as anyone can audit it from the files: no pressure pulls, no object is within the pad, and where there
 //! is pressure there is no gap.
 
-use gelsim::core::impression::OUT_OF_REACH_MM;
+use gelsim_core::impression::OUT_OF_REACH_MM;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, edited, exr_planes};

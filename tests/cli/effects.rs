@@ -1,6 +1,6 @@
 //! Effects in jobs, sensor files, labels and statistics, and what `gelsim plan` says of them.
 
-use gelsim::core::effects::Effect;
+use gelsim_core::effects::Effect;
 
 use crate::support::{Folder, JOB, edited, json};
 

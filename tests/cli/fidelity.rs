@@ -3,16 +3,16 @@
 
 use std::fs;
 
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::Model;
-use gelsim::core::optics::LightSource;
-use gelsim::files::diagnostic::Diagnostics;
-use gelsim::job::config::fidelity::FidelityChoice;
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
-use gelsim::lab::tradeoff::choose::choose;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Model;
+use gelsim_core::optics::LightSource;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_job::config::fidelity::FidelityChoice;
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
+use gelsim_lab::tradeoff::choose::choose;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, assert_same_files, edited, exr_planes, json, repository};

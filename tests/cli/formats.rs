@@ -1,19 +1,20 @@
 //! `[output] depth_format` and `container`: the same samples in every format and container; a shard that is a folder is
 //! as whole, as reproducible and as well looked after as one that is a tar.
 
+use gelsim_dataset::container::ShardContainer;
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use gelsim::dataset::archive::Files;
-use gelsim::dataset::archive::Member;
-use gelsim::dataset::recorded::Recorded;
-use gelsim::dataset::{decode, verify};
-use gelsim::files::{npy, png};
-use gelsim::job::config::output::Container;
-use gelsim::job::label::Label;
-use gelsim::job::layers::{DepthFormat, OutputLayer};
+use gelsim_dataset::archive::Files;
+use gelsim_dataset::archive::Member;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::{decode, verify};
+use gelsim_files::{npy, png};
+use gelsim_job::config::output::Container;
+use gelsim_job::label::Label;
+use gelsim_job::layers::{DepthFormat, OutputLayer};
 
 use crate::support::{Folder, JOB, assert_same_files, edited, json, members};
 

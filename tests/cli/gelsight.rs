@@ -1,9 +1,10 @@
 //! `gelsim calibrate --gelsight`: a calibration of six lamps as GelSight publishes them, made up here, becomes a sensor file.
 
+use gelsim::SensorExt;
 use std::fmt::Write as _;
 
 use gelsim::Sensor;
-use gelsim::files::png::encode_grey16;
+use gelsim_files::png::encode_grey16;
 
 use crate::support::{Folder, JOB, assert_same_files, edited};
 

@@ -446,7 +446,7 @@ fn a_job_overrides_single_keys_of_the_tables_of_its_sensor() {
     let folder = Folder::with_job(&edited(JOB, &edits));
     folder.succeed("generate job.toml --quiet");
     let resolved: toml::Table = folder.read("out/small/job.toml").parse().expect("TOML");
-    let preset: toml::Table = gelsim::files::sensor::PRESETS[3].1.parse().expect("TOML");
+    let preset: toml::Table = gelsim_files::sensor::PRESETS[3].1.parse().expect("TOML");
     let (look, expected) = (&resolved["sensor"]["rendered_background"], &preset["rendered_background"]);
     assert_eq!(look["grain"].as_float(), Some(0.5));
     assert_eq!(look["color"], expected["color"]);

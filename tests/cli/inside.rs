@@ -1,10 +1,11 @@
 //! `gelsim render` and `gelsim augment` with sensors whose gel has a shape: frames of a camera inside it.
 
-use gelsim::core::camera::projection::Projection;
-use gelsim::files::npy;
-use gelsim::job::config::Overrides;
-use gelsim::job::plan::Plan;
+use gelsim::SensorExt;
 use gelsim::{Fidelity, Sensor};
+use gelsim_core::camera::projection::Projection;
+use gelsim_files::npy;
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
 use glam::DVec3;
 use serde_json::Value;
 
@@ -77,7 +78,7 @@ fn frames_of_a_ball_give_what_generate_gives_of_it() {
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     let length = 128 + 3 * SIZE[0] * SIZE[1];
     for (name, image) in ["a", "b", "c"].iter().zip(run.stdout.chunks(length)) {
-        let written = gelsim::files::image_file::decode_rgb(&folder.read_bytes(&format!("out/{name}.tactile.png")))
+        let written = gelsim_files::image_file::decode_rgb(&folder.read_bytes(&format!("out/{name}.tactile.png")))
             .expect("a PNG");
         assert!(image[128..] == *written.as_raw(), "{name}");
     }
@@ -183,7 +184,7 @@ fn a_real_set_of_a_finger_is_enlarged_in_its_own_light() {
         .filter(|member| member.name.ends_with(".tactile.png"))
         .map(|member| (member.name, member.bytes))
         .collect();
-    let pixels = |bytes: &[u8]| gelsim::files::image_file::decode_rgb(bytes).expect("a PNG").into_raw();
+    let pixels = |bytes: &[u8]| gelsim_files::image_file::decode_rgb(bytes).expect("a PNG").into_raw();
     for (name, bytes) in &larger {
         synthetic += u32::from(name.starts_with("synthetic"));
         if let Some((key, _)) = name.split_once("-photometric") {
@@ -223,7 +224,7 @@ fn calibrate_says_what_to_do_for_a_gel_that_has_a_shape() {
 #[test]
 fn plans_of_frames_keep_the_size_of_the_frames() {
     let overrides = Overrides { fidelity: Some(Fidelity::Draft), ..Overrides::default() };
-    let frames = gelsim::job::plan::frames::Frames {
+    let frames = gelsim_job::plan::frames::Frames {
         sensor: "allsight",
         resolution_px: [40, 60],
         layers: &[],

@@ -927,7 +927,7 @@ fn roll_and_pitch_stand_in_place_of_the_tilt() {
 #[test]
 fn a_height_map_with_another_content_than_the_job_says_is_refused() {
     let folder = Folder::new();
-    folder.write("skin.png", gelsim::files::png::encode_grey(2, 2, &[0, 60, 120, 180]));
+    folder.write("skin.png", gelsim_files::png::encode_grey(2, 2, &[0, 60, 120, 180]));
     let to = "[texture]\npatterns = [{ image = { path = \"skin.png\", sha256 = «\"00\"» } }]\n[output]";
     one_mistake_in(&folder, "[output]", to, "the height map skin.png has changed", "restore the file");
 }

@@ -162,7 +162,7 @@ fn a_robot_that_changed_is_not_rendered_as_if_it_had_not() {
 fn init_writes_a_job_that_works_for_a_folder_of_meshes() {
     let folder = copies("cube.obj", &["meshes/a/n.obj", "meshes/b/n.obj", "meshes/b/n.stl"]);
     fs::write(folder.path("meshes/b/n.stl"), "solid\nendsolid\n").expect("a file");
-    for (sensor, _) in gelsim::files::sensor::PRESETS {
+    for (sensor, _) in gelsim_files::sensor::PRESETS {
         let said = folder.succeed(&format!("init --sensor {sensor} --objects meshes {sensor}.toml"));
         assert!(said.contains(&format!("wrote {sensor}.toml")), "{said}");
         let job = folder.read(&format!("{sensor}.toml"));

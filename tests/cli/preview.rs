@@ -1,7 +1,7 @@
 //! Contact sheets: of a job, of a dataset, of one sample.
 
 use embedded_graphics::text::Baseline;
-use gelsim::lab::page::letters::{self, Face};
+use gelsim_lab::page::letters::{self, Face};
 
 use crate::support::{Folder, JOB, edited, members, repository};
 
@@ -169,7 +169,7 @@ fn the_bundled_job_of_effects_calls_for_every_effect() {
     let said = folder
         .succeed(&format!("preview {} --effects --out effects.png --set sensor.resolution_px=[64,48]", job.display()));
     assert_eq!(said, "");
-    let rows = gelsim::core::effects::Effect::ALL.len() as u32;
+    let rows = gelsim_core::effects::Effect::ALL.len() as u32;
     assert_eq!(picture(&folder, "effects.png").height(), 18 + 6 + rows * (48 + 18 + 6));
 }
 

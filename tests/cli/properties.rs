@@ -1,10 +1,10 @@
 //! Jobs nobody thought of: random valid ones render, random values are accepted or refused, random text is read or
 //! refused, and nothing panics. In the process itself, so that a panic shows where it comes from.
 
-use gelsim::files::diagnostic::{Diagnostics, Display, Report};
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
+use gelsim_files::diagnostic::{Diagnostics, Display, Report};
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
 use proptest::prelude::*;
 
 use crate::support::repository;

@@ -1,14 +1,15 @@
 //! Sensors that are drawn for each sample: numbers, backgrounds, units.
 
+use gelsim::SensorExt;
 use std::collections::BTreeSet;
 use std::fs;
 
-use gelsim::core::simulator::Simulator;
-use gelsim::job::config::Overrides;
-use gelsim::job::layout::Split;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::{press, render};
-use gelsim::job::scene::Scene;
+use gelsim_core::simulator::Simulator;
+use gelsim_job::config::Overrides;
+use gelsim_job::layout::Split;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::{press, render};
+use gelsim_job::scene::Scene;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, assert_same_files, edited, json};
@@ -233,7 +234,7 @@ fn one_sensor_is_one_sensor_where_there_is_no_job() {
 
 #[test]
 fn every_preset_may_vary_as_its_units_do() {
-    for (name, _) in gelsim::files::sensor::PRESETS {
+    for (name, _) in gelsim_files::sensor::PRESETS {
         let sensor = format!("preset = \"{name}\"\nresolution_px = [48, 36]\nunit.variation = 1.0");
         let folder = Folder::with_job(&edited(JOB, &[("resolution_px = [48, 36]", &sensor)]));
         let labels = labels(&folder, "job.toml");

@@ -3,7 +3,7 @@
 
 use std::fs;
 
-use gelsim::files::npy;
+use gelsim_files::npy;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, edited, json};

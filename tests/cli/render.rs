@@ -4,13 +4,13 @@ use std::io::{Read, Write};
 use std::process::{Command, Stdio};
 use std::thread;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::depth::{self, Window};
-use gelsim::files::exr::{Compression, Exr, Pixel};
-use gelsim::files::{exr, image_file, npy, png};
-use gelsim::job::config::Overrides;
-use gelsim::job::plan::Plan;
-use gelsim::job::scene::Scene;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::depth::{self, Window};
+use gelsim_files::exr::{Compression, Exr, Pixel};
+use gelsim_files::{exr, image_file, npy, png};
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
+use gelsim_job::scene::Scene;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, archive, assert_same_files, edited, json};

@@ -6,12 +6,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::CommandFactory;
-use gelsim::cli::Arguments;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::Model;
-use gelsim::files::diagnostic::{Diagnostics, Report};
-use gelsim::files::sensor;
-use gelsim::job::config::{self, Overrides};
+use gelsim_cli::Arguments;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Model;
+use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::sensor;
+use gelsim_job::config::{self, Overrides};
 
 use crate::support::{Folder, repository};
 
@@ -100,7 +100,7 @@ fn the_job_that_init_writes_runs_as_it_stands() {
 
     // A mesh of the user's own stays.
     folder.write("my-object.obj", folder.read("cube.obj"));
-    for (sensor, _) in gelsim::files::sensor::PRESETS {
+    for (sensor, _) in gelsim_files::sensor::PRESETS {
         let job = format!("{sensor}.toml");
         folder.succeed(&format!("init --sensor {sensor} {job}"));
         assert_eq!(folder.read("my-object.obj"), folder.read("cube.obj"));

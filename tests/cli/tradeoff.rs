@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use gelsim::core::fidelity::Fidelity;
-use gelsim::files::diagnostic::Diagnostics;
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, edited, json, repository};

@@ -4,7 +4,7 @@
 use std::fs;
 use std::ops::RangeInclusive;
 
-use gelsim::dataset::verify::{self, CheckLevel};
+use gelsim_dataset::verify::{self, CheckLevel};
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, assert_same_files, edit_stats, edited, json, members, sha256};
@@ -145,9 +145,9 @@ fn behind_right_checksums_a_file_that_is_not_what_it_should_be_is_still_found() 
         assert!(text.contains(from), "{from} in {text}");
         Some(text.replace(from, to).into_bytes())
     };
-    let not_a_number = gelsim::files::exr::encode(48, 36, &[("Z", &[f32::NAN; 48 * 36])], Default::default());
-    let below = gelsim::files::exr::encode(48, 36, &[("Z", &[-0.5; 48 * 36])], Default::default());
-    let small = gelsim::files::png::encode_rgb(2, 1, &[0; 6]);
+    let not_a_number = gelsim_files::exr::encode(48, 36, &[("Z", &[f32::NAN; 48 * 36])], Default::default());
+    let below = gelsim_files::exr::encode(48, 36, &[("Z", &[-0.5; 48 * 36])], Default::default());
+    let small = gelsim_files::png::encode_rgb(2, 1, &[0; 6]);
     type Change<'a> = Box<dyn Fn(&str, &[u8]) -> Option<Vec<u8>> + 'a>;
     let for_files = |ending: &'static str, new: Vec<u8>| -> Change<'_> {
         Box::new(move |name, bytes| Some(if name.ends_with(ending) { new.clone() } else { bytes.to_vec() }))

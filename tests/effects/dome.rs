@@ -4,12 +4,12 @@
 //! 1882): the press of the one must be that of the other, but for the terms of fourth order in the contact's radius r,
 //! which widen the gap by a share of 3 r^2 / (4 R D). What a curved layer itself does otherwise is not measured here.
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::view::View;
-use gelsim::core::depth::Depth;
-use gelsim::core::depth::rest::{self, RestSurface};
-use gelsim::core::gelpad::elastic::{Elastic, Pad};
-use gelsim::files::sensor::Sensor;
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::view::View;
+use gelsim_core::depth::Depth;
+use gelsim_core::depth::rest::{self, RestSurface};
+use gelsim_core::gelpad::elastic::{Elastic, Pad};
+use gelsim_files::sensor::Sensor;
 
 const CAMERA: View = View { resolution_px: [200, 150], mm_per_px: [0.06; 2] };
 

@@ -1,9 +1,9 @@
 //! What is known of each effect whatever else happens: what it can only lower, what it keeps, how large it is.
 
-use gelsim::core::effects::EffectLog;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::effects::EffectLog;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 
 use crate::plan::plan;
 

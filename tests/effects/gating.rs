@@ -6,14 +6,14 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::effects::{Effect, EffectLog, EffectPolicy, PerEffect};
-use gelsim::core::optics::normals::normals;
-use gelsim::job::label::Label;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::effects::{Effect, EffectLog, EffectPolicy, PerEffect};
+use gelsim_core::optics::normals::normals;
+use gelsim_job::label::Label;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
 use super::jobs::{job, photograph};

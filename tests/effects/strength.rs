@@ -2,11 +2,11 @@
 
 use std::cell::RefCell;
 
-use gelsim::core::effects::{Effect, EffectPolicy};
-use gelsim::files::sensor::quantity::Quantity;
-use gelsim::job::config::Job;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
+use gelsim_core::effects::{Effect, EffectPolicy};
+use gelsim_files::sensor::quantity::Quantity;
+use gelsim_job::config::Job;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
 use super::jobs::job;

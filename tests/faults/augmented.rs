@@ -11,7 +11,7 @@ const RECIPE: &str = "seed = 7\n[input]\npath = \"real\"\n[[photometric]]\ncopie
 
 /// A PNG of one grey.
 fn image() -> Vec<u8> {
-    gelsim::files::png::encode_rgb(16, 12, &[90; 16 * 12 * 3])
+    gelsim_files::png::encode_rgb(16, 12, &[90; 16 * 12 * 3])
 }
 
 /// A set of one table with two images.

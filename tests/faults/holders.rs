@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use gelsim::files::fail_point::{Step, VARIABLE};
+use gelsim_files::fail_point::{Step, VARIABLE};
 
 use super::rig::{Held, assert_like_whole, assert_whole_or_absent, many_shards, said, with_whole};
 use crate::support::{Folder, JOB};

@@ -1,12 +1,12 @@
 //! SIGKILL at every step of a dataset's life, when it is begun, repaired, replaced or made larger: the same command makes
 //! the bytes of an undisturbed run.
 //!
-//! A run waits at the step that `gelsim::files::fail_point` names, and is killed there: the first time that one of three
+//! A run waits at the step that `gelsim_files::fail_point` names, and is killed there: the first time that one of three
 //! threads gets to it, and once more, alone, at a shard or file in the middle.
 
 use std::fs;
 
-use gelsim::files::fail_point::{Step, VARIABLE};
+use gelsim_files::fail_point::{Step, VARIABLE};
 
 use super::rig::{
     Held, assert_like_whole, assert_whole_or_absent, in_folders, in_sequences, many_shards, said, shell, with_whole,

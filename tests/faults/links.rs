@@ -6,8 +6,8 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::time::Duration;
 
-use gelsim::dataset::lock::Lock;
-use gelsim::files::write::write_whole;
+use gelsim_dataset::lock::Lock;
+use gelsim_files::write::write_whole;
 
 use super::rig::{assert_like_whole, in_folders, with_whole};
 use crate::support::{Folder, JOB, assert_same_files};

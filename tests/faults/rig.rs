@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, ChildStderr, ChildStdin, Command, Output, Stdio};
 
-use gelsim::files::fail_point::VARIABLE;
+use gelsim_files::fail_point::VARIABLE;
 
 use crate::support::{Folder, JOB, assert_same_files, edited};
 

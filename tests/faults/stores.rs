@@ -11,14 +11,14 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 
-use gelsim::dataset::finalize::Finalized;
-use gelsim::dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
-use gelsim::dataset::mirror::finalize_in;
-use gelsim::dataset::verify::CheckLevel;
-use gelsim::files::hash::sha256;
-use gelsim::files::store::{Cause, Entry, Store, StoreError};
-use gelsim::job::config::Overrides;
-use gelsim::job::plan::Plan;
+use gelsim_dataset::finalize::Finalized;
+use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
+use gelsim_dataset::mirror::finalize_in;
+use gelsim_dataset::verify::CheckLevel;
+use gelsim_files::hash::sha256;
+use gelsim_files::store::{Cause, Entry, Store, StoreError};
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
 
 use crate::support::{Folder, JOB, edited};
 

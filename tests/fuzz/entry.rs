@@ -9,39 +9,39 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::view::View;
-use gelsim::core::depth::Depth;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::gelpad::{Contact, none};
-use gelsim::core::mesh::Mesh;
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::optics::background::BackgroundImage;
-use gelsim::core::optics::calibrated::{Calibrated, Shader, Table};
-use gelsim::dataset::archive::{self, Files};
-use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
-use gelsim::dataset::frames::check::Reach;
-use gelsim::dataset::frames::source::Source;
-use gelsim::dataset::frames::stream::{StreamError, stream};
-use gelsim::dataset::frames::{poses as poses_file, read};
-use gelsim::dataset::manifest::Manifest;
-use gelsim::dataset::recorded::Recorded;
-use gelsim::dataset::stats::Stats;
-use gelsim::dataset::versioned::Versioned;
-use gelsim::dataset::{decode, verify};
-use gelsim::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use gelsim::files::exr::{Compression, Exr, Pixel};
-use gelsim::files::mesh::{Format, parse};
-use gelsim::files::{exr as exr_file, heights, image_file, npy as npy_file, png as png_file};
-use gelsim::job::config::dataset::Dataset;
-use gelsim::job::config::{self, Overrides, Written};
-use gelsim::job::label::Label;
-use gelsim::job::layers::{Coding, DepthFormat, OutputLayer, Scale};
-use gelsim::job::layout::Layout;
-use gelsim::job::plan::Plan;
-use gelsim::job::steps::{self, Steps};
-use gelsim::lab::presses::{self as press_file, Circle};
-use gelsim::lab::preview::{Tile, Wanted, sheet};
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::view::View;
+use gelsim_core::depth::Depth;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::gelpad::{Contact, none};
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::calibrated::{Calibrated, Shader};
+use gelsim_dataset::archive::{self, Files};
+use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
+use gelsim_dataset::frames::check::Reach;
+use gelsim_dataset::frames::source::Source;
+use gelsim_dataset::frames::stream::{StreamError, stream};
+use gelsim_dataset::frames::{poses as poses_file, read};
+use gelsim_dataset::manifest::Manifest;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::stats::Stats;
+use gelsim_dataset::versioned::Versioned;
+use gelsim_dataset::{decode, verify};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::exr::{Compression, Exr, Pixel};
+use gelsim_files::mesh::{Format, parse};
+use gelsim_files::{exr as exr_file, heights, image_file, npy as npy_file, png as png_file};
+use gelsim_job::config::dataset::Dataset;
+use gelsim_job::config::{self, Overrides, Written};
+use gelsim_job::label::Label;
+use gelsim_job::layers::{Coding, DepthFormat, OutputLayer, Scale};
+use gelsim_job::layout::Layout;
+use gelsim_job::plan::Plan;
+use gelsim_job::steps::{self, Steps};
+use gelsim_lab::presses::{self as press_file, Circle};
+use gelsim_lab::preview::{Tile, Wanted, sheet};
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
@@ -359,11 +359,11 @@ fn same_again<T: serde::Serialize>(value: &T, read: impl Fn(&[u8]) -> Option<T>)
 
 /// A table of measured light is refused, or is the same after being written and read again, and its light is finite.
 pub fn calibration(bytes: &[u8]) {
-    let table = match Table::parse(bytes) {
+    let table = match gelsim_files::calibration::parse(bytes) {
         Ok(table) => table,
         Err(reason) => return assert!(!reason.is_empty()),
     };
-    same_again(&table, |text| Table::parse(text).ok());
+    same_again(&table, |text| gelsim_files::calibration::parse(text).ok());
     const CAMERA: View = View { resolution_px: [7, 5], mm_per_px: [0.5; 2] };
     static CONTACT: LazyLock<Contact> = LazyLock::new(|| {
         let mut overlap = Grid::new(9, 7);

@@ -7,7 +7,7 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::process::{Command, Output};
 
-use gelsim::files::png;
+use gelsim_files::png;
 use tempfile::TempDir;
 
 /// Data of a process, kB: what it allocates and the stacks of its threads.

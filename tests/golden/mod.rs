@@ -12,13 +12,13 @@ mod effects;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::simd::{Vectors, at_most};
-use gelsim::core::optics::normals::normals;
-use gelsim::files::image_file::decode_rgb;
-use gelsim::files::png::encode_small;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::{Sample, render};
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::simd::{Vectors, at_most};
+use gelsim_core::optics::normals::normals;
+use gelsim_files::image_file::decode_rgb;
+use gelsim_files::png::encode_small;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::{Sample, render};
 use image::RgbImage;
 
 const REFRESH: &str = "GELSIM_UPDATE_GOLDEN";
@@ -418,7 +418,7 @@ fn the_folder_holds_the_golden_images_and_nothing_else() {
 fn golden_images_show_every_sensor_and_no_two_are_alike() {
     let plans: Vec<Plan> = cases().map(plan_of).collect();
     let sensors: BTreeSet<&str> = plans.iter().map(|plan| plan.job().sensor.name.as_str()).collect();
-    let presets: BTreeSet<&str> = gelsim::files::sensor::PRESETS.iter().map(|(name, _)| *name).collect();
+    let presets: BTreeSet<&str> = gelsim_files::sensor::PRESETS.iter().map(|(name, _)| *name).collect();
     assert_eq!(sensors, presets);
     let pictures: BTreeSet<Vec<u8>> = cases().map(|case| picture(case).into_raw()).collect();
     assert_eq!(pictures.len(), cases().count());

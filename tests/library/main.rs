@@ -3,9 +3,11 @@
 //! Each folder beside this one is a module, whose head says what it asks. `oracle` holds second implementations that several
 //! of them compare with, `plan` makes the plan of a job's text, `cases` a test of each case in a table.
 
+use gelsim::SensorExt;
+
 #[macro_use]
 mod cases;
-mod floors;
+mod stages;
 
 #[path = "../calibration/mod.rs"]
 mod calibration;

@@ -3,7 +3,7 @@
 
 use std::f64::consts::PI;
 
-use gelsim::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 /// A pixel that a wall cuts.
 pub struct Cut {

@@ -1,6 +1,6 @@
 //! Frictionless contact solved in f64 with dense matrices: slow and plain.
 
-use gelsim::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 /// Solves a dense symmetric positive system by Cholesky's method.
 pub fn solved(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {

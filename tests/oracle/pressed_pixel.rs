@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 
 /// The displacement at (`x`, `y`) from uniform pressure 1 on a pixel around the origin, f64. The layer's answer g(r) to
 /// a unit force is rotationally symmetric, so that its integral over a rectangle is one around the rectangle's border of

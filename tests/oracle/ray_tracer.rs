@@ -7,8 +7,8 @@
 
 use std::f64::consts::TAU;
 
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::Phong;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::Phong;
 
 type Vector = [f64; 3];
 

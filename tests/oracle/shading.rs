@@ -1,8 +1,8 @@
 //! Phong's light in f64, written out from the equations of the method.
 
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::{Equation, Phong};
-use gelsim::files::sensor::Sensor;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::{Equation, Phong};
+use gelsim_files::sensor::Sensor;
 
 /// Phong shading as the paper has it, of a surface that displaces the pad by `slope` mm per mm along x and y, under
 /// one LED of intensity 1.

@@ -4,15 +4,15 @@ use std::sync::Arc;
 
 use super::rig::{Rig, Setup};
 use super::support::{Shape, bundled_objects};
-use gelsim::core::base::grid::{Grid, Resolution};
-use gelsim::core::base::view::{SURFACE_BORDER, View};
-use gelsim::core::depth::beyond::Surroundings;
-use gelsim::core::depth::indenter::Indenter;
-use gelsim::core::depth::{self, Window};
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::whole::{Beyond, Whole};
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::pose::{Anchor, Angles, Pose, Side};
+use gelsim_core::base::grid::{Grid, Resolution};
+use gelsim_core::base::view::{SURFACE_BORDER, View};
+use gelsim_core::depth::beyond::Surroundings;
+use gelsim_core::depth::indenter::Indenter;
+use gelsim_core::depth::{self, Window};
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::whole::{Beyond, Whole};
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{Anchor, Angles, Pose, Side};
 
 /// A box `size` mm long, wide and high.
 fn block(size: [f64; 3]) -> Arc<Clusters> {
@@ -85,7 +85,7 @@ fn truth(rig: &Rig, wide: &Rig, indenter: &Indenter) -> Truth {
     assert!(missed.is_none(), "the wide window holds all of the object");
     let ([width, height], [wide_px, high_px]) = (rig.setup.resolution_px, wide.setup.resolution_px);
     let (left, top) = ((wide_px - width) / 2, (high_px - height) / 2);
-    let part = gelsim::core::base::grid::Rect { x0: left, y0: top, x1: left + width, y1: top + height };
+    let part = gelsim_core::base::grid::Rect { x0: left, y0: top, x1: left + width, y1: top + height };
     let newtons = |kpa: &f32| f64::from(*kpa) * wide.setup.mm_per_px[0] * wide.setup.mm_per_px[1] * 1e-3;
     let in_view_n = all.contact.pressure.iter().flat_map(|p| p.crop(part).data).map(|kpa| newtons(&kpa)).sum();
     let surface = all.contact.surface.inner(SURFACE_BORDER).crop(part);

@@ -1,7 +1,7 @@
 //! Objects that the view's border cuts off: what the pad needs to know of them beyond it.
 
 use super::rig::{NOTHING, Named, Rig, Setup, ball};
-use gelsim::core::base::grid::Resolution;
+use gelsim_core::base::grid::Resolution;
 
 /// Objects that cross the border, and what is the worst for it: edges and points just outside, plates that go on.
 const CROSSING: [Named; 7] = [

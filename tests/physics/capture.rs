@@ -3,10 +3,10 @@
 //! Tolerances: see `oracle`. Where every coordinate is a small multiple of a power of two, f32 makes no rounding at
 //! all, and the covered pixels must be exactly those of the oracle, edges included on every side.
 
-use gelsim::core::base::grid::{Grid, bounding_box};
-use gelsim::core::base::view::View;
-use gelsim::core::pose::Placement;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::{Grid, bounding_box};
+use gelsim_core::base::view::View;
+use gelsim_core::pose::Placement;
+use gelsim_job::sample::render;
 
 use super::oracle::Scenery;
 use super::support::{

@@ -1,11 +1,11 @@
 //! Whole presses against slow solutions of the same equations, and the conditions of contact at every pixel.
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::depth::Depth;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::Elastic;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::depth::Depth;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::Elastic;
 
 use super::rig::{NOTHING, Named, OBJECTS, RESOLUTIONS, Rig, Setup};
 use super::support::Random;

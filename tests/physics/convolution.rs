@@ -1,9 +1,9 @@
 //! Fourier transforms and convolutions against plain ones in f64 and against sums written out.
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::simd::{self, Vectors};
-use gelsim::core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
-use gelsim::core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::simd::{self, Vectors};
+use gelsim_core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
+use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 use nalgebra::Complex;
 use pulp::{Arch, Scalar, Simd, WithSimd};
 

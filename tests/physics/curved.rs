@@ -1,24 +1,25 @@
 //! Gels that are not flat: capture along their normals against rays, contacts against Hertz and against themselves turned,
 //! pins against what was found on real pictures, and what must not break any of it.
 
+use gelsim::SensorExt;
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 use std::sync::Arc;
 
-use gelsim::core::base::chart::Chart;
-use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape};
-use gelsim::core::base::view::View;
-use gelsim::core::camera::pins::{Along, Pins};
-use gelsim::core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
-use gelsim::core::depth::Window;
-use gelsim::core::depth::normals::Normals;
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::mesh::nearest::triangles;
-use gelsim::core::optics;
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::{Phong, Shadows};
-use gelsim::job::sample::{Sample, render};
 use gelsim::{Background, Effect, EffectPolicy, Fidelity, Impression, Indenter, Models, Pose, Sensor, Simulator};
+use gelsim_core::base::chart::Chart;
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::base::view::View;
+use gelsim_core::camera::pins::{Along, Pins};
+use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
+use gelsim_core::depth::Window;
+use gelsim_core::depth::normals::Normals;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::mesh::nearest::triangles;
+use gelsim_core::optics;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::{Phong, Shadows};
+use gelsim_job::sample::{Sample, render};
 use glam::{DQuat, DVec3};
 
 use super::support::{Random, Shape, bundled_objects};

@@ -1,8 +1,8 @@
 //! Presses on domes against neo-Hookean finite elements of a layer as thick everywhere (`data/finite_elements_domes.json`, written by
 //! `tests/oracle/finite_elements.py --domes`).
 
-use gelsim::core::base::view::SURFACE_BORDER;
 use gelsim::{Fidelity, Simulator};
+use gelsim_core::base::view::SURFACE_BORDER;
 use serde_json::Value;
 
 use super::curved::{dome, length, press_ball};

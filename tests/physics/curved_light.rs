@@ -1,18 +1,19 @@
 //! Light on gels that are not flat: shadows of a pressed skin on itself against rays, and saw-teeth against pictures of three times
 //! the resolution.
 
+use gelsim::SensorExt;
 use std::sync::Arc;
 
-use gelsim::core::base::chart::Chart;
-use gelsim::core::base::gel::{GelDome, GelShape};
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::view::View;
-use gelsim::core::camera::projection::LensModel;
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::optics::Model;
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::{Phong, Shadows};
 use gelsim::{Background, Effect, EffectPolicy, Fidelity, Impression, Indenter, Models, Pose, Sensor, Simulator};
+use gelsim_core::base::chart::Chart;
+use gelsim_core::base::gel::{GelDome, GelShape};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
+use gelsim_core::camera::projection::LensModel;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::optics::Model;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::{Phong, Shadows};
 use glam::DVec3;
 
 use super::support::Shape;

@@ -1,17 +1,18 @@
 //! Objects that slide over gels that are not flat: a dome of a kilometre against the flat pad, the same slide in other places of a
 //! gel, and what charts that follow the contact must not change.
 
+use gelsim::SensorExt;
 use std::sync::Arc;
 
-use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape};
-use gelsim::core::camera::projection::LensModel;
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::optics;
-use gelsim::core::optics::phong::{Phong, Shadows};
 use gelsim::{
     Background, Effect, EffectPolicy, Fidelity, Friction, Impression, Indenter, Models, ObjectStep, PadPlane,
     PlanarMotion, Pose, Press, Sensor, Simulator,
 };
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::camera::projection::LensModel;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::optics;
+use gelsim_core::optics::phong::{Phong, Shadows};
 use glam::DVec3;
 
 use super::support::Shape;

@@ -3,17 +3,17 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use gelsim::core::base::chart::Chart;
-use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape};
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::view::View;
-use gelsim::core::depth::normals::Normals;
-use gelsim::core::depth::patterns::Procedural;
-use gelsim::core::depth::places::Places;
-use gelsim::core::depth::texture::Posed;
-use gelsim::core::depth::{Depth, Window};
-use gelsim::job::sample::render;
 use gelsim::{Anchor, Angles, PadPlane, Pose, Relief, Side, Texture, TextureSample};
+use gelsim_core::base::chart::Chart;
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::view::View;
+use gelsim_core::depth::normals::Normals;
+use gelsim_core::depth::patterns::Procedural;
+use gelsim_core::depth::places::Places;
+use gelsim_core::depth::texture::Posed;
+use gelsim_core::depth::{Depth, Window};
+use gelsim_job::sample::render;
 use glam::DVec3;
 
 use super::support::Shape;

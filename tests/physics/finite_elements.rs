@@ -1,11 +1,11 @@
 //! The error of the linear layer that labels state, against neo-Hookean finite elements (`data/finite_elements.json`, written by
 //! `tests/oracle/finite_elements.py`).
 
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::Elastic;
-use gelsim::core::gelpad::elastic::model_error::{curvature_error_mm, ring_rms_mm};
-use gelsim::core::gelpad::elastic::shear::Friction;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::elastic::model_error::{curvature_error_mm, ring_rms_mm};
+use gelsim_core::gelpad::elastic::shear::Friction;
 use serde_json::Value;
 
 use super::rig::{NOTHING, Rig, Setup};

@@ -2,21 +2,21 @@
 
 use std::sync::Arc;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::depth::height_map::HeightMap;
-use gelsim::core::depth::indenter::Shape;
-use gelsim::core::depth::{self, Window};
-use gelsim::core::effects::{Effect, EffectPolicy};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::pose::Pose;
-use gelsim::files::sensor::PRESETS;
-use gelsim::job::config::Overrides;
-use gelsim::job::layers::OutputLayer;
-use gelsim::job::layout::Split;
-use gelsim::job::plan::Plan;
-use gelsim::job::plan::frames::Frames;
-use gelsim::job::sample::{self, Sample};
-use gelsim::job::scene::{Frame, KnownPress, Pressed, Scene};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::depth::height_map::HeightMap;
+use gelsim_core::depth::indenter::Shape;
+use gelsim_core::depth::{self, Window};
+use gelsim_core::effects::{Effect, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::pose::Pose;
+use gelsim_files::sensor::PRESETS;
+use gelsim_job::config::Overrides;
+use gelsim_job::layers::OutputLayer;
+use gelsim_job::layout::Split;
+use gelsim_job::plan::Plan;
+use gelsim_job::plan::frames::Frames;
+use gelsim_job::sample::{self, Sample};
+use gelsim_job::scene::{Frame, KnownPress, Pressed, Scene};
 
 use crate::is_flat;
 use crate::plan::plan;

@@ -1,13 +1,13 @@
 //! Friction while pressing: against finite elements (`data/sticking_elements.json`, written by
 //! `tests/oracle/sticking_elements.py`), against dense matrices, in its limits, and where it must not break.
 
-use gelsim::core::base::grid::{Grid, Resolution};
-use gelsim::core::effects::Requirement;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::Elastic;
-use gelsim::core::gelpad::elastic::inplane::{Field, InPlane};
-use gelsim::core::gelpad::elastic::shear::{Friction, Motion, Outcome, shear_from};
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::{Grid, Resolution};
+use gelsim_core::effects::Requirement;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::elastic::inplane::{Field, InPlane};
+use gelsim_core::gelpad::elastic::shear::{Friction, Motion, Outcome, shear_from};
+use gelsim_job::sample::render;
 use serde_json::Value;
 
 use super::finite_elements::{self, press};
@@ -410,7 +410,7 @@ fn a_job_s_markers_stay_under_an_object_that_sticks() {
         sticks.label.effects.iter().find(|(effect, _)| effect.name() == "friction").map(|(_, note)| note.ran),
         Some(true)
     );
-    let under = |sample: &gelsim::job::sample::Sample| {
+    let under = |sample: &gelsim_job::sample::Sample| {
         let mask = &sample.impression.contact.mask;
         let pairs = sample.impression.marker_positions();
         let moved = pairs.iter().filter(|(rest, _)| {

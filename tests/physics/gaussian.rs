@@ -1,16 +1,16 @@
 //! The surfaces of the pyramid of Gaussians and of the pad that does not deform, against sums written out.
 
-use gelsim::core::base::grid::{Grid, bounding_box};
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::gelpad::gaussian::Gaussian;
-use gelsim::core::gelpad::none::NoDeformation;
-use gelsim::core::gelpad::{Contact, Model, Pad};
+use gelsim_core::base::grid::{Grid, bounding_box};
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::gelpad::gaussian::Gaussian;
+use gelsim_core::gelpad::none::NoDeformation;
+use gelsim_core::gelpad::{Contact, Model, Pad};
 
 use super::rig::Setup;
 use super::support::{Random, camera_of, depth_of};
 
 fn pad(model: Model) -> Pad {
-    let sensor = gelsim::files::sensor::Sensor::default();
+    let sensor = gelsim_files::sensor::Sensor::default();
     Pad::new(&model, &sensor.material(), &camera_of(&sensor))
 }
 

@@ -1,19 +1,20 @@
 //! Gels that are meshes: against the same gel as a dome, a capsule or a flat pad, and what a mesh may be.
 
+use gelsim::SensorExt;
 use std::sync::Arc;
 
-use gelsim::core::base::chart::Chart;
-use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape};
-use gelsim::core::base::surface::unrolled::Unrolled;
-use gelsim::core::base::surface::{Surface, SurfaceError};
-use gelsim::core::base::view::View;
-use gelsim::core::camera::pins::Tip;
-use gelsim::core::camera::projection::{LensModel, Pinhole};
-use gelsim::core::depth::Window;
-use gelsim::core::depth::normals::Normals;
-use gelsim::core::mesh::Mesh;
-use gelsim::core::mesh::clusters::Clusters;
 use gelsim::{Fidelity, Impression, Indenter, PadPlane, Pose, Sensor, Simulator};
+use gelsim_core::base::chart::Chart;
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::base::surface::unrolled::Unrolled;
+use gelsim_core::base::surface::{Surface, SurfaceError};
+use gelsim_core::base::view::View;
+use gelsim_core::camera::pins::Tip;
+use gelsim_core::camera::projection::{LensModel, Pinhole};
+use gelsim_core::depth::Window;
+use gelsim_core::depth::normals::Normals;
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
 use glam::DVec3;
 
 use super::curved::first_met;

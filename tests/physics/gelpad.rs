@@ -1,9 +1,9 @@
 //! The surface of the mean blur: symmetric, bounded, without any trace of the image's border.
 
-use gelsim::core::base::grid::{Grid, Rect, bounding_box};
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::mean_blur::MeanBlur;
+use gelsim_core::base::grid::{Grid, Rect, bounding_box};
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::mean_blur::MeanBlur;
 
 use super::support::{Random, blur_without_dispatch, depth_of, margin_of, press};
 

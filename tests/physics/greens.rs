@@ -1,6 +1,6 @@
 //! The layer's response over the frequencies: against a table with 17 digits, and against its limits.
 
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 
 /// Poisson ratio, q h, and G, H, C, T times mu / h.
 const TABLE: &str = include_str!("data/greens_bonded_layer.csv");

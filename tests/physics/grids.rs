@@ -1,7 +1,7 @@
 //! What the size of the pixels costs: coarse grids against one that is much finer.
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::grid::Resolution;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::grid::Resolution;
 
 use super::rig::{NOTHING, Rig, Setup};
 

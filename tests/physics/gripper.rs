@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use gelsim::job::config::Overrides;
-use gelsim::job::gripper::{Grip, render};
-use gelsim::job::plan::Plan;
-use gelsim::job::scene::Scene;
+use gelsim_job::config::Overrides;
+use gelsim_job::gripper::{Grip, render};
+use gelsim_job::plan::Plan;
+use gelsim_job::scene::Scene;
 
 /// Grips of an object of `objects/` by pads of 80 x 80 px of 0.125 mm.
 fn plan(object: &str, more: &str) -> Plan {

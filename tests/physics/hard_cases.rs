@@ -1,6 +1,6 @@
 //! What must not break the elastic pad: any overlap on any grid, any pad.
 
-use gelsim::core::base::grid::Resolution;
+use gelsim_core::base::grid::Resolution;
 use proptest::prelude::*;
 
 use super::rig::{NOTHING, RESOLUTIONS, Setup};

@@ -3,11 +3,11 @@
 
 use std::f64::consts::PI;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::gelpad::elastic::history::{History, Moved, Normal, Step, Sums};
-use gelsim::core::gelpad::elastic::inplane::Load;
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
-use gelsim::core::gelpad::material::Material;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::gelpad::elastic::history::{History, Moved, Normal, Step, Sums};
+use gelsim_core::gelpad::elastic::inplane::Load;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::material::Material;
 
 use super::inplane::oracle;
 

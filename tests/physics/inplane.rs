@@ -3,12 +3,12 @@
 
 use std::f64::consts::TAU;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::simd::scalar_only;
-use gelsim::core::gelpad::elastic::fft::fast_length;
-use gelsim::core::gelpad::elastic::inplane::{Field, InPlane, Load, Traction};
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
-use gelsim::core::gelpad::elastic::shear::{Friction, Motion, Outcome, shear};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::simd::scalar_only;
+use gelsim_core::gelpad::elastic::fft::fast_length;
+use gelsim_core::gelpad::elastic::inplane::{Field, InPlane, Load, Traction};
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::elastic::shear::{Friction, Motion, Outcome, shear};
 use nalgebra::Complex;
 
 use super::rig::Setup;

@@ -1,18 +1,19 @@
 //! Depth frames of a camera inside a gel: what it sees of an object, by rays in closed form, gives the press of that object.
 
+use gelsim::SensorExt;
 use std::sync::Arc;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::camera::projection::{LensModel, Projection};
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::dataset::frames::camera::{Along, DepthCamera, Projection as Rays, Unit};
-use gelsim::dataset::frames::poses::FrameMetadata;
-use gelsim::dataset::frames::reader::{FrameReader, SeenFrame};
-use gelsim::dataset::frames::sequence::Follower;
-use gelsim::job::config::Overrides;
-use gelsim::job::plan::frames::Frames;
-use gelsim::job::plan::standalone;
 use gelsim::{Fidelity, Friction, Impression, Indenter, Pose, Sensor, Simulator};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::camera::projection::{LensModel, Projection};
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection as Rays, Unit};
+use gelsim_dataset::frames::poses::FrameMetadata;
+use gelsim_dataset::frames::reader::{FrameReader, SeenFrame};
+use gelsim_dataset::frames::sequence::Follower;
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::frames::Frames;
+use gelsim_job::plan::standalone;
 use glam::{DQuat, DVec3};
 
 use super::support::Shape;
@@ -134,7 +135,7 @@ fn a_finer_pinhole_in_the_place_of_the_lens_knows_the_object_better() {
         let simulator = simulator(&sensor);
         let (size, fov_y_deg) = ([1280, 960], if name == "geltip" { 73.739_795 } else { 44.0 });
         let LensModel::Pinhole(mut pinhole) = (match sensor.lens {
-            LensModel::Fisheye(lens) => LensModel::Pinhole(gelsim::core::camera::projection::Pinhole {
+            LensModel::Fisheye(lens) => LensModel::Pinhole(gelsim_core::camera::projection::Pinhole {
                 fov_deg: lens.fov_deg,
                 position_mm: lens.position_mm,
                 look_at_mm: lens.look_at_mm,

@@ -5,14 +5,14 @@
 //! nothing stands between two pixels. The figures are in `docs/effects-models.md`. Random paths of any length, which shapes do block,
 //! say what that leaves out.
 
-use gelsim::core::base::grid::Rect;
-use gelsim::core::base::view::View;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::normals::normals;
-use gelsim::core::optics::shadow::{Caster, Scratch, visible};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::Rect;
+use gelsim_core::base::view::View;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::normals::normals;
+use gelsim_core::optics::shadow::{Caster, Scratch, visible};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
 
 use super::support::{Random, camera_of, contact_of, led, position, sensor};
 use crate::oracle::ray_tracer::{Dent, Lamp, bounced as traced};

@@ -2,8 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-use gelsim::core::gelpad::elastic::kernel::kernel;
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::elastic::kernel::kernel;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 
 use crate::oracle::pressed_pixel::pressed_pixel;
 

@@ -1,13 +1,13 @@
 //! The rungs of the accuracy ladder on the bundled objects.
 
-use gelsim::cli::list::OBJECTS;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::job::config::fidelity::FidelityChoice;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
-use gelsim::lab::metrics::image::mae;
-use gelsim::lab::metrics::surface::height_error_um;
-use gelsim::lab::tradeoff::choose::choose;
+use gelsim_cli::list::OBJECTS;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_job::config::fidelity::FidelityChoice;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
+use gelsim_lab::metrics::image::mae;
+use gelsim_lab::metrics::surface::height_error_um;
+use gelsim_lab::tradeoff::choose::choose;
 
 use crate::plan::plan;
 use crate::thorough;

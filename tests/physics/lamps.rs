@@ -1,15 +1,15 @@
 //! The optics model `lamps` against the formula that GelSight publishes (gelsightinc/gssim), written anew from it in f64: slow,
 //! with its own layout of the numbers and its own places of the pixels.
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::simd::scalar_only;
-use gelsim::core::base::view::View;
-use gelsim::core::effects::{Effect, EffectLog, EffectPolicy};
-use gelsim::core::optics::lamps::{COUNT, Lamp, Shader};
-use gelsim::dataset::content::{Content, content};
-use gelsim::files::sensor::{PRESETS, Sensor};
-use gelsim::job::layers::OutputLayer;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::simd::scalar_only;
+use gelsim_core::base::view::View;
+use gelsim_core::effects::{Effect, EffectLog, EffectPolicy};
+use gelsim_core::optics::lamps::{COUNT, Lamp, Shader};
+use gelsim_dataset::content::{Content, content};
+use gelsim_files::sensor::{PRESETS, Sensor};
+use gelsim_job::layers::OutputLayer;
+use gelsim_job::sample::render;
 
 use super::support::Random;
 use crate::plan::plan;
@@ -142,7 +142,7 @@ fn job(press: &str, sensor: &str) -> String {
     )
 }
 
-fn lamps_of(sample: &gelsim::job::sample::Sample) -> Vec<f32> {
+fn lamps_of(sample: &gelsim_job::sample::Sample) -> Vec<f32> {
     match content(sample, OutputLayer::Lamps) {
         Content::Floats(values) => values,
         _ => panic!("lamps are floats"),

@@ -1,13 +1,13 @@
 //! The contact of coarse grids: the mask, a label, against the reference's; a scene against its mirror image.
 
-use gelsim::cli::list::OBJECTS;
-use gelsim::core::base::grid::Grid;
-use gelsim::core::depth::{self, Depth};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::Pad;
-use gelsim::job::plan::Plan;
-use gelsim::job::scene::Scene;
-use gelsim::lab::metrics::image::mask_iou;
+use gelsim_cli::list::OBJECTS;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::depth::{self, Depth};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Pad;
+use gelsim_job::plan::Plan;
+use gelsim_job::scene::Scene;
+use gelsim_lab::metrics::image::mask_iou;
 
 use crate::plan::plan;
 

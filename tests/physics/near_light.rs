@@ -1,10 +1,10 @@
 //! Light of near LEDs against rays traced in f64 on shapes that are known everywhere (`tests/oracle/ray_tracer.rs`).
 
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::base::view::View;
-use gelsim::core::optics::Model;
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::{Phong, Shadows, Soft};
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::view::View;
+use gelsim_core::optics::Model;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::{Phong, Shadows, Soft};
 
 use super::support::{Random, camera_of, contact_of, grey, led, light_at, light_of, position, sensor};
 use crate::oracle::ray_tracer::{Dent, Lamp, Light, bounced};

@@ -1,17 +1,17 @@
 //! Normals and light against closed forms, written out in f64 from the equations of the method.
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::light::Light;
-use gelsim::core::base::view::View;
-use gelsim::core::depth::Depth;
-use gelsim::core::gelpad::mean_blur::MeanBlur;
-use gelsim::core::optics::background::BackgroundImage;
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::{Equation, Phong};
-use gelsim::core::optics::residual::LightResidual;
-use gelsim::files::png;
-use gelsim::files::sensor::{PRESETS, Sensor};
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::light::Light;
+use gelsim_core::base::view::View;
+use gelsim_core::depth::Depth;
+use gelsim_core::gelpad::mean_blur::MeanBlur;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::{Equation, Phong};
+use gelsim_core::optics::residual::LightResidual;
+use gelsim_files::png;
+use gelsim_files::sensor::{PRESETS, Sensor};
+use gelsim_job::sample::render;
 
 use super::support::{
     Random, camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor,

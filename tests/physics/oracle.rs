@@ -12,8 +12,8 @@ use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::ray::Ray;
 
-use gelsim::core::base::view::View;
-use gelsim::core::pose::Placement;
+use gelsim_core::base::view::View;
+use gelsim_core::pose::Placement;
 
 use super::support::Shape;
 

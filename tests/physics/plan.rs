@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use gelsim::files::diagnostic::Diagnostics;
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
 
 /// The folder of the project.
 pub fn repository() -> &'static Path {

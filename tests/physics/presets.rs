@@ -1,5 +1,6 @@
 //! Presets against figures measured on real sensors: on which side of a pressed ball each channel brightens, and by how much.
 
+use gelsim::SensorExt;
 use gelsim::{Fidelity, Indenter, Sensor, Simulator};
 
 /// A real sensor: the ball that was pressed in, and for each channel the direction in which it brightens over the visible disc, in

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::simd;
-use gelsim::core::gelpad::elastic::convolve::Lengths;
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
-use gelsim::core::gelpad::elastic::response::{Memory, Operator, Response};
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::simd;
+use gelsim_core::gelpad::elastic::convolve::Lengths;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::elastic::response::{Memory, Operator, Response};
 
 use super::support::Random;
 

@@ -1,13 +1,13 @@
 //! Elastic pads under objects that are given by a formula, without any mesh.
 
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::base::grid::{Grid, bounding_box};
-use gelsim::core::base::view::View;
-use gelsim::core::depth::Depth;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
-use gelsim::core::gelpad::elastic::{Elastic, Pad};
-use gelsim::files::sensor::Sensor;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::grid::{Grid, bounding_box};
+use gelsim_core::base::view::View;
+use gelsim_core::depth::Depth;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::elastic::{Elastic, Pad};
+use gelsim_files::sensor::Sensor;
 
 pub const RESOLUTIONS: [Resolution; 3] = [Resolution::Full, Resolution::Half, Resolution::Quarter];
 

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use gelsim::core::pose::Placement;
-use gelsim::files::image_file;
-use gelsim::job::label::Label;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::pose::Placement;
+use gelsim_files::image_file;
+use gelsim_job::label::Label;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 
 use super::oracle::Scenery;
 use super::support::{Shape, matrix, member, moved, position};

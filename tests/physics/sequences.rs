@@ -1,10 +1,10 @@
 //! Sequences as a whole, from the job to images and labels: Mindlin's push of a ball, gross slip, rolling, hysteresis, and what the
 //! frame rate changes.
 
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
-use gelsim::core::gelpad::material::Material;
-use gelsim::job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
-use gelsim::job::sequence::render;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::gelpad::material::Material;
+use gelsim_job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
+use gelsim_job::sequence::render;
 
 use super::history::{solve, stiffer};
 use crate::plan::plan;

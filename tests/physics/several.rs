@@ -2,23 +2,23 @@
 
 use std::sync::Arc;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::depth::outline::{Outline, SIDES};
-use gelsim::core::depth::{self, Window};
-use gelsim::core::effects::EffectPolicy;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::mesh::Mesh;
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::pose::{Anchor, Angles, PadPlane, Pose, Side};
-use gelsim::files::image_file;
-use gelsim::job::label::Label;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::{Sample, render};
-use gelsim::job::scene::{Pressed, Scene};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::depth::outline::{Outline, SIDES};
+use gelsim_core::depth::{self, Window};
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
+use gelsim_files::image_file;
+use gelsim_job::label::Label;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::{Sample, render};
+use gelsim_job::scene::{Pressed, Scene};
 
 use super::support::{Random, Shape, matrix, member, moved};
 use crate::plan::{plan, repository};
-use gelsim::core::pose::Placement;
+use gelsim_core::pose::Placement;
 
 const OBJECTS: [&str; 6] = ["cube", "letter", "hexagon_nut", "sphere", "prism_corner", "key"];
 
@@ -80,7 +80,7 @@ fn gap_mm(a: &[[f64; 2]], b: &[[f64; 2]]) -> f64 {
 }
 
 /// The hull of a labelled object in the pad's plane, from its file, and its lowest point.
-fn placed(object: &gelsim::job::label::PressedLabel) -> (Vec<[f64; 2]>, f64) {
+fn placed(object: &gelsim_job::label::PressedLabel) -> (Vec<[f64; 2]>, f64) {
     let shape = Shape::bundled(&repository().join("objects").join(format!("{}.obj", object.id)));
     let translation_mm = object.pose.translation_mm;
     let placement = Placement { rotation: matrix(object.pose.quaternion_xyzw), translation_mm };
@@ -369,7 +369,7 @@ fn objects_on_a_gel_that_is_not_flat_are_told_apart_by_their_places_on_it() {
             std::iter::once(first).chain(scene.others.iter().map(|o| (Arc::clone(&o.clusters), o.pose))).collect();
         let distance = |(object, pose): &(Arc<Clusters>, Pose), point: glam::DVec3| {
             let own = pose.rotation.transpose() * (point - pose.translation_mm);
-            gelsim::core::mesh::nearest::nearest_point(object, own).distance(own)
+            gelsim_core::mesh::nearest::nearest_point(object, own).distance(own)
         };
         let mut seen = std::collections::BTreeSet::new();
         for (point, instance) in points.iter().zip(&instances).step_by(7).filter(|(_, instance)| **instance > 0) {

@@ -1,9 +1,9 @@
 //! Cast shadows against rays marched in f64 and against walls, whose shadows are known.
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::simd::scalar_only;
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::optics::shadow::{Caster, Scratch, Steepest, visible};
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::simd::scalar_only;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::optics::shadow::{Caster, Scratch, Steepest, visible};
 
 use super::support::Random;
 

@@ -1,18 +1,19 @@
 //! Objects that are not rigid: Hertz with two moduli, the rigid limit, and who gives way by how much.
 
+use gelsim::SensorExt;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use gelsim::core::base::grid::{Grid, Rect, Resolution};
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::depth::{Depth, Window};
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::Elastic;
-use gelsim::core::gelpad::elastic::inplane::Load;
-use gelsim::core::pose::{Anchor, Angles, Side};
 use gelsim::{
     Effect, EffectPolicy, Fidelity, Friction, Indenter, ObjectMaterial, Pose, Press, Sensor, Simulator, Soft,
 };
+use gelsim_core::base::grid::{Grid, Rect, Resolution};
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::depth::{Depth, Window};
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::elastic::inplane::Load;
+use gelsim_core::pose::{Anchor, Angles, Side};
 
 use super::reference_solutions as reference;
 use super::rig::{OBJECTS, RESOLUTIONS, Rig, Setup};

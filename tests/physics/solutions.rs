@@ -1,7 +1,7 @@
 //! Whole presses against closed forms: pads so thick that they are half-spaces, and so thin that they are films.
 
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::gelpad::Contact;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::gelpad::Contact;
 
 use super::reference_solutions as reference;
 use super::rig::{NOTHING, RESOLUTIONS, Rig, Setup};

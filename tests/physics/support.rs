@@ -3,28 +3,28 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::core::base::grid::{Grid, Rect, bounding_box};
-use gelsim::core::base::light::Light;
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::base::view::View;
-use gelsim::core::camera::Image;
-use gelsim::core::depth::raster::{Canvas, Projection};
-use gelsim::core::depth::{self, Depth, Window};
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::gelpad::mean_blur::{self, MeanBlur};
-use gelsim::core::gelpad::{self, Contact, Numerics, Pad};
-use gelsim::core::mesh::Mesh;
-use gelsim::core::mesh::clusters::Clusters;
-use gelsim::core::optics::background::BackgroundImage;
-use gelsim::core::optics::led::Led;
-use gelsim::core::optics::phong::{Phong, Shadows};
-use gelsim::core::optics::{self, Shader};
-use gelsim::core::pose::Placement;
-use gelsim::dataset::encode;
-use gelsim::files::mesh;
-use gelsim::files::sensor::Sensor;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
+use gelsim_core::base::grid::{Grid, Rect, bounding_box};
+use gelsim_core::base::light::Light;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::base::view::View;
+use gelsim_core::camera::Image;
+use gelsim_core::depth::raster::{Canvas, Projection};
+use gelsim_core::depth::{self, Depth, Window};
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::gelpad::mean_blur::{self, MeanBlur};
+use gelsim_core::gelpad::{self, Contact, Numerics, Pad};
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::phong::{Phong, Shadows};
+use gelsim_core::optics::{self, Shader};
+use gelsim_core::pose::Placement;
+use gelsim_dataset::encode;
+use gelsim_files::mesh;
+use gelsim_files::sensor::Sensor;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
 
 /// Random numbers that are the same on every run and machine (SplitMix64).
 pub struct Random(u64);

@@ -1,10 +1,10 @@
 //! What must not matter, or only to rounding: which way round an object lies, where, how stiff the pad is, which
 //! vectors the processor has.
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::base::simd;
-use gelsim::core::gelpad::Contact;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::simd;
+use gelsim_core::gelpad::Contact;
 
 use super::rig::{NOTHING, OBJECTS, RESOLUTIONS, Rig, Setup, ball, texture};
 

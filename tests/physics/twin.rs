@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use gelsim::core::optics::phong::Phong;
-use gelsim::core::pose::Placement;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
-use gelsim::job::scene::Scene;
+use gelsim_core::optics::phong::Phong;
+use gelsim_core::pose::Placement;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
+use gelsim_job::scene::Scene;
 
 use super::oracle::Scenery;
 use super::support::Shape;

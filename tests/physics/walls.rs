@@ -1,9 +1,10 @@
 //! Walls between pixel centres: where the surface bends within a pixel, light is that of the whole pixel.
 
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::effects::{Effect, EffectPolicy};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::{Sample, render};
+use gelsim::SensorExt;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::effects::{Effect, EffectPolicy};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::{Sample, render};
 
 use crate::oracle::dense_contact::solved;
 use crate::plan::plan;

@@ -3,11 +3,11 @@
 
 use std::path::Path;
 
-use gelsim::core::base::clock::Clock;
-use gelsim::lab::calibrate::detect::{Detection, detect};
-use gelsim::lab::calibrate::outliers::{CircleEvidence, against, examine};
-use gelsim::lab::metrics::statistics::median;
-use gelsim::lab::presses::{self, Circle};
+use gelsim_core::base::clock::Clock;
+use gelsim_lab::calibrate::detect::{Detection, detect};
+use gelsim_lab::calibrate::outliers::{CircleEvidence, against, examine};
+use gelsim_lab::metrics::statistics::median;
+use gelsim_lab::presses::{self, Circle};
 use image::RgbImage;
 
 /// The first three have good annotations.

@@ -5,12 +5,12 @@
 
 use std::path::Path;
 
-use gelsim::lab::calibrate::judge::fit::Verdict;
-use gelsim::lab::calibrate::judge::scale::{self, Sizes};
-use gelsim::lab::calibrate::judge::{self, background, circles};
-use gelsim::lab::calibrate::run::{Request, run, run_leds};
-use gelsim::lab::calibrate::train::Settings;
-use gelsim::lab::calibrate::{Session, dots};
+use gelsim_lab::calibrate::judge::fit::Verdict;
+use gelsim_lab::calibrate::judge::scale::{self, Sizes};
+use gelsim_lab::calibrate::judge::{self, background, circles};
+use gelsim_lab::calibrate::run::{Request, run, run_leds};
+use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::{Session, dots};
 use image::{RgbImage, imageops};
 
 use super::real;

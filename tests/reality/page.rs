@@ -1,7 +1,7 @@
 //! The page of a calibration, of presses that the simulator makes: whole, and small enough for a browser.
 
-use gelsim::lab::calibrate::page::{Page, PressPanel};
-use gelsim::lab::compare::score::score;
+use gelsim_lab::calibrate::page::{Page, PressPanel};
+use gelsim_lab::compare::score::score;
 use image::{Rgb, RgbImage};
 
 use super::synthetic::{plan, press};

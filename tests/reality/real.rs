@@ -2,15 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::core::base::grid::Resolution;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::Elastic;
-use gelsim::core::{gelpad, optics};
-use gelsim::files::sensor::Sensor;
-use gelsim::lab::calibrate::pixels::DILATE;
-use gelsim::lab::calibrate::{Session, picture, session};
-use gelsim::lab::compare::score::{Score, Scores, score};
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::{gelpad, optics};
+use gelsim_files::sensor::Sensor;
+use gelsim_lab::calibrate::pixels::DILATE;
+use gelsim_lab::calibrate::{Session, picture, session};
+use gelsim_lab::compare::score::{Score, Scores, score};
 use image::RgbImage;
 use rayon::prelude::*;
 

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::core::base::rng::stream;
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::optics;
-use gelsim::core::optics::calibrated::Table;
-use gelsim::lab::calibrate::run::{Calibration, Request, run};
-use gelsim::lab::calibrate::{Geometry, Session};
-use gelsim::lab::compare::picture;
-use gelsim::lab::compare::score::Scores;
+use gelsim_core::base::rng::stream;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics;
+use gelsim_core::optics::calibrated::Table;
+use gelsim_lab::calibrate::run::{Calibration, Request, run};
+use gelsim_lab::calibrate::{Geometry, Session};
+use gelsim_lab::compare::picture;
+use gelsim_lab::compare::score::Scores;
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -80,7 +80,7 @@ struct Zones {
 }
 
 impl Zones {
-    fn of(observation: &gelsim::lab::calibrate::Observation, simulated: &RgbImage) -> Self {
+    fn of(observation: &gelsim_lab::calibrate::Observation, simulated: &RgbImage) -> Self {
         let mut sums = [[0.0; 2]; ZONES.len() - 1];
         let mut far: [Vec<f64>; 3] = Default::default();
         let [cx, cy] = observation.circle.centre_px;
@@ -157,11 +157,11 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
                 let by = (-3..=3).flat_map(|x| (-3..=3).map(move |y| [x, y]));
                 let all = by.map(|by| {
                     let image = moved(&held_out.simulated, &session.background, by);
-                    gelsim::lab::compare::score::score(
+                    gelsim_lab::compare::score::score(
                         &observation.image,
                         &image,
                         Some(&observation.circle),
-                        gelsim::lab::calibrate::pixels::DILATE,
+                        gelsim_lab::calibrate::pixels::DILATE,
                     )
                 });
                 all.min_by(|a, b| contact_mae(a).total_cmp(&contact_mae(b)))

@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use gelsim::files::diagnostic::Diagnostics;
-use gelsim::files::sensor::PRESETS;
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
-use gelsim::lab::calibrate::detect::detect;
-use gelsim::lab::calibrate::outliers::{OutlierReason, outlier_reasons};
-use gelsim::lab::metrics::statistics::median;
-use gelsim::lab::presses::Circle;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_files::sensor::PRESETS;
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
+use gelsim_lab::calibrate::detect::detect;
+use gelsim_lab::calibrate::outliers::{OutlierReason, outlier_reasons};
+use gelsim_lab::metrics::statistics::median;
+use gelsim_lab::presses::Circle;
 use image::{Rgb, RgbImage};
 
 use crate::is_flat;
@@ -34,7 +34,7 @@ pub fn plan(sensor: &str, pose: &str, more: &str) -> Plan {
 /// Image, untouched pad and true contact of a sample.
 pub fn press(plan: &Plan, index: u64) -> (RgbImage, RgbImage, Circle) {
     let sample = render(plan, index);
-    let picture = |image: &gelsim::core::camera::Image| {
+    let picture = |image: &gelsim_core::camera::Image| {
         RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb.clone()).expect("all pixels")
     };
     let camera = plan.simulator.view();

@@ -6,13 +6,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
 
-use gelsim::core::fidelity::{Fidelity, Models};
-use gelsim::core::gelpad::Model;
-use gelsim::core::gelpad::gaussian::Gaussian;
-use gelsim::core::gelpad::none::NoDeformation;
-use gelsim::files::diagnostic::Diagnostics;
-use gelsim::job::config::{self, Overrides};
-use gelsim::job::plan::Plan;
+use gelsim_core::fidelity::{Fidelity, Models};
+use gelsim_core::gelpad::Model;
+use gelsim_core::gelpad::gaussian::Gaussian;
+use gelsim_core::gelpad::none::NoDeformation;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_job::config::{self, Overrides};
+use gelsim_job::plan::Plan;
 
 use super::shapes::{Format, Shape};
 use super::sound::{self, Figures};

@@ -4,7 +4,7 @@
 //! jitter are left out: the sample's number decides them. A pixel shows the object at its centre, so where an edge
 //! crosses a pixel centre, depth jumps whatever one does: such pixels are counted.
 
-use gelsim::core::fidelity::Fidelity;
+use gelsim_core::fidelity::Fidelity;
 
 use super::press::{Change, Extras, GENERIC, Numbers, Setting};
 

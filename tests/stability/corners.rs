@@ -3,7 +3,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
-use gelsim::core::fidelity::Fidelity;
+use gelsim_core::fidelity::Fidelity;
 
 use super::case::{Case, Dress};
 use super::shapes::{Random, Shape};

@@ -1,13 +1,14 @@
 //! Hard cases of gels that are not flat: rims of the view, poles, the seam, what wraps a finger, gels of a millimetre and a
 //! kilometre, gels seen edge on, cameras close to the skin. Samples are finite, bounded, steady and explained.
 
+use gelsim::SensorExt;
 use std::sync::Arc;
 
-use gelsim::core::base::gel::{GelCapsule, GelDome, GelShape};
-use gelsim::core::camera::projection::{LensModel, Pinhole};
-use gelsim::core::mesh::Mesh;
-use gelsim::core::mesh::clusters::Clusters;
 use gelsim::{Fidelity, Impression, Indenter, Pose, Sensor, Simulator};
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::camera::projection::{LensModel, Pinhole};
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
 use glam::{DQuat, DVec3};
 
 use super::shapes::Shape;

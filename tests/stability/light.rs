@@ -3,10 +3,10 @@
 use std::io::Cursor;
 use std::sync::LazyLock;
 
-use gelsim::core::base::rng::stream;
-use gelsim::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
-use gelsim::dataset::encode::json;
-use gelsim::lab::calibrate::{Geometry, table};
+use gelsim_core::base::rng::stream;
+use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
+use gelsim_dataset::encode::json;
+use gelsim_lab::calibrate::{Geometry, table};
 
 use super::case::{Case, Dress, run};
 use super::shapes::Shape;

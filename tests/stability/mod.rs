@@ -59,7 +59,7 @@ fn every_case_stands_in_the_docs_once() {
 fn every_effect_is_on_in_the_dressed_samples() {
     for dress in [Dress::Still, Dress::Noisy] {
         let plan = Case::new("dressed", "").depth(1.0).plan(dress).expect("a plain job");
-        let label = gelsim::job::sample::render(&plan, 0).label;
+        let label = gelsim_job::sample::render(&plan, 0).label;
         let off: Vec<_> = label.effects.iter().filter(|(_, note)| !note.ran).map(|(effect, _)| effect.name()).collect();
         // Friction while pressing is a choice of the gelpad's model, which a case leaves to the level.
         let expected: &[&str] = if dress == Dress::Still { &["friction", "speckle", "noise"] } else { &["friction"] };

@@ -1,12 +1,12 @@
 //! Jobs whose numbers a test moves one at a time, and what comes of them.
 
-use gelsim::core::base::grid::{Grid, Rect};
-use gelsim::core::base::light::Light;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::light::Light;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 
 use crate::plan::plan;
 

@@ -1,15 +1,15 @@
 //! Random jobs: whatever they ask for, every number is finite, within its range, and the same a second time.
 
-use gelsim::core::base::grid::{Grid, bounding_box};
-use gelsim::core::depth::rest;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::optics::Model;
-use gelsim::core::optics::led::Led;
-use gelsim::dataset::encode::members;
-use gelsim::job::label::Label;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::{Grid, bounding_box};
+use gelsim_core::depth::rest;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::optics::Model;
+use gelsim_core::optics::led::Led;
+use gelsim_dataset::encode::members;
+use gelsim_job::label::Label;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
 use crate::effects::jobs::job;

@@ -6,23 +6,23 @@
 //! So no pixel is displaced by more than sqrt(K sum p max g), K being what a pixel's own pressure does to it; nor is any
 //! raised by more than sum p times the most that a pixel's pressure raises another.
 
-use gelsim::core::impression::Impression;
+use gelsim_core::impression::Impression;
 use std::fmt;
 use std::io::Cursor;
 use std::time::Duration;
 
 use exr::prelude::{ReadChannels, ReadLayers};
-use gelsim::core::base::grid::{Rect, bounding_box};
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::camera::CameraParams;
-use gelsim::core::gelpad::{Model, Pad};
-use gelsim::core::optics::normals::normals;
-use gelsim::dataset::archive::Member;
-use gelsim::dataset::encode;
-use gelsim::job::label::Label;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::base::grid::{Rect, bounding_box};
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::gelpad::{Model, Pad};
+use gelsim_core::optics::normals::normals;
+use gelsim_dataset::archive::Member;
+use gelsim_dataset::encode;
+use gelsim_job::label::Label;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 
 /// What was seen of a case.
 #[derive(Clone, Copy, Debug, Default)]

@@ -5,15 +5,15 @@
 
 use std::f64::consts::PI;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::camera::CameraParams;
-use gelsim::core::effects::{Effect, EffectPolicy};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::optics::normals::normals;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
-use gelsim::job::scene::Scene;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::effects::{Effect, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics::normals::normals;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
+use gelsim_job::scene::Scene;
 
 use super::press::{GENERIC, Setting};
 use super::twin::{apart, image, light, light_of, misrounded, normals_of, slopes_of, turned_deg};

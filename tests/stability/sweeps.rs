@@ -4,13 +4,13 @@
 //! than the step, and by what the solver tolerates. On a coarser grid it may jump besides, where a pixel of that grid
 //! comes to touch: by up to a twentieth of the distance between them.
 
-use gelsim::core::depth;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::render;
-use gelsim::job::scene::Scene;
+use gelsim_core::depth;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
+use gelsim_job::scene::Scene;
 
 use super::press::{Change, GENERIC, Numbers, Setting, Shown, levels};
 

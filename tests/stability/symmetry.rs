@@ -6,10 +6,10 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim::core::fidelity::Fidelity;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
 
 use crate::plan::plan;
 

@@ -6,19 +6,19 @@
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::view::SURFACE_BORDER;
-use gelsim::core::base::view::View;
-use gelsim::core::effects::{EffectLog, EffectPolicy};
-use gelsim::core::fidelity::Fidelity;
-use gelsim::core::gelpad::Contact;
-use gelsim::core::gelpad::elastic::layer::ElasticLayer;
-use gelsim::core::optics::normals::normals;
-use gelsim::files::mesh;
-use gelsim::job::plan::Plan;
-use gelsim::job::sample::Sample;
-use gelsim::job::sample::render;
-use gelsim::job::scene::Scene;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::base::view::View;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::layer::ElasticLayer;
+use gelsim_core::optics::normals::normals;
+use gelsim_files::mesh;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::render;
+use gelsim_job::scene::Scene;
 
 use super::press::{Extras, GENERIC, Numbers, Setting, levels};
 use crate::oracle::cut_pixels::cut;

@@ -2,8 +2,8 @@
 
 use std::f64::consts::PI;
 
-use gelsim::core::base::simd::{scalar_only, simd_dispatch};
-use gelsim::core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
+use gelsim_core::base::simd::{scalar_only, simd_dispatch};
+use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
 
 use super::folder::{self, BINS, SIZE};
 

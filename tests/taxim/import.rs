@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use gelsim::core::optics::calibrated::taxim::Taxim;
-use gelsim::lab::calibrate::taxim::import;
+use gelsim_core::optics::calibrated::taxim::Taxim;
+use gelsim_lab::calibrate::taxim::import;
 
 use super::colours::colours;
 use super::folder::{self, Member, PARAMS, SIZE};

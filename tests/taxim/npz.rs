@@ -1,6 +1,6 @@
 //! Archives of arrays: as NumPy writes them, damaged, and hostile.
 
-use gelsim::files::npz::Npz;
+use gelsim_files::npz::Npz;
 use proptest::prelude::*;
 use proptest::sample::Index;
 

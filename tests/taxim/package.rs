@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use gelsim::core::base::grid::Grid;
-use gelsim::core::base::simd::simd_dispatch;
-use gelsim::core::optics::calibrated::taxim::{Lookup, Scratch};
-use gelsim::files::npz::Npz;
-use gelsim::lab::calibrate::taxim::{Imported, import};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::simd::simd_dispatch;
+use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch};
+use gelsim_files::npz::Npz;
+use gelsim_lab::calibrate::taxim::{Imported, import};
 
 use super::colours::bins;
 

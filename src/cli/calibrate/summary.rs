@@ -1,13 +1,13 @@
 //! What `gelsim calibrate` prints of what it found, and writes at the head of the sensor file.
 
-use crate::core::optics::calibrated::beyond::Range;
-use crate::core::optics::led::Led;
-use crate::lab::calibrate::Session;
-use crate::lab::calibrate::camera::MeasuredCamera;
-use crate::lab::calibrate::judge::fit::Verdict;
-use crate::lab::calibrate::leds::FittedLeds;
-use crate::lab::calibrate::run::Calibration;
-use crate::lab::compare::score::Score;
+use gelsim_core::optics::calibrated::beyond::Range;
+use gelsim_core::optics::led::Led;
+use gelsim_lab::calibrate::Session;
+use gelsim_lab::calibrate::camera::MeasuredCamera;
+use gelsim_lab::calibrate::judge::fit::Verdict;
+use gelsim_lab::calibrate::leds::FittedLeds;
+use gelsim_lab::calibrate::run::Calibration;
+use gelsim_lab::compare::score::Score;
 
 pub(super) const HEAD: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
 

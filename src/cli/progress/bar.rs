@@ -2,8 +2,8 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
-use crate::cli::terminal;
-use crate::lab::numbers::HumanDuration;
+use crate::terminal;
+use gelsim_lab::numbers::HumanDuration;
 
 /// A bar on standard error, as wide as the terminal.
 pub struct Bar(ProgressBar);

@@ -8,9 +8,9 @@ use serde_json::json;
 pub(super) mod bar;
 
 use super::log::{Format, Log};
-use crate::dataset::generate::{Expected, Watch};
-use crate::job::label::GENERATOR;
 use bar::Bar;
+use gelsim_dataset::generate::{Expected, Watch};
+use gelsim_job::label::GENERATOR;
 
 /// Between two lines of a log.
 const PERIOD: Duration = Duration::from_secs(5);

@@ -341,7 +341,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::core::base::gel::{GelCapsule, GelDome};
+    use crate::base::gel::{GelCapsule, GelDome};
 
     fn normal() -> impl Strategy<Value = DVec3> {
         let normal = prop::array::uniform3(-1.0..1.0_f64).prop_map(DVec3::from_array);

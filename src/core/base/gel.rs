@@ -25,7 +25,7 @@ pub enum GelShape {
 
 /// See [`GelShape::Dome`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct GelDome {
     /// Radius of the ball, mm, 1 to 1e6.
@@ -34,7 +34,7 @@ pub struct GelDome {
 
 /// See [`GelShape::Capsule`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct GelCapsule {
     /// Radius of ball and cylinder, mm, 1 to 1000.
@@ -156,7 +156,7 @@ fn on_mesh((point_mm, normal): (DVec3, DVec3)) -> Site {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::chart::Chart;
+    use crate::base::chart::Chart;
 
     #[test]
     fn a_line_leaves_half_a_ball_where_it_should() {

@@ -215,7 +215,7 @@ pub fn bounding_box<T: Copy + Default>(grid: &Grid<T>, inside: impl Fn(T) -> boo
 
 /// A grid beside the camera's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Resolution {
     /// Every pixel.

@@ -4,8 +4,8 @@
 //! signals"), because its variance is s^2 for every s: a sampled curve is too narrow below half a pixel, where most
 //! cameras are. Valid for spots of up to 100 px; a real one is a disc with a soft rim, of the same variance.
 
-use crate::core::base::grid::Rect;
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::Rect;
+use crate::base::simd::simd_dispatch;
 
 /// Standard deviations above this are taken for it, px.
 const LARGEST_SIGMA_PX: f64 = 100.0;
@@ -199,7 +199,7 @@ fn sum(weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::simd::scalar_only;
+    use crate::base::simd::scalar_only;
 
     fn light(area: usize) -> [Vec<f32>; 3] {
         [1, 5, 11].map(|start| (start..start + area).map(|i| (i * 7919 % 1009) as f32 / 1009.0 - 0.3).collect())
@@ -323,9 +323,9 @@ mod tests {
         let near = there.grown(reach_px(sigma), 90, 70);
         let (all, part) = (blur(&planes, there, whole, sigma), blur(&planes, there, near, sigma));
         for (all, part) in all.into_iter().zip(part) {
-            let mut pasted = crate::core::base::grid::Grid::<f32>::new(90, 70);
+            let mut pasted = crate::base::grid::Grid::<f32>::new(90, 70);
             pasted.paste(
-                &crate::core::base::grid::Grid { width: near.width(), height: near.height(), data: part },
+                &crate::base::grid::Grid { width: near.width(), height: near.height(), data: part },
                 near,
                 whole,
             );

@@ -5,8 +5,8 @@
 //! within 1 % from a radius of 0.3 px on, while the radii are alike (7 : 10) and the edge is no wider than the dot. Ink
 //! over ink darkens by both.
 
-use crate::core::base::grid::Rect;
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::Rect;
+use crate::base::simd::simd_dispatch;
 
 use super::noise::mix;
 
@@ -191,8 +191,8 @@ pub fn grid(pitch_mm: f64, jitter_mm: f64, key: u64, field_of_view_mm: [f64; 2],
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::Grid;
-    use crate::core::base::simd::scalar_only;
+    use crate::base::grid::Grid;
+    use crate::base::simd::scalar_only;
     use std::f64::consts::PI;
 
     fn white(region: Rect) -> [Vec<f32>; 3] {

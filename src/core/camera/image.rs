@@ -1,9 +1,9 @@
 //! What the camera writes: 8 bits per channel.
 
-use crate::core::base::grid::Rect;
-use crate::core::base::light::Light;
-use crate::core::base::light::quantise;
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::Rect;
+use crate::base::light::Light;
+use crate::base::light::quantise;
+use crate::base::simd::simd_dispatch;
 
 /// An 8-bit RGB image and what quantising cut.
 #[derive(Clone, Debug)]

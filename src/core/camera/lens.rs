@@ -6,8 +6,8 @@
 //! [`valid`]; decentring is left out. Points are in px from the top left corner: pixel (i, j) has its middle at
 //! (i + 0.5, j + 0.5).
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::{simd_dispatch, split};
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::{simd_dispatch, split};
 
 /// Radial distortion of a `width` x `height` picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -358,8 +358,8 @@ fn lerp(from: f32, to: f32, at: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::bounding_box;
-    use crate::core::base::simd::scalar_only;
+    use crate::base::grid::bounding_box;
+    use crate::base::simd::scalar_only;
 
     const LENSES: [[f64; 2]; 8] =
         [[0.0, 0.0], [0.15, 0.02], [-0.2, 0.0], [-0.1, -0.05], [0.4, -0.3], [-0.24, 0.1], [2.0, 1.0], [1e-9, -1e-9]];
@@ -505,9 +505,7 @@ mod tests {
                 let there = Rect { x0, y0, x1: x0 + 1 + i * 11 % (120 - x0), y1: y0 + 1 + i * 29 % (90 - y0) };
                 let planes = lens.warp(&[(); 3].map(|()| vec![1.0; there.area()]), there, whole);
                 let seen =
-                    crate::core::base::grid::bounding_box(&Grid { width, height, data: planes[0].clone() }, |v| {
-                        v > 0.0
-                    });
+                    crate::base::grid::bounding_box(&Grid { width, height, data: planes[0].clone() }, |v| v > 0.0);
                 let found = lens.image_of(there);
                 assert_eq!(found.united(seen), found, "{lens:?} {there:?} {seen:?}");
                 let corners = [[there.x0, there.y0], [there.x1, there.y0], [there.x0, there.y1], [there.x1, there.y1]];

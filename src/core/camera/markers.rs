@@ -1,14 +1,14 @@
 //! Markers: dots printed on the pad, which show how its surface moves in its own plane.
 //!
 //! At rest they lie on a square grid, each a little beside its place as prints are. A press carries them along with the
-//! surface ([`crate::core::gelpad::elastic::inplane`]); each stays round, since the surface strains little over a dot.
+//! surface ([`crate::gelpad::elastic::inplane`]); each stays round, since the surface strains little over a dot.
 
 use super::CameraParams;
 use super::dots::{self, Dot};
 use super::lens::Lens;
-use crate::core::base::grid::Rect;
-use crate::core::base::view::View;
-use crate::core::gelpad::elastic::inplane::Field;
+use crate::base::grid::Rect;
+use crate::base::view::View;
+use crate::gelpad::elastic::inplane::Field;
 
 /// How markers are printed: their ink, the same in every press.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,11 +7,11 @@
 
 use std::sync::Arc;
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::{LazyLight, Light};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
-use crate::core::effects::{Effect, EffectLog, Requirement};
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::{LazyLight, Light};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
+use crate::effects::{Effect, EffectLog, Requirement};
 
 pub mod defocus;
 mod dots;

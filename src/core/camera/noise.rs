@@ -6,7 +6,7 @@
 //! is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly a normal curve, by the central limit),
 //! and a polynomial bends the sum the rest of the way.
 
-use crate::core::base::simd::simd_dispatch;
+use crate::base::simd::simd_dispatch;
 
 /// What a camera adds to the light, as standard deviations, 1 = full scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -177,7 +177,7 @@ fn normal(bits: u32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::simd::scalar_only;
+    use crate::base::simd::scalar_only;
 
     const WIDTH: usize = 640;
     const HEIGHT: usize = 384;

@@ -5,15 +5,15 @@ use serde::{Deserialize, Serialize};
 use super::lens::Lens;
 use super::noise::{self, Noise};
 use super::{Planes, defocus, vignette};
-use crate::core::base::grid::Rect;
-use crate::core::base::rng;
-use crate::core::base::view::View;
-use crate::core::effects::{Effect, EffectPolicy};
+use crate::base::grid::Rect;
+use crate::base::rng;
+use crate::base::view::View;
+use crate::effects::{Effect, EffectPolicy};
 
 /// The camera in one sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "datasets", schemars(rename = "Shot"))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Shot"))]
 pub struct CameraParams {
     /// Radial distortion k1 and k2.
     pub distortion: [f64; 2],

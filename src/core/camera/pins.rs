@@ -10,17 +10,17 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 use super::defocus;
 use super::gel_map::bilinear;
 use super::projection::Projection;
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
-use crate::core::base::rng::Stream;
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::gelpad::Contact;
+use crate::base::chart::Chart;
+use crate::base::gel::{GelShape, Site};
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::Light;
+use crate::base::rng::Stream;
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::gelpad::Contact;
 
 /// The way in which points of the skin move under a press.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Along {
     /// Along the gel's own normals: the skin slides over the object.
@@ -55,7 +55,7 @@ pub struct Pins {
 
 /// A white ring around the pins.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MountRing {
     /// Of its middle line, mm.

@@ -5,13 +5,13 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::view::View;
+use crate::base::chart::Chart;
+use crate::base::gel::{GelShape, Site};
+use crate::base::view::View;
 
 /// How the camera's lens takes directions to the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum LensModel {
     /// From straight below, without perspective: the image shows the field of view.
@@ -26,7 +26,7 @@ pub enum LensModel {
 
 /// See [`LensModel::Pinhole`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Pinhole {
     /// Angle across the width of the image, degrees, 1 to 170.
@@ -39,7 +39,7 @@ pub struct Pinhole {
 
 /// See [`LensModel::Fisheye`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Fisheye {
     /// Angle across the width of the image, degrees, 1 to 300.

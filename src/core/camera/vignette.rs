@@ -1,9 +1,9 @@
 //! Loss of light towards the image's corners: in proportion to the square of the distance from the middle, as for small
 //! angles of the cosine-fourth law of an ideal lens.
 
-use crate::core::base::grid::Rect;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
+use crate::base::grid::Rect;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
 
 /// Takes from `planes`, which show `part` of the view, the share `corner` of the light in the view's corners.
 pub fn darken(planes: &mut [Vec<f32>; 3], part: Rect, view: &View, corner: f64) {

@@ -1,17 +1,17 @@
 //! The light on a pressed skin: its reflection, its shadows on itself, and its average over pixels within which it bends.
 
 use super::Curved;
-use crate::core::base::chart::Chart;
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::light::Light;
-use crate::core::camera::gel_map::GelMap;
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::Contact;
-use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::coarse::Coarse;
-use crate::core::optics::phong::Shadows;
-use crate::core::optics::shadow::casting::Casting;
-use crate::core::optics::skin::{PressedSkin, Skin};
+use crate::base::chart::Chart;
+use crate::base::grid::{Grid, Rect, bounding_box};
+use crate::base::light::Light;
+use crate::camera::gel_map::GelMap;
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::gelpad::Contact;
+use crate::optics::background::BackgroundImage;
+use crate::optics::coarse::Coarse;
+use crate::optics::phong::Shadows;
+use crate::optics::shadow::casting::Casting;
+use crate::optics::skin::{PressedSkin, Skin};
 
 /// How far, in nodes, slopes and what lies between nodes reach beyond what is displaced.
 const BESIDE: usize = 2;

@@ -3,14 +3,14 @@
 use glam::{DVec2, DVec3};
 
 use super::Curved;
-use crate::core::base::chart::Chart;
-use crate::core::base::site::Rest;
-use crate::core::depth::Depth;
-use crate::core::gelpad::Contact;
-use crate::core::gelpad::elastic::inplane::Load;
-use crate::core::gelpad::elastic::model_error::{ContactEdge, error_on_core_mm, force_on_core};
-use crate::core::gelpad::material::Material;
-use crate::core::gelpad::sliding::Wrench;
+use crate::base::chart::Chart;
+use crate::base::site::Rest;
+use crate::depth::Depth;
+use crate::gelpad::Contact;
+use crate::gelpad::elastic::inplane::Load;
+use crate::gelpad::elastic::model_error::{ContactEdge, error_on_core_mm, force_on_core};
+use crate::gelpad::material::Material;
+use crate::gelpad::sliding::Wrench;
 
 /// A contact's radius over its area per perimeter, at most: a disc's is 2.
 const WIDEST: f64 = 3.0;

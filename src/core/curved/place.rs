@@ -6,15 +6,15 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 
 use super::Curved;
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::surface::unrolled::Unrolled;
-use crate::core::depth::lines::DEEP;
-use crate::core::depth::touch;
-use crate::core::gelpad::elastic::shear::Motion;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::nearest_from;
-use crate::core::pose::Pose;
+use crate::base::chart::Chart;
+use crate::base::gel::{GelShape, Site};
+use crate::base::surface::unrolled::Unrolled;
+use crate::depth::lines::DEEP;
+use crate::depth::touch;
+use crate::gelpad::elastic::shear::Motion;
+use crate::mesh::clusters::Clusters;
+use crate::mesh::nearest::nearest_from;
+use crate::pose::Pose;
 
 /// How far from its chart's middle a contact may be on a dome, rad: lengths there are off by 0.7 %.
 const NEAR: f64 = 0.2;

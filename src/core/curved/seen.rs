@@ -4,22 +4,22 @@ use glam::DVec3;
 
 use super::Curved;
 use super::lit::CastShadows;
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::grid::Grid;
-use crate::core::base::light::Light;
-use crate::core::base::rng;
-use crate::core::base::view::View;
-use crate::core::camera::gel_map::{GelMap, GelView};
-use crate::core::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
-use crate::core::camera::projection::Projection;
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::Contact;
-use crate::core::gelpad::sliding::Wrench;
-use crate::core::optics::Illumination;
-use crate::core::optics::background::{BackgroundImage, RenderedBackground};
-use crate::core::optics::phong::Phong;
-use crate::core::optics::skin::{self, AlongGel, Skin, SkinPoint};
+use crate::base::chart::Chart;
+use crate::base::gel::{GelShape, Site};
+use crate::base::grid::Grid;
+use crate::base::light::Light;
+use crate::base::rng;
+use crate::base::view::View;
+use crate::camera::gel_map::{GelMap, GelView};
+use crate::camera::pins::{Along, PinPositions, Pins, SkinMotion, Tip};
+use crate::camera::projection::Projection;
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::gelpad::Contact;
+use crate::gelpad::sliding::Wrench;
+use crate::optics::Illumination;
+use crate::optics::background::{BackgroundImage, RenderedBackground};
+use crate::optics::phong::Phong;
+use crate::optics::skin::{self, AlongGel, Skin, SkinPoint};
 
 /// What the camera sees.
 pub(super) enum Seen {

@@ -1,16 +1,16 @@
 //! An object that slides, turns and rolls on a gel that is not flat.
 
 use super::Curved;
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::Site;
-use crate::core::depth::indenter::Indenter;
-use crate::core::depth::places::Places;
-use crate::core::depth::texture::{Laid, Posed, Texture};
-use crate::core::depth::{Depth, Window};
-use crate::core::gelpad::sliding::over_gel::OverGel;
-use crate::core::gelpad::sliding::{ObjectStep, Sliding};
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{PadPlane, Pose};
+use crate::base::chart::Chart;
+use crate::base::gel::Site;
+use crate::depth::indenter::Indenter;
+use crate::depth::places::Places;
+use crate::depth::texture::{Laid, Posed, Texture};
+use crate::depth::{Depth, Window};
+use crate::gelpad::sliding::over_gel::OverGel;
+use crate::gelpad::sliding::{ObjectStep, Sliding};
+use crate::mesh::clusters::Clusters;
+use crate::pose::{PadPlane, Pose};
 
 /// An object that moves over a gel.
 pub struct MovingObject<'a> {

@@ -4,10 +4,10 @@
 use super::indenter::{Indenter, Shape};
 use super::texture::{Laid, Texture};
 use super::{Window, capture};
-use crate::core::base::grid::Grid;
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Placement, Pose};
+use crate::base::grid::Grid;
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::mesh::clusters::Clusters;
+use crate::pose::{Placement, Pose};
 
 /// A rectangle of the pad, mm from the middle of the view.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::core::mesh::clusters::Part;
+use crate::mesh::clusters::Part;
 
 /// Blocks that are passed over at once.
 const GROUP: usize = 16;

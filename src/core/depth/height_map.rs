@@ -1,6 +1,6 @@
 //! What is pressed, known as heights over the pad instead of as a mesh and its pose: a depth frame of a simulator, an array.
 
-use crate::core::base::grid::Grid;
+use crate::base::grid::Grid;
 
 /// Heights over the undeformed pad at the pixels of a view.
 #[derive(Clone, Debug)]

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use super::height_map::HeightMap;
 use super::seen::SeenSurface;
-use crate::core::base::grid::Grid;
-use crate::core::mesh::Mesh;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::Pose;
+use crate::base::grid::Grid;
+use crate::mesh::Mesh;
+use crate::mesh::clusters::Clusters;
+use crate::pose::Pose;
 
 /// What is pressed into the pad, and where it is.
 ///

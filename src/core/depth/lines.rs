@@ -10,11 +10,11 @@ use glam::DVec3;
 use super::Window;
 use super::blocks::{Groups, apart};
 use super::places::Places;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::surface::unrolled::Unrolled;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::Pose;
+use crate::base::grid::Grid;
+use crate::base::simd::simd_dispatch;
+use crate::base::surface::unrolled::Unrolled;
+use crate::mesh::clusters::Clusters;
+use crate::pose::Pose;
 
 /// Nodes on a side of a block.
 const BLOCK: usize = 8;

@@ -4,12 +4,12 @@
 //! pixel's centre. Rays would give the same (they are the oracle in the tests); rasterising the triangles that a
 //! bounding-volume query finds above the window is 8 to 25 times quicker and leaves no hole.
 
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::{largest, simd_dispatch};
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Placement, Pose};
+use crate::base::grid::{Grid, Rect, bounding_box};
+use crate::base::simd::{largest, simd_dispatch};
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::mesh::clusters::Clusters;
+use crate::pose::{Placement, Pose};
 
 pub mod beyond;
 mod blocks;

@@ -13,14 +13,14 @@ use super::blocks::{Groups, apart};
 use super::lines::Lines;
 use super::places::Places;
 use super::{Depth, Window, limited};
-use crate::core::base::chart::{Chart, Latitude};
-use crate::core::base::gel::GelShape;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::{nearest_of_box, nearest_of_triangle, triangles};
-use crate::core::pose::Pose;
+use crate::base::chart::{Chart, Latitude};
+use crate::base::gel::GelShape;
+use crate::base::grid::Grid;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
+use crate::mesh::clusters::Clusters;
+use crate::mesh::nearest::{nearest_of_box, nearest_of_triangle, triangles};
+use crate::pose::Pose;
 
 /// How far from its middle a chart is used, rad: beyond, it is wider than the gel three times over.
 const MOST_TURN: f64 = 2.3;

@@ -6,9 +6,9 @@
 
 use std::sync::OnceLock;
 
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::Pose;
+use crate::base::angle::sin_cos_deg;
+use crate::mesh::clusters::Clusters;
+use crate::pose::Pose;
 
 /// Sides of an outline. Discs count for 1 / cos(180 degrees / `SIDES`) of their size at most: 0.03 % more.
 pub const SIDES: usize = 128;
@@ -68,8 +68,8 @@ impl Outline {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::mesh::Mesh;
-    use crate::core::pose::{Anchor, Angles, Side};
+    use crate::mesh::Mesh;
+    use crate::pose::{Anchor, Angles, Side};
 
     /// A box of 2 x 4 x 6 mm, its centre far from its origin.
     fn brick() -> Clusters {

@@ -7,8 +7,8 @@
 
 use std::f64::consts::PI;
 
-use crate::core::base::grid::Grid;
-use crate::core::base::rng::{Stream, stream};
+use crate::base::grid::Grid;
+use crate::base::rng::{Stream, stream};
 
 /// Texels along a side of the random tiles.
 const SIZE: usize = 1024;

@@ -1,6 +1,6 @@
 //! Places of a chart, along whose normals an object is captured.
 
-use crate::core::base::chart::Chart;
+use crate::base::chart::Chart;
 
 /// Places of a chart, in columns and rows.
 pub struct Places<'a> {

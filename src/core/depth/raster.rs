@@ -8,10 +8,10 @@
 use pulp::{Scalar, Simd, WithSimd};
 
 use super::Placement;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::dispatch;
-use crate::core::base::view::View;
-use crate::core::mesh::clusters::{Clusters, MAX_VERTICES, Part};
+use crate::base::grid::Grid;
+use crate::base::simd::dispatch;
+use crate::base::view::View;
+use crate::mesh::clusters::{Clusters, MAX_VERTICES, Part};
 use samples::Tiles;
 
 pub use samples::{SAMPLES, Sampled, raster_samples};

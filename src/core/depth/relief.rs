@@ -6,7 +6,7 @@
 
 use super::patterns;
 use super::patterns::Procedural;
-use crate::core::base::grid::Grid;
+use crate::base::grid::Grid;
 use std::fmt;
 
 /// One pattern made ready. Heights are from 0 to 1, the highest of the tile.
@@ -244,7 +244,7 @@ fn spread(from: usize, to: usize, copies: usize) -> Vec<Vec<(usize, f64)>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::rng::stream;
+    use crate::base::rng::stream;
 
     fn random(width: usize, height: usize) -> Grid<f32> {
         let mut random = stream(1, "relief", 0);

@@ -9,12 +9,12 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grain::grain;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
-use crate::core::depth::Depth;
+use crate::base::grain::grain;
+use crate::base::grid::Grid;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
+use crate::base::view::View;
+use crate::depth::Depth;
 
 /// The shape of a pad that is not flat.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub enum RestSurface {
 
 /// The coating's grain.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Grain {
     /// Standard deviation of its height, um, 0 to 100.
@@ -45,7 +45,7 @@ pub struct Grain {
 }
 
 /// How far the surface of a curved pad lies below its highest point, mm, on the grid of
-/// [`crate::core::gelpad::Contact::surface`].
+/// [`crate::gelpad::Contact::surface`].
 pub fn drop_mm(shape: &RestSurface, view: &View) -> Grid<f32> {
     let [width, height] = view.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
     let mut drop = Grid::new(width, height);
@@ -96,7 +96,7 @@ pub fn lower(depth: &mut Depth, drop: &Grid<f32>, above_mm: f64) {
 }
 
 /// The relief that the light sees on the pad at rest: mm towards the camera, on the grid of
-/// [`crate::core::gelpad::Contact::surface`]. `None` for a smooth and flat pad.
+/// [`crate::gelpad::Contact::surface`]. `None` for a smooth and flat pad.
 pub fn relief(drop: Option<&Grid<f32>>, coating: Option<&Grain>, view: &View) -> Option<Grid<f32>> {
     let [width, height] = view.resolution_px.map(|size| size + 2 * SURFACE_BORDER);
     let rough = coating.filter(|coating| coating.height_um > 0.0).map(|coating| {
@@ -119,7 +119,7 @@ pub fn relief(drop: Option<&Grid<f32>>, coating: Option<&Grain>, view: &View) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::Rect;
+    use crate::base::grid::Rect;
 
     #[test]
     fn a_curved_pad_lies_lower_under_the_object_and_no_object_stays_none() {

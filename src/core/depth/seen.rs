@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::core::mesh::clusters::Clusters;
+use crate::mesh::clusters::Clusters;
 
 /// The part of an object that a camera inside a gel sees.
 pub struct SeenSurface {

@@ -12,11 +12,11 @@ use glam::DVec3;
 use super::Depth;
 use super::places::Places;
 use super::relief::{BLOCK, Level, Relief, repeating};
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
-use crate::core::pose::{PadPlane, Pose};
+use crate::base::angle::sin_cos_deg;
+use crate::base::grid::Grid;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
+use crate::pose::{PadPlane, Pose};
 
 /// A relief, and how it lies on the object.
 #[derive(Clone, Debug)]
@@ -198,10 +198,10 @@ fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, overlap: &mut G
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::{Rect, bounding_box};
-    use crate::core::base::rng::stream;
-    use crate::core::base::simd::scalar_only;
-    use crate::core::depth::patterns::Procedural;
+    use crate::base::grid::{Rect, bounding_box};
+    use crate::base::rng::stream;
+    use crate::base::simd::scalar_only;
+    use crate::depth::patterns::Procedural;
 
     const PATTERNS: [Procedural; 5] =
         [Procedural::Noise, Procedural::Brushed, Procedural::Knurled, Procedural::Woven, Procedural::Dimples];

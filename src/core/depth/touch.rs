@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use crate::core::base::surface::Surface;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::nearest_point;
-use crate::core::pose::Pose;
+use crate::base::surface::Surface;
+use crate::mesh::clusters::Clusters;
+use crate::mesh::nearest::nearest_point;
+use crate::pose::Pose;
 
 /// The point of the gel there, its normal, and how far the object reaches below it, mm; below 0 where it does not. It is looked for
 /// from points so far inside the gel.

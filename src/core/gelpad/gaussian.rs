@@ -8,14 +8,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Numerics, untouched};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::depth::Depth;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
+use crate::depth::Depth;
 
 /// Parameters of the pyramid.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Gaussian {
     /// Widths of the blurs, px, odd, 1 to 255, in the order in which they are applied; up to 8. Taxim's: 51, 21, 11, 5.

@@ -9,14 +9,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Numerics, untouched};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::depth::Depth;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
+use crate::depth::Depth;
 
 /// Parameters of the mean blur.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct MeanBlur {
     /// Width and height of the mean, px, odd, 1 to 255. The paper's: 15.
@@ -226,7 +226,7 @@ fn add<const N: usize>(terms: &[&[f32]; MAX_LEVELS], share: f32, out: &mut [f32]
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::bounding_box;
+    use crate::base::grid::bounding_box;
 
     /// Each mean as written: a double loop, 0 beyond the image, in f64.
     fn oracle(image: &Grid<f32>, kernel: usize, passes: usize) -> Vec<f64> {

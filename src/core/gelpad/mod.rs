@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
-use crate::core::depth::beyond::Surroundings;
-use crate::core::depth::{Depth, Window};
-use crate::core::effects::{Effect, EffectLog, Requirement};
+use crate::base::grid::{Grid, Rect};
+use crate::base::view::SURFACE_BORDER;
+use crate::base::view::View;
+use crate::depth::beyond::Surroundings;
+use crate::depth::{Depth, Window};
+use crate::effects::{Effect, EffectLog, Requirement};
 
 pub mod elastic;
 pub mod gaussian;
@@ -21,7 +21,7 @@ pub mod subpixel;
 pub mod tangential;
 pub mod whole;
 
-use crate::core::base::simd::{largest, simd_dispatch};
+use crate::base::simd::{largest, simd_dispatch};
 use elastic::friction::Drag;
 use elastic::inplane::{InPlane, Load};
 use elastic::layer::ElasticLayer;
@@ -42,7 +42,7 @@ pub const USUAL_DEPTHS: [f64; 2] = [0.05, 0.3];
 
 /// The models of the gelpad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
     /// The object's own shape where it reaches into the pad, flat elsewhere.
@@ -284,7 +284,7 @@ pub struct Contact {
     pub pressure: Option<Grid<f32>>,
     /// Normal force on the part in view, N, if the model knows it, and all of the object that decides it.
     pub force_n: Option<f64>,
-    /// How the contact in view is part of a whole; set by [`crate::core::simulator::Simulator`].
+    /// How the contact in view is part of a whole; set by [`crate::simulator::Simulator`].
     pub whole: Whole,
     /// By what factor pressures and forces are larger than [`Contact::load`] has them: friction and a curved core, as finite
     /// elements have them.

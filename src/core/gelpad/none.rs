@@ -4,12 +4,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Contact, Numerics, untouched};
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::depth::Depth;
+use crate::base::view::SURFACE_BORDER;
+use crate::depth::Depth;
 
 /// It has no parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct NoDeformation {}
 

@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec3};
 
 use super::elastic::history::Moved;
-use crate::core::base::angle::Turn;
-use crate::core::pose::Pose;
+use crate::base::angle::Turn;
+use crate::pose::Pose;
 
 /// Where a frame that goes with an object lies in the sensor's.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

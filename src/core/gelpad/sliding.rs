@@ -15,16 +15,16 @@ use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic};
 use super::material::Material;
 use super::planar::{PlanarFrame, PlanarMotion};
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::Site;
-use crate::core::base::grid::{Grid, Rect, Resolution, bounding_box};
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::depth::height_map::HeightMap;
-use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::texture::{Laid, Texture};
-use crate::core::depth::{self, Depth};
-use crate::core::effects::{EffectLog, EffectPolicy};
-use crate::core::pose::Pose;
+use crate::base::chart::Chart;
+use crate::base::gel::Site;
+use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::depth::height_map::HeightMap;
+use crate::depth::indenter::{Indenter, Shape};
+use crate::depth::texture::{Laid, Texture};
+use crate::depth::{self, Depth};
+use crate::effects::{EffectLog, EffectPolicy};
+use crate::pose::Pose;
 
 pub mod over_gel;
 

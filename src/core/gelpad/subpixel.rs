@@ -6,14 +6,14 @@
 //! without a step. The optics average the light over the samples (not the heights, which would round the wall off), with a
 //! weight that grows from 0 to 1 while the slope changes by one to two [`BEND`]s from pixel to pixel.
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::depth::indenter::{Indenter, Shape};
-use crate::core::depth::raster::{SAMPLES, Sampled};
-use crate::core::depth::{self, Depth, Window};
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::{Contact, Pad};
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::depth::indenter::{Indenter, Shape};
+use crate::depth::raster::{SAMPLES, Sampled};
+use crate::depth::{self, Depth, Window};
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::gelpad::{Contact, Pad};
 
 /// Change of the slope from one pixel to the next that is not sampled yet.
 pub const BEND: f32 = 0.2;

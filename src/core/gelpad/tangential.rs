@@ -6,7 +6,7 @@ use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::{self, Friction, Motion};
 use super::material::Material;
 use super::sliding::Sliding;
-use crate::core::effects::{Effect, EffectLog, Requirement};
+use crate::effects::{Effect, EffectLog, Requirement};
 
 /// Motion of the pad's surface in its own plane.
 #[derive(Clone, Debug)]

@@ -2,12 +2,12 @@
 
 use super::Contact;
 use super::elastic::inplane::Load;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::{count, simd_dispatch};
-use crate::core::base::view::View;
-use crate::core::depth::Depth;
-use crate::core::depth::beyond::{Area, Cells, Surroundings};
-use crate::core::depth::indenter::Shape;
+use crate::base::grid::Grid;
+use crate::base::simd::{count, simd_dispatch};
+use crate::base::view::View;
+use crate::depth::Depth;
+use crate::depth::beyond::{Area, Cells, Surroundings};
+use crate::depth::indenter::Shape;
 
 /// What touches the pad beyond the captured window.
 #[derive(Clone, Debug)]

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::clusters::{Clusters, Part};
-pub use crate::core::base::triangle::nearest_of_triangle;
+pub use crate::base::triangle::nearest_of_triangle;
 
 /// The point of the object that is closest to `to`, both in the object's own frame, mm.
 pub fn nearest_point(object: &Clusters, to: DVec3) -> DVec3 {

@@ -6,14 +6,14 @@
 //! A `pattern` is a measurement: what real pads of a kind have in common, a polynomial of fourth degree in each channel.
 
 use super::led::Led;
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::base::grain::grain;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
-use crate::core::base::light::quantise;
-use crate::core::base::rng::stream;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
+use crate::base::angle::sin_cos_deg;
+use crate::base::grain::grain;
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::Light;
+use crate::base::light::quantise;
+use crate::base::rng::stream;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
 use serde::{Deserialize, Serialize};
 
 /// What the camera sees without contact, as 8-bit display values.
@@ -167,7 +167,7 @@ const MOST_SPECKS: f64 = 20_000.0;
 
 /// Parameters of the image that an untouched pad gives where no real one is at hand.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RenderedBackground {
     /// Red, green and blue of the diffuse light in the pad's middle, 0 to 1.
@@ -194,7 +194,7 @@ pub struct RenderedBackground {
 /// A polynomial of fourth degree for each channel in the place x, y, each from -1 at the left and the top of the image to 1: the
 /// factors of 1, y, y^2, y^3, y^4, x, x y, x y^2, x y^3, x^2, x^2 y, x^2 y^2, x^3, x^3 y, x^4.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Pattern {
     /// Of red.

@@ -1,8 +1,8 @@
 //! A coarser grid than the camera's, and what varies slowly enough to be found there and interpolated.
 
-use crate::core::base::grid::{Grid, Rect, Resolution};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
+use crate::base::grid::{Grid, Rect, Resolution};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
 
 /// Every pixel of a surface, or every second or fourth one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 
 use std::f64::consts::PI;
 
-use crate::core::base::gel::{GelShape, Site};
+use crate::base::gel::{GelShape, Site};
 use glam::DVec3;
 use on_mesh::HeatOnMesh;
 use round::HeatOnRound;

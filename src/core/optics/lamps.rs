@@ -22,12 +22,12 @@ use super::background::BackgroundImage;
 use super::led::Normals;
 use super::normals::set_normals;
 use super::visible::{BOUND, Threshold};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::{Light, quantise};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::{Light, quantise};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::gelpad::Contact;
 
 /// Lamps of a sensor that has any.
 pub const COUNT: usize = 6;
@@ -40,13 +40,13 @@ pub const FLAT_FIELD_TERMS: usize = 15;
 
 /// The optics model `lamps`. It has no parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Lamps {}
 
 /// A lamp, for the optics model `lamps`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Lamp {
     /// What messages and docs call it.

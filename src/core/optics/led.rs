@@ -6,7 +6,7 @@
 //! is left on the undeformed pad.
 
 use super::shadow::Caster;
-use crate::core::base::angle::sin_cos_deg;
+use crate::base::angle::sin_cos_deg;
 use serde::{Deserialize, Serialize};
 
 /// Square of the distance, mm^2, nearer than which no LED counts: at the point of an LED that lies in the pad's plane
@@ -15,7 +15,7 @@ const NEAREST_MM2: f32 = 1e-6;
 
 /// An LED.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Led {
     /// What messages and docs call it.

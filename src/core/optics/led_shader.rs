@@ -1,10 +1,10 @@
 //! Light of LEDs on the surface: which effects a press calls for, and where.
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::view::SURFACE_BORDER;
+use crate::base::view::View;
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::gelpad::Contact;
 
 use super::Illumination;
 use super::background::BackgroundImage;
@@ -14,7 +14,7 @@ use super::phong::{Equation, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::Casting;
 use super::visible::{self, Extent, Threshold};
-use crate::core::base::light::{LazyLight, Light};
+use crate::base::light::{LazyLight, Light};
 use shading::Lit;
 
 mod shading;

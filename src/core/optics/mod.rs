@@ -1,12 +1,12 @@
 //! From surface to light: what brightness each pixel sends to the camera.
 
-use crate::core::base::light::{LazyLight, Light};
+use crate::base::light::{LazyLight, Light};
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::View;
-use crate::core::effects::EffectLog;
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::view::View;
+use crate::effects::EffectLog;
+use crate::gelpad::Contact;
 
 pub mod background;
 pub mod calibrated;
@@ -31,7 +31,7 @@ use residual::LightResidual;
 
 /// The models of the light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
     /// LEDs at infinity, diffuse and specular reflection (Phong 1975, as used by Gomes, Wilson and Luo 2019).

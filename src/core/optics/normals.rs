@@ -5,9 +5,9 @@
 //! [-1 0 1] / (2 r) along rows and columns, r the pixel pitch (Gomes, Wilson and Luo 2019).
 
 use super::led::Normals;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::gelpad::Contact;
 
 /// Unit normals of the view, row-major; a flat pad is (0, 0, -1).
 pub fn normals(contact: &Contact, view: &View) -> Vec<[f32; 3]> {

@@ -16,12 +16,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::led::{Normals, PlacedLed, Row};
-use crate::core::base::grid::Resolution;
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::Resolution;
+use crate::base::simd::simd_dispatch;
 
 /// Parameters of Phong shading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Phong {
     /// k_a: share of the background image that is seen, 0 to 1. Not in the paper: 1.
@@ -58,7 +58,7 @@ impl Default for Phong {
 
 /// What is added to the background.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Equation {
     /// Phong(N) - Phong(flat): an untouched pad is the background.
@@ -69,7 +69,7 @@ pub enum Equation {
 
 /// Shadows that the surface casts on itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Shadows {
     /// None.
@@ -80,7 +80,7 @@ pub enum Shadows {
 
 /// Parameters of soft shadows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Soft {
     /// Grid on which shadows are found; in between they are interpolated.

@@ -20,7 +20,7 @@ const DEGREES: [i32; 9] = [1, 1, 2, 2, 2, 3, 3, 3, 3];
 
 /// Light that the LEDs leave unexplained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LightResidual {
     /// Largest length of (n_x, n_y) it was fitted to, 0.01 to 1. Steeper normals are taken for as steep ones.
@@ -121,7 +121,7 @@ pub fn part(planes: &mut Planes, run: Range<usize>) -> [&mut [f32]; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::rng::stream;
+    use crate::base::rng::stream;
 
     #[test]
     fn it_is_the_sum_of_its_terms_and_never_more_than_its_bounds() {

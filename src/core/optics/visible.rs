@@ -14,11 +14,11 @@ use super::Illumination;
 use super::led::PlacedLed;
 use super::phong::{Phong, Shadows};
 use super::residual::LightResidual;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
+use crate::base::view::View;
+use crate::gelpad::Contact;
 
 /// Largest change of a channel that is left out, as a share of full scale: under half a grey level.
 pub const BOUND: f64 = 0.45 / 255.0;
@@ -232,7 +232,7 @@ impl Excess {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::optics::led::{Led, Normals, Row};
+    use crate::optics::led::{Led, Normals, Row};
 
     const NORMALS: [[f32; 2]; 6] = [[0.0, 0.0], [0.3, 0.0], [-0.4, 0.2], [0.0, -0.7], [0.6, 0.6], [-0.9, 0.1]];
 

@@ -1,14 +1,14 @@
 //! Frames of a sequence: an object that slides, turns and rolls on the pad.
 
-use crate::core::base::clock::Clock;
-use crate::core::curved::sequence::MovingObject;
-use crate::core::depth::texture::{Laid, Texture};
-use crate::core::effects::{Effect, EffectPolicy};
-use crate::core::gelpad;
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::sliding::{FramePad, Ground, ObjectStep, Sliding};
-use crate::core::impression::Impression;
-use crate::core::pose::Pose;
+use crate::base::clock::Clock;
+use crate::curved::sequence::MovingObject;
+use crate::depth::texture::{Laid, Texture};
+use crate::effects::{Effect, EffectPolicy};
+use crate::gelpad;
+use crate::gelpad::elastic::shear::Friction;
+use crate::gelpad::sliding::{FramePad, Ground, ObjectStep, Sliding};
+use crate::impression::Impression;
+use crate::pose::Pose;
 
 use super::{Press, Simulator};
 
@@ -27,37 +27,6 @@ impl Simulator {
     /// The next frame of a sequence: the object goes through `steps`, the last of which leads to where `press` has it, and
     /// friction remembers in `sliding` what it did. The press's texture lies where it lay at the start of the sequence; its
     /// shear is left out.
-    ///
-    /// ```
-    /// use gelsim::{Fidelity, Friction, Indenter, ObjectStep, PlanarMotion, Pose, Press, Sensor, Simulator};
-    ///
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let sensor = Sensor::preset("gelsight-2014")?.with_resolution([80, 60]);
-    /// let simulator = Simulator::new(&sensor, Fidelity::Draft)?;
-    /// let view = sensor.view();
-    /// let mut sliding = simulator.sliding(Friction::Coulomb { coefficient: 0.3 }).expect("an elastic pad");
-    /// let mut wrench = Default::default();
-    /// for frame in 0..12 {
-    ///     // A ball of 4 mm: pressed in for four frames, then pushed to the right.
-    ///     let (deep, right, by) = (0.2 * f64::from(frame.min(3) + 1), 0.2 * f64::from((frame - 3).max(0)), 0.2);
-    ///     let ball = |i: usize| {
-    ///         let [x, y] = view.point_mm([(i % 80) as f64 + 0.5, (i / 80) as f64 + 0.5]);
-    ///         let left = 16.0 - (x - right) * (x - right) - y * y;
-    ///         if left > 0.0 { (deep - 4.0 + left.sqrt()) as f32 } else { f32::NEG_INFINITY }
-    ///     };
-    ///     let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [right, 0.0, -deep]);
-    ///     let indenter = Indenter { pose, ..Indenter::height_map([80, 60], (0..80 * 60).map(ball).collect())? };
-    ///     let shift_mm = [if frame > 3 { by } else { 0.0 }, 0.0];
-    ///     let motion = PlanarMotion { shift_mm, ..PlanarMotion::default() };
-    ///     let step = ObjectStep { pose, depth_mm: indenter.depth_mm, motion };
-    ///     let impression = simulator.press_next(&Press::new(indenter, &sensor), &[step], &mut sliding);
-    ///     wrench = impression.sliding.expect("a frame of a sequence").wrench;
-    /// }
-    /// let [x, _, z] = wrench.force_n;
-    /// assert!(x > 0.25 * -z && x < 0.301 * -z, "{wrench:?}"); // it slips
-    /// # Ok(())
-    /// # }
-    /// ```
     ///
     /// # Panics
     ///

@@ -2,17 +2,17 @@
 
 use std::sync::Arc;
 
-use crate::core::camera::pins::Pins;
-use crate::core::camera::{Camera, Image};
-use crate::core::curved::{Curved, SkinLight, SkinPicture};
-use crate::core::depth::rest;
-use crate::core::effects::{Effect, EffectPolicy};
-use crate::core::fidelity::{Fidelity, Models};
-use crate::core::gelpad::Pad;
-use crate::core::gelpad::material::Material;
-use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::{self, Illumination, Shader, lamps};
-use crate::core::sensor::{Background, Sensor, SensorError};
+use crate::camera::pins::Pins;
+use crate::camera::{Camera, Image};
+use crate::curved::{Curved, SkinLight, SkinPicture};
+use crate::depth::rest;
+use crate::effects::{Effect, EffectPolicy};
+use crate::fidelity::{Fidelity, Models};
+use crate::gelpad::Pad;
+use crate::gelpad::material::Material;
+use crate::optics::background::BackgroundImage;
+use crate::optics::{self, Illumination, Shader, lamps};
+use crate::sensor::{Background, Sensor, SensorError};
 
 use super::Simulator;
 
@@ -40,7 +40,7 @@ impl Simulator {
     }
 
     /// The same, but every press says how the pad's surface moves in its plane, markers or not; see
-    /// [`crate::core::impression::Impression::flow_mm`].
+    /// [`crate::impression::Impression::flow_mm`].
     pub fn with_flow(self) -> Self {
         let in_plane = self.in_plane.or_else(|| {
             let Sensor { gelpad, .. } = &self.sensor;

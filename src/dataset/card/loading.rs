@@ -1,7 +1,7 @@
 //! Python that loads a dataset, as its card shows it: each snippet runs by itself in the dataset's folder.
 
-use crate::job::config::output::{Container, Output};
-use crate::job::layers::{Coding, OutputLayer};
+use gelsim_job::config::output::{Container, Output};
+use gelsim_job::layers::{Coding, OutputLayer};
 
 /// What the samples of a dataset are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,9 +6,9 @@
 
 use super::heights::Heights;
 use super::perspective;
-use crate::core::base::grid::Grid;
-use crate::core::base::view::View;
-use crate::files::diagnostic::Diagnostic;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// What the values of a frame are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::camera::{DepthCamera, Unit};
 use super::heights::Heights;
-use crate::files::diagnostic::Diagnostic;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// What is known of a frame's heights.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -218,8 +218,8 @@ fn rounded(mm: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::grid::Grid;
-    use crate::dataset::frames::camera::{Along, Projection};
+    use crate::frames::camera::{Along, Projection};
+    use gelsim_core::base::grid::Grid;
 
     fn camera(unit: Unit, plane_mm: f64) -> DepthCamera {
         DepthCamera {

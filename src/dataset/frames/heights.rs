@@ -1,6 +1,6 @@
 //! What a depth camera's frame says of the view: heights over the undeformed pad, at the sensor's pixels.
 
-use crate::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 /// Heights over the undeformed pad, mm, at each pixel of the view; infinite where nothing is. And how many pixels the
 /// camera could not see.

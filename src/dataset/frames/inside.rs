@@ -10,18 +10,18 @@ use glam::DVec3;
 
 use super::camera::{Along, DepthCamera, Projection as Rays};
 use super::check::{Against, Reach};
-use crate::core::base::gel::{GelShape, Site};
-use crate::core::base::grid::Grid;
-use crate::core::camera::projection::{LensModel, Pinhole, Projection};
-use crate::core::depth::indenter::Shape;
-use crate::core::depth::lines::DEEP;
-use crate::core::depth::seen::SeenSurface;
-use crate::core::mesh::Mesh;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::nearest::is_met_along;
-use crate::core::pose::Pose;
-use crate::core::sensor::Sensor;
-use crate::files::diagnostic::Diagnostic;
+use gelsim_core::base::gel::{GelShape, Site};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::camera::projection::{LensModel, Pinhole, Projection};
+use gelsim_core::depth::indenter::Shape;
+use gelsim_core::depth::lines::DEEP;
+use gelsim_core::depth::seen::SeenSurface;
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::mesh::nearest::is_met_along;
+use gelsim_core::pose::Pose;
+use gelsim_core::sensor::Sensor;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// Neighbours whose distances differ by more than this times how far apart they are across the rays are two surfaces.
 const STEEPEST: f64 = 8.0;

@@ -4,9 +4,9 @@
 //! Where distances jump, neighbours are not joined: what lies between them was hidden.
 
 use super::heights::Heights;
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::base::grid::Grid;
-use crate::core::base::view::View;
+use gelsim_core::base::angle::sin_cos_deg;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
 
 /// Neighbours whose distances differ by more than this times their distance from each other across the rays are two
 /// surfaces: one that is steeper (83 degrees) shows nothing of itself to parallel rays either.

@@ -9,14 +9,14 @@ use std::path::Path;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::source::{Source, stem};
-use crate::core::gelpad::elastic::shear::Motion;
-use crate::core::pose::{Angles, Pose};
-use crate::files::diagnostic::user_error;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::input;
-use crate::files::rows::{self, Row, row_place};
-use crate::files::spelling::nearest;
-use crate::files::spelling::one_of;
+use gelsim_core::gelpad::elastic::shear::Motion;
+use gelsim_core::pose::{Angles, Pose};
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::input;
+use gelsim_files::rows::{self, Row, row_place};
+use gelsim_files::spelling::nearest;
+use gelsim_files::spelling::one_of;
 
 /// Largest table, bytes.
 const MOST_BYTES: u64 = 256 << 20;

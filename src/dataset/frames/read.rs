@@ -6,11 +6,11 @@
 
 use std::path::Path;
 
-use crate::core::base::grid::Grid;
-use crate::files::input;
-use crate::files::npz::Npz;
-use crate::files::{exr, foreign, npy, png, unpack};
-use crate::job::steps;
+use gelsim_core::base::grid::Grid;
+use gelsim_files::input;
+use gelsim_files::npz::Npz;
+use gelsim_files::{exr, foreign, npy, png, unpack};
+use gelsim_job::steps;
 
 /// Ends of the names of files that can be read.
 pub const ENDINGS: [&str; 4] = ["npy", "npz", "exr", "png"];
@@ -82,7 +82,7 @@ pub fn size(shape: &[usize]) -> Result<[usize; 2], String> {
             "its array is of shape {shape:?}; a depth frame has rows and columns: (H, W) or (H, W, 1){many}"
         ));
     };
-    crate::core::base::view::sides([width, height])?;
+    gelsim_core::base::view::sides([width, height])?;
     Ok([width, height])
 }
 
@@ -113,8 +113,8 @@ fn grey(bytes: &[u8]) -> Result<Grid<f64>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::exr::{Compression, Exr, Pixel};
-    use crate::files::zip::tests::stored;
+    use gelsim_files::exr::{Compression, Exr, Pixel};
+    use gelsim_files::zip::encode_stored;
 
     fn npy(descr: &str, is_fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let text = format!("{{'descr': '{descr}', 'fortran_order': {is_fortran}, 'shape': {shape}, }}");
@@ -170,10 +170,10 @@ mod tests {
             npy("<f8", "False", "(2, 3)", [1.0, 2.0, 3.0, 4.0, 5.0, 6.0_f64].map(f64::to_le_bytes).as_flattened());
         let other = npy("<f8", "False", "(1, 1)", &0.0_f64.to_le_bytes());
         let expected = decode(&frame);
-        assert_eq!(decode(&stored(&[("arr_0.npy", &frame)])), expected);
-        assert_eq!(decode(&stored(&[("rgb.npy", &other), ("Depth.npy", &frame)])), expected);
-        assert_eq!(decode(&stored(&[("rgb.npy", &other), ("Z.npy", &frame)])), expected);
-        let several = stored(&[("left.npy", &frame), ("right.npy", &other)]);
+        assert_eq!(decode(&encode_stored(&[("arr_0.npy", &frame)])), expected);
+        assert_eq!(decode(&encode_stored(&[("rgb.npy", &other), ("Depth.npy", &frame)])), expected);
+        assert_eq!(decode(&encode_stored(&[("rgb.npy", &other), ("Z.npy", &frame)])), expected);
+        let several = encode_stored(&[("left.npy", &frame), ("right.npy", &other)]);
         let refused = decode(&several).unwrap_err();
         assert!(refused.starts_with("it holds 2 arrays, `left`, `right`, and none is called `depth`"), "{refused}");
         assert!(refused.ends_with("such as FILE.npz/left"), "{refused}");
@@ -182,6 +182,6 @@ mod tests {
         std::fs::write(&path, several).expect("a file");
         assert_eq!(file(&path.join("left")), expected);
         assert!(file(&path.join("none")).unwrap_err().contains("it has no array `none`, but `left`, `right`"));
-        assert!(decode(&stored(&[])).unwrap_err().starts_with("it is an empty ZIP archive"));
+        assert!(decode(&encode_stored(&[])).unwrap_err().starts_with("it is an empty ZIP archive"));
     }
 }

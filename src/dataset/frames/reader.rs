@@ -6,13 +6,13 @@ use super::camera::DepthCamera;
 use super::check::Reach;
 use super::heights::Heights;
 use super::inside::{InsideCamera, InsideFrame};
-use crate::core::base::grid::Grid;
-use crate::core::base::view::View;
-use crate::core::depth::height_map::HeightMap;
-use crate::core::depth::indenter::Shape;
-use crate::core::pose::Pose;
-use crate::core::simulator::Simulator;
-use crate::files::diagnostic::Diagnostic;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
+use gelsim_core::depth::height_map::HeightMap;
+use gelsim_core::depth::indenter::Shape;
+use gelsim_core::pose::Pose;
+use gelsim_core::simulator::Simulator;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// A depth camera in the place that a sensor gives it.
 pub enum FrameReader {

@@ -18,21 +18,21 @@ use super::read;
 use super::reader::{FrameReader, SeenFrame};
 use super::sequence::{self, Followed, Follower};
 use super::source::Source;
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::dataset::archive::Member;
-use crate::dataset::encode::{json, layers, members};
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::input;
-use crate::files::write::{absent_is_fine, sweep, sync_all_in, write_one_of_many};
-use crate::job::config::output::OnUnhealthy;
-use crate::job::label::Label;
-use crate::job::layers::{DepthFormat, OutputLayer};
-use crate::job::layout::Split;
-use crate::job::plan::Plan;
-use crate::job::sample::Sample;
-use crate::job::sample::press;
-use crate::job::scene::{Frame, KnownPress, Pressed, Scene};
-use crate::job::sequence::label::{FrameRow, SequenceInfo, SequenceLabel};
+use crate::archive::Member;
+use crate::encode::{json, layers, members};
+use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::input;
+use gelsim_files::write::{absent_is_fine, sweep, sync_all_in, write_one_of_many};
+use gelsim_job::config::output::OnUnhealthy;
+use gelsim_job::label::Label;
+use gelsim_job::layers::{DepthFormat, OutputLayer};
+use gelsim_job::layout::Split;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::sample::press;
+use gelsim_job::scene::{Frame, KnownPress, Pressed, Scene};
+use gelsim_job::sequence::label::{FrameRow, SequenceInfo, SequenceLabel};
 
 /// What to render and where.
 pub struct Request<'a> {

@@ -6,22 +6,22 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::poses::FrameMetadata;
 use super::reader::SeenFrame;
-use crate::core::base::gel::Site;
-use crate::core::base::view::View;
-use crate::core::camera::CameraParams;
-use crate::core::depth::height_map::HeightMap;
-use crate::core::depth::texture::Laid;
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::planar::PlanarMotion;
-use crate::core::gelpad::sliding::{ObjectStep, Sliding};
-use crate::core::pose::{PadPlane, Pose};
-use crate::files::diagnostic::Diagnostic;
-use crate::job::label::Label;
-use crate::job::layout::Split;
-use crate::job::plan::Plan;
-use crate::job::sample::Sample;
-use crate::job::scene::{Frame, KnownPress, Pressed, Scene};
-use crate::job::sequence::label::FrameLabel;
+use gelsim_core::base::gel::Site;
+use gelsim_core::base::view::View;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::depth::height_map::HeightMap;
+use gelsim_core::depth::texture::Laid;
+use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_core::gelpad::planar::PlanarMotion;
+use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
+use gelsim_core::pose::{PadPlane, Pose};
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_job::label::Label;
+use gelsim_job::layout::Split;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::Sample;
+use gelsim_job::scene::{Frame, KnownPress, Pressed, Scene};
+use gelsim_job::sequence::label::FrameLabel;
 
 /// Largest turn about the pad's normal between two frames, degrees: the law of friction takes its chord for the way.
 const MOST_TURN_DEG: f64 = 10.0;

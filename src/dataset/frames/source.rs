@@ -6,8 +6,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::read::{ENDINGS, in_archive};
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::input::{matching, may_be_file, meant};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::input::{matching, may_be_file, meant};
 
 /// A frame's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -110,7 +110,7 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::diagnostic::Report;
+    use gelsim_files::diagnostic::Report;
 
     #[test]
     fn files_folders_and_patterns_are_taken_in_order_and_no_name_twice() {

@@ -11,10 +11,10 @@ use super::reader::FrameReader;
 use super::run::InSequence;
 use super::sequence::Follower;
 use super::{read, run};
-use crate::core::pose::Pose;
-use crate::files::diagnostic::{Diagnostic, Report};
-use crate::files::npy;
-use crate::job::plan::Plan;
+use gelsim_core::pose::Pose;
+use gelsim_files::diagnostic::{Diagnostic, Report};
+use gelsim_files::npy;
+use gelsim_job::plan::Plan;
 
 /// Longest header, bytes; numpy's has 118.
 const MOST_HEADER: usize = 1 << 16;

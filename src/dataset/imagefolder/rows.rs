@@ -10,7 +10,7 @@ use super::super::archive::Files;
 use super::super::encode::{frame, json};
 use super::super::labels::{SampleLabel, Suffix, split};
 use super::{METADATA, old_file, open};
-use crate::job::sequence::label::FrameRow;
+use gelsim_job::sequence::label::FrameRow;
 
 /// The end of the name of a sample's label.
 pub const LABEL: &str = "json";

@@ -5,13 +5,13 @@ use std::io;
 use serde_json::Value;
 
 use super::{Cure, Finding, Looked};
-use crate::dataset::cleanup::DESCRIPTIONS;
-use crate::dataset::finalize::descriptions;
-use crate::dataset::folder::{is_as_written, recorded_text};
-use crate::dataset::recorded::Recorded;
-use crate::dataset::stats::Stats;
-use crate::files::input;
-use crate::job::plan::fingerprint;
+use crate::cleanup::DESCRIPTIONS;
+use crate::finalize::descriptions;
+use crate::folder::{is_as_written, recorded_text};
+use crate::recorded::Recorded;
+use crate::stats::Stats;
+use gelsim_files::input;
+use gelsim_job::plan::fingerprint;
 
 /// Where job.toml is not what was written, and stats are of another job than it or of another version.
 pub fn of_this_job(recorded: &Recorded, looked: &[Looked], made_by: Option<&str>) -> Vec<Finding> {

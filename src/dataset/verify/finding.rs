@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::path::Path;
 
-use crate::files::spelling::shell_word;
+use gelsim_files::spelling::shell_word;
 
 /// Something that is wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,28 +1,29 @@
 //! Whether the samples of a shard are those that its job makes, file by file, and what their labels add up to.
 
+use crate::container::ShardContainer;
 use std::collections::BTreeSet;
 use std::io::Read;
 use std::ops::ControlFlow;
 
 use serde::Deserialize;
 
-use crate::core::base::clock::Seconds;
-use crate::core::effects::PerEffect;
-use crate::dataset::archive::{self, Files};
-use crate::dataset::encode::frame;
-use crate::dataset::labels::{self, SampleLabel, Suffix};
-use crate::dataset::paths::Paths;
-use crate::dataset::recorded::Recorded;
-use crate::dataset::stats::Stats;
-use crate::dataset::{decode, imagefolder};
-use crate::files::{exr, npy, png};
-use crate::job::config::output::Container;
-use crate::job::gripper::FINGERS;
-use crate::job::label::{Label, key};
-use crate::job::layers::{Coding, Form, OutputLayer, Scale};
-use crate::job::layout::{Shard, Split};
-use crate::job::steps;
-use crate::job::steps::Steps;
+use crate::archive::{self, Files};
+use crate::encode::frame;
+use crate::labels::{self, SampleLabel, Suffix};
+use crate::paths::Paths;
+use crate::recorded::Recorded;
+use crate::stats::Stats;
+use crate::{decode, imagefolder};
+use gelsim_core::base::clock::Seconds;
+use gelsim_core::effects::PerEffect;
+use gelsim_files::{exr, npy, png};
+use gelsim_job::config::output::Container;
+use gelsim_job::gripper::FINGERS;
+use gelsim_job::label::{Label, key};
+use gelsim_job::layers::{Coding, Form, OutputLayer, Scale};
+use gelsim_job::layout::{Shard, Split};
+use gelsim_job::steps;
+use gelsim_job::steps::Steps;
 
 /// Mistakes named for one shard; the rest are counted.
 const MOST_NAMED: usize = 10;

@@ -9,8 +9,8 @@ mod matches;
 pub use codes::{Codes, Histogram};
 pub use matches::{Finder, Runs};
 
-use crate::core::base::simd::simd_dispatch;
 use codes::{HEAD_BYTES, LONGEST_CODE};
+use gelsim_core::base::simd::simd_dispatch;
 use simd_adler32::Adler32;
 
 /// Shortest and longest match.

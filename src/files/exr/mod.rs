@@ -18,7 +18,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::unpack;
-use crate::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 mod zip;
 
@@ -221,7 +221,7 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     {
         return Err(String::from("its tiles are far larger than the image: save it in scan lines"));
     }
-    crate::core::base::view::sides([width, height])?;
+    gelsim_core::base::view::sides([width, height])?;
     Ok(([width, height], channels.iter().map(|channel| channel.name.to_string()).collect()))
 }
 

@@ -10,8 +10,8 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 
 use super::{Lines, Pixel};
-use crate::core::base::simd::simd_dispatch;
-use crate::files::deflate::{Codes, Finder, Histogram, Zlib};
+use crate::deflate::{Codes, Finder, Histogram, Zlib};
+use gelsim_core::base::simd::simd_dispatch;
 
 /// Rows in a block, by the format.
 pub const ROWS: usize = 16;

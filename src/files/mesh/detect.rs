@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use super::{Format, Words, obj, off, stl};
-use crate::files::foreign::{self, BLENDER, Foreign, UNPACK};
-use crate::files::zip;
+use crate::foreign::{self, BLENDER, Foreign, UNPACK};
+use crate::zip;
 
 /// What a file is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -251,8 +251,8 @@ fn root(bytes: &[u8]) -> Option<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::mesh::tests::{cube_dae, cube_obj, cubes};
-    use crate::files::zip::tests::stored;
+    use crate::mesh::tests::{cube_dae, cube_obj, cubes};
+    use crate::zip::encode_stored;
 
     fn what(bytes: &[u8]) -> &'static str {
         match detect(bytes) {
@@ -315,7 +315,7 @@ mod tests {
 
     #[test]
     fn what_is_no_mesh_is_named() {
-        let zip = |name: &str| stored(&[(name, b"")]);
+        let zip = |name: &str| encode_stored(&[(name, b"")]);
         for (bytes, expected) in [
             (&b""[..], "empty"),
             (b"version https://git-lfs.github.com/spec/v1\noid", "a pointer of Git LFS"),

@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use super::format::{ENDINGS, Format};
 use super::missing::Missing;
 use super::points::Points;
-use crate::core::mesh::MeshError;
-use crate::files::foreign::Foreign;
-use crate::files::input::meant;
+use crate::foreign::Foreign;
+use crate::input::meant;
+use gelsim_core::mesh::MeshError;
 
 /// Why a mesh file cannot be used, and where. Its text is one line, such as
 /// `objects/a.obj:17: face refers to vertex 9, but the file has 8 so far`.

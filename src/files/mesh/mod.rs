@@ -33,7 +33,7 @@ use serde::Serialize;
 
 use super::hash::sha256;
 use super::input;
-use crate::core::mesh::{Cleaned, Mesh};
+use gelsim_core::mesh::{Cleaned, Mesh};
 
 use detect::Detected;
 pub use error::{HEIGHT_MAP, MeshFileError, MeshFileProblem};

@@ -4,11 +4,11 @@
 //! Our own reader: `tobj` 4 refuses comments after a vertex, continued lines and names that are not UTF-8, tells
 //! no line, and cuts concave polygons wrongly. Format: Wavefront, Advanced Visualizer Manual, appendix B1 (1992).
 
-use crate::core::mesh::MeshError;
-use crate::files::mesh::points::PointKind;
-use crate::files::mesh::polygon::Cutter;
-use crate::files::mesh::raw::{Parts, Raw};
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Words, coordinates, quoted};
+use crate::mesh::points::PointKind;
+use crate::mesh::polygon::Cutter;
+use crate::mesh::raw::{Parts, Raw};
+use crate::mesh::{MeshFileError, MeshFileProblem, Words, coordinates, quoted};
+use gelsim_core::mesh::MeshError;
 
 /// Vertices and triangles in the order of the file. Its parts are its objects (`o`), or where it has none its groups (`g`).
 ///
@@ -127,7 +127,7 @@ fn whole(text: &[u8]) -> Option<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::mesh::{Format, Mesh, parse};
+    use crate::mesh::{Format, Mesh, parse};
     use proptest::prelude::*;
 
     fn raw(text: &[u8]) -> Raw {

@@ -2,9 +2,9 @@
 //!
 //! Format: Geomview manual, Object File Format (1996).
 
-use crate::core::mesh::MeshError;
-use crate::files::mesh::polygon::Cutter;
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use crate::mesh::polygon::Cutter;
+use crate::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use gelsim_core::mesh::MeshError;
 
 /// Vertices and triangles in the order of the file: each vertex and each face begins a line.
 pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {

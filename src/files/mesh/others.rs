@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::packages::{Named, Packages};
 use super::{MeshFileError, MeshFileProblem, Reason};
-use crate::files::hash::sha256;
-use crate::files::input;
+use crate::hash::sha256;
+use crate::input;
 
 /// Reads the files that a mesh file names.
 pub(super) struct Others {

@@ -15,7 +15,7 @@ use roxmltree::{Document, Node};
 use super::missing::Reason;
 use super::uri::decoded;
 use super::{Format, is_height_map};
-use crate::files::input;
+use crate::input;
 
 /// What a robot writes in place of a path.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -6,9 +6,9 @@
 use std::path::Path;
 
 use super::{MeshFileError, MeshFileProblem, Raw};
-use crate::core::base::grid::Grid;
-use crate::core::mesh::{Cleaned, Mesh};
-use crate::files::{hash, heights, input};
+use crate::{hash, heights, input};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::mesh::{Cleaned, Mesh};
 
 /// Samples of a height map at most: each becomes two triangles.
 const MOST_PX: usize = 2_000_000;

@@ -2,7 +2,7 @@
 //!
 //! A convex quad is cut along its shorter diagonal. Every other polygon is projected along the main axis of its
 //! normal (Newell's method, as in Sutherland et al. 1974) and cut by ear clipping (crate `earcut`); what has no
-//! normal becomes a fan, whose triangles [`Mesh::new`](crate::core::mesh::Mesh::new) drops where they have no area.
+//! normal becomes a fan, whose triangles [`Mesh::new`](gelsim_core::mesh::Mesh::new) drops where they have no area.
 
 use super::MeshFileProblem;
 use earcut::Earcut;

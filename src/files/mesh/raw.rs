@@ -7,11 +7,11 @@ use glam::{DAffine3, DVec3};
 use super::points::Points;
 use super::remark::Remark;
 use super::{MeshFileError, MeshFileProblem};
-use crate::core::mesh::cleaning::LARGEST_MM;
-use crate::core::mesh::{Cleaned, Mesh, MeshError};
-use crate::files::figures::figure;
-use crate::files::length::Unit;
-use crate::files::unpack;
+use crate::figures::figure;
+use crate::length::Unit;
+use crate::unpack;
+use gelsim_core::mesh::cleaning::LARGEST_MM;
+use gelsim_core::mesh::{Cleaned, Mesh, MeshError};
 
 /// What a reader finds in a file, in the file's unit.
 #[derive(Clone, Debug, Default)]

@@ -3,9 +3,9 @@
 //! Our own reader: `stl_io` 0.11 takes a binary file whose header starts with "solid" for text, and of text reads
 //! only UTF-8 in lower case, with normals, up to the first `endsolid`; its errors tell no line.
 
-use crate::core::mesh::MeshError;
-use crate::files::mesh::remark::Remark;
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use crate::mesh::remark::Remark;
+use crate::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use gelsim_core::mesh::MeshError;
 
 const HEADER: usize = 84;
 const FACET: usize = 50;

@@ -194,7 +194,7 @@ pub(super) fn cube_model() -> String {
 }
 
 fn cube_3mf() -> Vec<u8> {
-    crate::files::zip::tests::stored(&[("3D/3dmodel.model", cube_model().as_bytes())])
+    crate::zip::encode_stored(&[("3D/3dmodel.model", cube_model().as_bytes())])
 }
 
 pub(super) fn cubes() -> [(Format, Vec<u8>); 11] {
@@ -470,7 +470,7 @@ proptest! {
             text.splice(at..end, pieces[piece].bytes());
         }
         parse_all(&text);
-        parse_all(&crate::files::zip::tests::stored(&[("3D/3dmodel.model", &text)]));
+        parse_all(&crate::zip::encode_stored(&[("3D/3dmodel.model", &text)]));
         parse_all(&glb(&String::from_utf8_lossy(&text), &cube_buffer()));
     }
 }

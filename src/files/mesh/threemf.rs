@@ -11,8 +11,8 @@ use roxmltree::{Document, Node};
 use super::raw::Raw;
 use super::xml::{self, DEEPEST, at, attribute, child, children, exactly, parsed, wrong};
 use super::{MeshFileError, MeshFileProblem, quoted};
-use crate::core::mesh::MeshError;
-use crate::files::zip::Zip;
+use crate::zip::Zip;
+use gelsim_core::mesh::MeshError;
 
 /// Extensions that a file may require: places of objects, and how things look.
 const KNOWN: [&str; 4] = [
@@ -184,8 +184,8 @@ fn place(node: Node) -> Result<DAffine3, MeshFileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::mesh::tests::{CORNERS, cube_model};
-    use crate::files::zip::tests::stored;
+    use crate::mesh::tests::{CORNERS, cube_model};
+    use crate::zip::encode_stored;
 
     fn edited(from: &str, to: &str) -> String {
         let text = cube_model();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     fn read_model(text: &str) -> Result<Raw, String> {
-        read(&stored(&[("3D/3dmodel.model", text.as_bytes())])).map_err(|error| error.to_string())
+        read(&encode_stored(&[("3D/3dmodel.model", text.as_bytes())])).map_err(|error| error.to_string())
     }
 
     #[test]
@@ -214,7 +214,7 @@ mod tests {
             <resources><object id="7"><components><component objectid="1" p:path="/3D/Objects/a.model"/></components></object></resources>
             <build><item objectid="7"/></build></model>"#;
         let rels = r#"<Relationships><Relationship Target="/3D/top.model" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>"#;
-        let archive = stored(&[
+        let archive = encode_stored(&[
             ("3D/Objects/a.model", cube_model().as_bytes()),
             ("3D/top.model", main.as_bytes()),
             ("_rels/.rels", rels.as_bytes()),
@@ -247,7 +247,7 @@ mod tests {
             assert_eq!(read_model(&text).expect_err("a mistake"), expected);
         }
         assert_eq!(read(b"PK").err().unwrap().to_string(), "it is not a ZIP archive, or it is cut off");
-        let empty = read(&stored(&[])).err().unwrap().to_string();
+        let empty = read(&encode_stored(&[])).err().unwrap().to_string();
         assert_eq!(empty, "`3D/3dmodel.model`: it has no `3D/3dmodel.model`");
     }
 }

@@ -5,9 +5,9 @@ use std::io::Cursor;
 use image::codecs::png::PngDecoder;
 use image::{ColorType, DynamicImage, ImageDecoder};
 
-use crate::core::base::grid::Grid;
-use crate::files::image_file::said;
-use crate::files::unpack;
+use crate::image_file::said;
+use crate::unpack;
+use gelsim_core::base::grid::Grid;
 
 /// Decodes a grey image of heights: 0 where it is black, 1 where it is white. Refused if it would unpack to far more than its bytes.
 pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
@@ -40,8 +40,8 @@ fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
         return Err(String::from("its palette has no whole number of colours, 256 at most"));
     }
     let mut limits = image::Limits::default();
-    limits.max_image_width = Some(crate::core::base::view::MOST_PX as u32);
-    limits.max_image_height = Some(crate::core::base::view::MOST_PX as u32);
+    limits.max_image_width = Some(gelsim_core::base::view::MOST_PX as u32);
+    limits.max_image_height = Some(gelsim_core::base::view::MOST_PX as u32);
     // For what is beside the pixels, such as a compressed colour profile.
     limits.max_alloc = Some(1 << 24);
     PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| said(&error, "PNG"))
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_palette_with_a_part_of_a_colour_is_refused_instead_of_bringing_the_decoder_down() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fuzz/regressions/png/part_of_a_colour");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/regressions/png/part_of_a_colour");
         let bytes = std::fs::read(path).expect("a file of the repository");
         assert_eq!(palettes(&bytes).collect::<Vec<_>>(), [23]);
         assert!(decode(&bytes).expect_err("refused").contains("palette"));

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use png::{BitDepth, ColorType};
 
-use crate::files::deflate::{Codes, Histogram, Runs, Zlib};
+use crate::deflate::{Codes, Histogram, Runs, Zlib};
 
 /// Of larger pictures, one in so many rows is counted for the codes.
 const COUNTED: usize = 4;

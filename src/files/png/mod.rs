@@ -1,18 +1,18 @@
 //! PNG files of a sample: 8-bit RGB and grey, 16-bit grey.
 
 use png::{BitDepth, ColorType};
-#[cfg(feature = "datasets")]
+#[cfg(feature = "formats")]
 use png::{Compression, Encoder, Filter};
 
 use encode::encode;
 
-use crate::core::camera::Image;
+use gelsim_core::camera::Image;
 
-#[cfg(feature = "datasets")]
+#[cfg(feature = "formats")]
 mod decode;
 mod encode;
 
-#[cfg(feature = "datasets")]
+#[cfg(feature = "formats")]
 pub use decode::{decode, decode_heights, header};
 
 /// Encodes row-major RGB.
@@ -32,7 +32,7 @@ pub fn encode_grey16(width: usize, height: usize, grey: &[u16]) -> Vec<u8> {
 }
 
 /// Encodes a picture for people: slowly, and as small as it gets.
-#[cfg(feature = "datasets")]
+#[cfg(feature = "formats")]
 pub fn encode_small(picture: &image::RgbImage) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, picture.width(), picture.height());
@@ -45,9 +45,7 @@ pub fn encode_small(picture: &image::RgbImage) -> Vec<u8> {
     bytes
 }
 
-impl Image {
-    /// As an 8-bit RGB PNG: the bytes that a dataset has.
-    pub fn to_png(&self) -> Vec<u8> {
-        encode_rgb(self.width, self.height, &self.rgb)
-    }
+/// Encodes an image of a simulator: the bytes that a dataset has.
+pub fn encode_image(image: &Image) -> Vec<u8> {
+    encode_rgb(image.width, image.height, &image.rgb)
 }

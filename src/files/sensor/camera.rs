@@ -3,13 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::quantity::Quantity;
-use crate::core::camera::CameraParams;
+use gelsim_core::camera::CameraParams;
 
 /// The `[camera]` table. What is left out is an ideal camera's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
-#[cfg_attr(feature = "datasets", schemars(rename = "Settings"))]
+#[cfg_attr(feature = "formats", schemars(rename = "Settings"))]
 pub struct CameraDistribution {
     /// Radial distortion k1: a pixel at distance r from the middle, in half diagonals, shows what an ideal lens would show
     /// at r (1 + k1 r^2 + k2 r^4). Above 0 is barrel-shaped.

@@ -3,13 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::quantity::Quantity;
-use crate::core::camera::markers::{MarkerPattern, MarkerPrint};
+use gelsim_core::camera::markers::{MarkerPattern, MarkerPrint};
 
 /// The `[markers]` table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
-#[cfg_attr(feature = "datasets", schemars(rename = "Markers"))]
+#[cfg_attr(feature = "formats", schemars(rename = "Markers"))]
 pub struct MarkerDistribution {
     /// Distance between neighbours, mm, along x and y.
     pub pitch_mm: Quantity,

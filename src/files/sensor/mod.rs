@@ -10,23 +10,23 @@ pub mod unit;
 
 use std::sync::Arc;
 
-use crate::core::base::gel::GelShape;
-use crate::core::camera::projection::LensModel;
-use crate::core::gelpad::material::Material;
-use crate::core::optics::{Illumination, LightSource};
-use crate::core::sensor::{self, Background, Markers};
 use camera::CameraDistribution;
+use gelsim_core::base::gel::GelShape;
+use gelsim_core::camera::projection::LensModel;
+use gelsim_core::gelpad::material::Material;
+use gelsim_core::optics::{Illumination, LightSource};
+use gelsim_core::sensor::{self, Background, Markers};
 use markers::MarkerDistribution;
 use pins::PinDistribution;
 use serde::{Deserialize, Serialize};
 use shape::SensorShape;
 use unit::Unit;
 
-use crate::core::depth::rest::Grain;
-use crate::core::optics::background::RenderedBackground;
-use crate::core::optics::lamps::Lamp;
-use crate::core::optics::led::Led;
-use crate::core::optics::residual::LightResidual;
+use gelsim_core::depth::rest::Grain;
+use gelsim_core::optics::background::RenderedBackground;
+use gelsim_core::optics::lamps::Lamp;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::residual::LightResidual;
 
 macro_rules! presets {
     ($($name:literal),* $(,)?) => {
@@ -43,7 +43,7 @@ presets! {
 
 /// A sensor. What a sensor file leaves out is as in the preset it names, or as in `gelsight-2014`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Sensor {
     /// Preset to start from.
@@ -132,26 +132,21 @@ impl Sensor {
 
     /// The same as the simulator knows it, less what is in files, with these markers and this camera.
     pub fn to_simulated(&self, markers: Option<&MarkerDistribution>, camera: &CameraDistribution) -> sensor::Sensor {
-        sensor::Sensor {
-            name: self.name.clone(),
-            resolution_px: self.resolution_px.map(|px| px as usize),
-            field_of_view_mm: self.field_of_view_mm,
-            gelpad: self.material(),
-            shape: self.gel(),
-            lens: self.lens.unwrap_or_default(),
-            pins: self.pins.as_ref().map(PinDistribution::pins),
-            rest_surface: None,
-            coating: self.grain,
-            background: Background::Rendered(self.rendered_background.clone()),
-            leds: self.led.clone(),
-            lamps: self.lamp.clone(),
-            darkening: self.darkening,
-            stray_light: self.stray_light,
-            light_residual: self.light_residual.as_deref().cloned().map(Arc::new),
-            calibration: None,
-            markers: markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() }),
-            camera: camera.resting(),
-        }
+        let resolution_px = self.resolution_px.map(|px| px as usize);
+        let mut sensor = sensor::Sensor::new(&self.name, resolution_px, self.field_of_view_mm, self.material());
+        sensor.shape = self.gel();
+        sensor.lens = self.lens.unwrap_or_default();
+        sensor.pins = self.pins.as_ref().map(PinDistribution::pins);
+        sensor.coating = self.grain;
+        sensor.background = Background::Rendered(self.rendered_background.clone());
+        sensor.leds = self.led.clone();
+        sensor.lamps = self.lamp.clone();
+        sensor.darkening = self.darkening;
+        sensor.stray_light = self.stray_light;
+        sensor.light_residual = self.light_residual.as_deref().cloned().map(Arc::new);
+        sensor.markers = markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() });
+        sensor.camera = camera.resting();
+        sensor
     }
 
     /// The shape of its gel; `None` of a flat one, and of a mesh that was not read.
@@ -226,7 +221,7 @@ impl Default for Sensor {
 
 /// Height of a pad that is nearly flat.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum RestShape {
     /// Part of a ball, highest in the middle of the image.
@@ -237,7 +232,7 @@ pub enum RestShape {
 
 /// See [`RestShape::Dome`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Dome {
     /// Radius of the ball, mm, at least half the view's diagonal.
@@ -246,7 +241,7 @@ pub struct Dome {
 
 /// See [`RestShape::HeightMap`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeightMap {
     /// Grey PNG of 8 or 16 bits, two-dimensional npy array or EXR picture of one channel, relative to the file this stands
@@ -267,20 +262,17 @@ pub struct UnknownPreset {
     pub name: String,
 }
 
-impl sensor::Sensor {
-    /// A sensor that gelsim knows, by a name of [`PRESETS`].
-    ///
-    /// # Errors
-    ///
-    /// If no preset is called so; the message names them all.
-    pub fn preset(name: &str) -> Result<Self, UnknownPreset> {
-        let known = PRESETS.iter().find(|(known, _)| *known == name);
-        let (_, text) = known.ok_or_else(|| UnknownPreset { name: name.to_owned() })?;
-        let written: Sensor =
-            toml::from_str(text).expect("presets are sensors and name no file: a test reads them all");
-        let camera = written.camera.clone().unwrap_or_default();
-        Ok(written.to_simulated(written.markers.as_ref(), &camera))
-    }
+/// A sensor that gelsim knows, by a name of [`PRESETS`].
+///
+/// # Errors
+///
+/// If no preset is called so; the message names them all.
+pub fn preset(name: &str) -> Result<sensor::Sensor, UnknownPreset> {
+    let known = PRESETS.iter().find(|(known, _)| *known == name);
+    let (_, text) = known.ok_or_else(|| UnknownPreset { name: name.to_owned() })?;
+    let written: Sensor = toml::from_str(text).expect("presets are sensors and name no file: a test reads them all");
+    let camera = written.camera.clone().unwrap_or_default();
+    Ok(written.to_simulated(written.markers.as_ref(), &camera))
 }
 
 #[cfg(test)]
@@ -301,10 +293,10 @@ mod tests {
         for (name, text) in PRESETS {
             let written: Sensor = toml::from_str(text).expect("a sensor");
             assert!(written.background.is_none() && written.calibration.is_none() && written.rest_shape.is_none());
-            let sensor = sensor::Sensor::preset(name).expect("it is there");
+            let sensor = preset(name).expect("it is there");
             assert_eq!((sensor.name.as_str(), sensor.check()), (name, Ok(())));
         }
-        let error = sensor::Sensor::preset("digits").expect_err("no such sensor");
+        let error = preset("digits").expect_err("no such sensor");
         assert!(error.to_string().contains("gelsight-mini, digit, gelsight-series2"), "{error}");
     }
 }

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::camera::pins::{Along, MountRing, Pins};
+use gelsim_core::camera::pins::{Along, MountRing, Pins};
 
 /// Pins inside the skin, seen white on black.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-#[cfg_attr(feature = "datasets", schemars(rename = "SensorPins"))]
+#[cfg_attr(feature = "formats", schemars(rename = "SensorPins"))]
 pub struct PinDistribution {
     /// How they stand.
     #[serde(default)]
@@ -56,7 +56,7 @@ pub struct PinDistribution {
 
 /// How pins stand.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PinLayout {
     /// One in the middle, and six more on each ring than on the one within it.
@@ -137,9 +137,9 @@ impl PinDistribution {
 }
 
 /// The places in a table of pins, or the mistakes in it, each with its line and column.
-#[cfg(feature = "datasets")]
+#[cfg(feature = "formats")]
 pub fn places(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
-    use crate::files::rows;
+    use crate::rows;
 
     /// Places of pins, mm.
     const FARTHEST_MM: f64 = 1e4;

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 
-use crate::core::base::rng::Stream;
+use gelsim_core::base::rng::Stream;
 
 /// A number, or the distribution it is drawn from: `0.5`, `[0.2, 1.5]` (uniform), or a table with one of `uniform`,
 /// `log_uniform`, `normal`, `choice`.
@@ -19,7 +19,7 @@ pub enum Quantity {
 
 /// The distribution of a random quantity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Distribution {
     /// Every value from the first to the second number is equally likely.
@@ -34,7 +34,7 @@ pub enum Distribution {
 
 /// Parameters of a normal distribution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Normal {
     /// Mean before cutting.
@@ -196,6 +196,25 @@ impl Quantity {
     }
 }
 
+#[cfg(feature = "formats")]
+impl schemars::JsonSchema for Quantity {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        std::borrow::Cow::Borrowed("Quantity")
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let distribution = generator.subschema_for::<Distribution>();
+        schemars::json_schema!({
+            "description": "A constant, [min, max] for a uniform range, or a table with one distribution.",
+            "anyOf": [
+                { "type": "number" },
+                { "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 },
+                distribution,
+            ]
+        })
+    }
+}
+
 impl Serialize for Quantity {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
@@ -239,11 +258,11 @@ impl<'de> Deserialize<'de> for Quantity {
                     "normal" => Distribution::Normal(map.next_value()?),
                     "choice" => Distribution::Choice(map.next_value()?),
                     _ => {
-                        let near = crate::files::spelling::nearest(&law, DISTRIBUTIONS);
+                        let near = crate::spelling::nearest(&law, DISTRIBUTIONS);
                         let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
                         return Err(de::Error::custom(format!(
                             "unknown distribution `{law}`: one of {}{hint}",
-                            crate::files::spelling::one_of(&DISTRIBUTIONS)
+                            crate::spelling::one_of(&DISTRIBUTIONS)
                         )));
                     }
                 };
@@ -260,7 +279,7 @@ impl<'de> Deserialize<'de> for Quantity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::rng::stream;
+    use gelsim_core::base::rng::stream;
 
     #[test]
     fn draws_have_the_moments_of_their_distribution() {

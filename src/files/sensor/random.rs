@@ -4,8 +4,8 @@ use serde::Serialize;
 
 use super::Sensor;
 use super::quantity::Quantity;
-use crate::core::optics::background::Pattern;
-use crate::core::optics::led::Led;
+use gelsim_core::optics::background::Pattern;
+use gelsim_core::optics::led::Led;
 
 /// What of a sensor is drawn anew for each sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

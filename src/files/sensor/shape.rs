@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
-use crate::core::base::surface::Surface;
-use crate::files::length::Unit;
+use crate::length::Unit;
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::base::surface::Surface;
 
 /// The outer surface of a gel that is not flat, untouched.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "datasets", schemars(rename = "GelShape"))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", schemars(rename = "GelShape"))]
 #[serde(rename_all = "snake_case")]
 pub enum SensorShape {
     /// Half of a ball.
@@ -24,7 +24,7 @@ pub enum SensorShape {
 
 /// See [`SensorShape::Mesh`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct GelMesh {
     /// A mesh file (.obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf), relative to the file this stands in: the gel's outer surface in

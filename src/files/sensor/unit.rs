@@ -6,16 +6,16 @@
 use serde::{Deserialize, Serialize};
 
 use super::Sensor;
-use crate::core::optics::background::{self, Pattern};
+use gelsim_core::optics::background::{self, Pattern};
 
 /// Standard deviations beyond which nothing is drawn.
 pub const MOST_DEVIATIONS: f64 = 2.0;
 
 /// The `[sensor.unit]` table: standard deviations between units of the sensor's kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
-#[cfg_attr(feature = "datasets", schemars(rename = "UnitVariation"))]
+#[cfg_attr(feature = "formats", schemars(rename = "UnitVariation"))]
 pub struct Unit {
     /// Share of these standard deviations by which each sample's sensor is another unit, 0 to 1: at 0 all samples are of
     /// one unit, at 1 they differ as real units do.
@@ -171,7 +171,7 @@ impl Sensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::rng::stream;
+    use gelsim_core::base::rng::stream;
 
     /// Deviations of many units, by number.
     fn drawn(spreads: &Spreads) -> Vec<Vec<f64>> {

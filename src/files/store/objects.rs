@@ -24,7 +24,7 @@ use sha2::{Digest, Sha256};
 use tokio::runtime::Runtime;
 
 use super::{Address, Cause, Entry, Store, StoreError};
-use crate::files::hash::hex;
+use crate::hash::hex;
 
 /// Bytes of a file that go in one request; of a larger file in several, all alike but the last, as some stores want it.
 /// S3 takes 10,000 of them.

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 
 use super::slips;
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::sensor::random::SensorDistribution;
-use crate::files::source::{Place, Source};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::sensor::random::SensorDistribution;
+use gelsim_files::source::{Place, Source};
 
 /// How the job.toml of a dataset begins; a version follows. It may be as large as its objects ask for.
 pub const RESOLVED: &str = "# The job of this dataset with every default written out, resolved by gelsim";

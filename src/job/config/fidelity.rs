@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::fidelity::Fidelity;
+use gelsim_core::fidelity::Fidelity;
 
 /// What a job asks for: a fidelity level, or a bound by which one is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -4,9 +4,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::files::sensor::Sensor;
-use crate::files::sensor::quantity::Quantity;
-use crate::files::sensor::random::SensorDistribution;
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::quantity::Quantity;
+use gelsim_files::sensor::random::SensorDistribution;
 
 /// The `[gripper]` table. One of `width_mm`, `squeeze_mm` and `force_n` says how far the fingers close.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -4,8 +4,8 @@
 //! is known where the guess stands, so that none is advised where it is an error.
 
 use super::document::{Entry, Node, Value};
-use crate::files::spelling::{nearest, one_of};
-use crate::job::layers::OutputLayer;
+use crate::layers::OutputLayer;
+use gelsim_files::spelling::{nearest, one_of};
 
 /// What somebody means by a key.
 enum Means {
@@ -480,7 +480,7 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             .then(|| format!("there is one: [{key}] in place of [[{key}]]")),
         (Value::Bool(false), Wanted::Table) => Some(String::from("leave it out")),
         (Value::String(name), Wanted::Table) if key == "sensor" => {
-            let known = crate::files::sensor::PRESETS.map(|(name, _)| name);
+            let known = gelsim_files::sensor::PRESETS.map(|(name, _)| name);
             Some(match choice(name, &known) {
                 Some(preset) => format!("a table says which: [sensor] with preset = \"{preset}\""),
                 None => format!("a table says which: [sensor] with file = {name:?}, or preset = \"digit\""),

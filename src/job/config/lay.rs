@@ -5,10 +5,10 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::input;
-use crate::files::sensor;
-use crate::files::source::Place;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::input;
+use gelsim_files::sensor;
+use gelsim_files::source::Place;
 
 use super::document::{self, Document, Node, Value};
 use super::{guesses, random, reader};

@@ -3,11 +3,11 @@
 
 use super::Job;
 use super::document::Document;
-use crate::core::fidelity::{Fidelity, Models};
-use crate::core::gelpad;
-use crate::core::optics;
-use crate::core::optics::phong::Shadows;
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_core::fidelity::{Fidelity, Models};
+use gelsim_core::gelpad;
+use gelsim_core::optics;
+use gelsim_core::optics::phong::Shadows;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 
 /// Fills the numerics that a job leaves open with those of the level that it names. What it writes itself stays.
 pub fn fill(job: &mut Job, document: &Document) {

@@ -1,6 +1,6 @@
 //! The job file exactly as written: one file per table, serde types, and where each key stands.
 //!
-//! Reading collects every mistake ([`crate::files::diagnostic`]); what values mean together is the plan's business.
+//! Reading collects every mistake ([`gelsim_files::diagnostic`]); what values mean together is the plan's business.
 
 use std::io;
 use std::path::Path;
@@ -24,18 +24,18 @@ pub mod sequence;
 mod slips;
 pub mod texture;
 
-use crate::core::effects::EffectPolicy;
-use crate::core::fidelity::Fidelity;
-use crate::core::{gelpad, optics};
-use crate::files::diagnostic::{Diagnostics, Report, user_error};
-use crate::files::input;
-use crate::files::mesh::Format;
-use crate::files::sensor::camera::CameraDistribution;
-use crate::files::sensor::markers::MarkerDistribution;
-use crate::files::sensor::random::SensorDistribution;
-use crate::files::sensor::{self, Sensor};
-use crate::files::spelling::shell_word;
 use document::{Document, Node, Value};
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::{gelpad, optics};
+use gelsim_files::diagnostic::{Diagnostics, Report, user_error};
+use gelsim_files::input;
+use gelsim_files::mesh::Format;
+use gelsim_files::sensor::camera::CameraDistribution;
+use gelsim_files::sensor::markers::MarkerDistribution;
+use gelsim_files::sensor::random::SensorDistribution;
+use gelsim_files::sensor::{self, Sensor};
+use gelsim_files::spelling::shell_word;
 pub use guesses::{choice, is_guess_at, of_choice, whole};
 use lay::lay_over;
 pub use lay::{Laid, lay};
@@ -108,7 +108,7 @@ impl Job {
     }
 
     /// Its sensor as the simulator knows it, less what is in files.
-    pub fn bare_sensor(&self) -> crate::core::sensor::Sensor {
+    pub fn bare_sensor(&self) -> gelsim_core::sensor::Sensor {
         self.sensor.to_simulated(self.markers.as_ref(), &self.camera)
     }
 

@@ -3,12 +3,11 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::files::figures::figure;
-pub use crate::files::length::Unit;
-use crate::files::mesh::{PlateSize, Reading, UrdfShapes};
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::texture::TextureDistribution;
-use crate::job::layout::Split;
+use crate::config::texture::TextureDistribution;
+use crate::layout::Split;
+pub use gelsim_files::length::Unit;
+use gelsim_files::mesh::{PlateSize, Reading, UrdfShapes};
+use gelsim_files::sensor::quantity::Quantity;
 
 /// One `[[object]]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
@@ -173,46 +172,4 @@ impl Default for Object {
             texture: None,
         }
     }
-}
-
-impl Unit {
-    /// The unit of so many millimetres, if there is one.
-    pub fn of_mm(mm: f64) -> Option<Self> {
-        Self::ALL.into_iter().find(|unit| unit.mm() == mm)
-    }
-
-    /// The unit that a mesh's coordinates look like, where it is another than they were taken for, and the length of the
-    /// mesh in it: `largest_mm` is the one with `mm_per_unit`, to be seen by a sensor with this field of view.
-    pub fn likely(mm_per_unit: f64, largest_mm: f64, field_of_view_mm: [f64; 2]) -> Option<(Self, f64)> {
-        if is_plausible(largest_mm, field_of_view_mm) {
-            return None;
-        }
-        // Metres are what a file is most often in if not in millimetres.
-        let order = [Self::Mm, Self::M, Self::In, Self::Cm];
-        let read = order.map(|unit| (unit, largest_mm / mm_per_unit * unit.mm()));
-        read.into_iter().find(|(_, mm)| is_plausible(*mm, field_of_view_mm))
-    }
-
-    /// What a coordinate of 1 was taken for, as it is written in jobs, behind "under".
-    pub fn written(mm_per_unit: f64) -> String {
-        match Self::of_mm(mm_per_unit) {
-            Some(unit) => format!("unit = \"{}\"", unit.name()),
-            None => format!("a unit of {} mm", figure(mm_per_unit)),
-        }
-    }
-
-    /// The same in words, behind a length.
-    pub fn in_words(self) -> &'static str {
-        match self {
-            Self::Mm => "millimetres",
-            Self::Cm => "centimetres",
-            Self::M => "metres",
-            Self::In => "inches",
-        }
-    }
-}
-
-/// True if a mesh of this length is one that a sensor with this field of view would be pressed with.
-pub fn is_plausible(largest_mm: f64, [width, height]: [f64; 2]) -> bool {
-    (width.min(height) / 10.0..=width.max(height) * 20.0).contains(&largest_mm)
 }

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::files::exr::Exr;
-use crate::job::layers::{DepthFormat, OutputLayer};
+use crate::layers::{DepthFormat, OutputLayer};
+use gelsim_files::exr::Exr;
 
 /// The `[output]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

@@ -8,10 +8,10 @@ use serde_json::{Value as Json, json};
 use super::Job;
 use super::document::{Document, Node, Value};
 use super::reader;
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::sensor::Sensor;
-use crate::files::sensor::quantity::Quantity;
-use crate::files::sensor::random::SensorDistribution;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::quantity::Quantity;
+use gelsim_files::sensor::random::SensorDistribution;
 
 /// Takes what is random out of the document's sensor. The second value is the tree with constants in its place; none
 /// where nothing is.

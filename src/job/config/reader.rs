@@ -12,9 +12,9 @@ use serde::de::{self, DeserializeOwned, IntoDeserializer, Unexpected, Visitor};
 
 use super::document::{Entry, Node, Value};
 use super::guesses::{self, Wanted};
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::source::Place;
-use crate::files::spelling::one_of;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::source::Place;
+use gelsim_files::spelling::one_of;
 
 /// Reads `node` as a `T` whose fields all have defaults; what is wrong goes to `problems` and counts as not written.
 /// `None` only if what remains cannot be a `T` at all (then at least one problem was added).

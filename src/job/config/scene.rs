@@ -6,10 +6,10 @@ use schemars::JsonSchema;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 
-use crate::core::base::rng::Stream;
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::pose::{Anchor, Side};
-use crate::files::sensor::quantity::Quantity;
+use gelsim_core::base::rng::Stream;
+use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_core::pose::{Anchor, Side};
+use gelsim_files::sensor::quantity::Quantity;
 
 /// The `[scene]` table: several objects in one press.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::files::sensor::quantity::Quantity;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// The `[sequence]` table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

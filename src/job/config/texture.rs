@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::depth::patterns::Procedural;
-use crate::files::sensor::quantity::Quantity;
+use gelsim_core::depth::patterns::Procedural;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// The `[texture]` table.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

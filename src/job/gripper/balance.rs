@@ -4,7 +4,7 @@
 //! So the difference of the forces grows with the left depth, and there is one balance. Under a force F = k d^p of each, the
 //! logarithm of the ratio of the forces is linear in that of the ratio of the depths: the secant of these, kept within what is known.
 
-use crate::job::force::{DEEPEST, MARGIN, MOST_PRESSES, depth_of};
+use crate::force::{DEEPEST, MARGIN, MOST_PRESSES, depth_of};
 
 /// Share of the larger force by which the two may differ.
 pub const TOLERANCE: f64 = 1e-3;

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use super::balance::{Finger, Hold};
 use super::label::{GripperLabel, TransformLabel};
-use crate::core::gelpad;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::simulator::Simulator;
-use crate::job::label::PoseLabel;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
+use crate::label::PoseLabel;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use gelsim_core::gelpad;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::simulator::Simulator;
 
 /// Of the contact solver's tolerance, the share to which the object's place between the fingers is found.
 const PLACE: f64 = 0.1;

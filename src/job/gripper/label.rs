@@ -4,15 +4,15 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::camera::CameraParams;
-use crate::core::effects::{Effect, Note, PerEffect};
-use crate::job::health::Health;
-use crate::job::label::{
+use crate::health::Health;
+use crate::label::{
     ContactLabel, Label, MarkersLabel, NumericsLabel, ObjectLabel, PoseLabel, SensorLabel, ShearLabel, TextureLabel,
 };
-use crate::job::layout::Split;
-use crate::job::sequence::label::{CommonLabel, FrameLabel, SequenceInfo, SequenceLabel, SlipState};
-use crate::job::steps::Steps;
+use crate::layout::Split;
+use crate::sequence::label::{CommonLabel, FrameLabel, SequenceInfo, SequenceLabel, SlipState};
+use crate::steps::Steps;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::effects::{Effect, Note, PerEffect};
 
 /// What is known about a grip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -6,18 +6,18 @@
 
 use std::sync::Arc;
 
-use crate::core::base::clock::{Clock, Seconds};
-use crate::core::base::rng;
-use crate::core::effects::{Effect, PerEffect};
-use crate::core::gelpad::Contact;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::gripper::Gripper;
-use crate::job::config::output::OnUnhealthy;
-use crate::job::label::Label;
-use crate::job::placing::NO_CONTACT_GAP_MM;
-use crate::job::plan::Plan;
-use crate::job::sample::{self, MOST_ATTEMPTS, Sample, Unfit};
-use crate::job::scene::Scene;
+use crate::config::gripper::Gripper;
+use crate::config::output::OnUnhealthy;
+use crate::label::Label;
+use crate::placing::NO_CONTACT_GAP_MM;
+use crate::plan::Plan;
+use crate::sample::{self, MOST_ATTEMPTS, Sample, Unfit};
+use crate::scene::Scene;
+use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::base::rng;
+use gelsim_core::effects::{Effect, PerEffect};
+use gelsim_core::gelpad::Contact;
+use gelsim_files::sensor::quantity::Quantity;
 
 pub mod balance;
 mod fingers;

@@ -4,13 +4,13 @@ use serde::Serialize;
 
 use super::sides::{MOST_ROWS, Side};
 use super::{LARGEST_MM, MeshSize, SensorPad};
-use crate::core::mesh::Cleaned;
-use crate::core::pose::Anchor;
-use crate::files::diagnostic::{Diagnostic, Severity};
-use crate::files::figures::{counted, figure};
-use crate::files::mesh::{MeshFileError, Remark};
-use crate::files::spelling::without_codes;
-use crate::job::config::object::{Unit, is_plausible};
+use gelsim_core::mesh::Cleaned;
+use gelsim_core::pose::Anchor;
+use gelsim_files::diagnostic::{Diagnostic, Severity};
+use gelsim_files::figures::{counted, figure};
+use gelsim_files::length::{Unit, is_plausible};
+use gelsim_files::mesh::{MeshFileError, Remark};
+use gelsim_files::spelling::without_codes;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

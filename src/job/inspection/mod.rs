@@ -3,11 +3,11 @@
 
 use serde::Serialize;
 
-use crate::core::base::view::View;
-use crate::core::mesh::Mesh;
-use crate::files::sensor::quantity::Quantity;
-use crate::files::sensor::{PRESETS, Sensor};
-use crate::job::config::object::is_plausible;
+use gelsim_core::base::view::View;
+use gelsim_core::mesh::Mesh;
+use gelsim_files::length::is_plausible;
+use gelsim_files::sensor::quantity::Quantity;
+use gelsim_files::sensor::{PRESETS, Sensor};
 
 pub mod findings;
 pub mod sides;

@@ -8,14 +8,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::SensorPad;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::depth::{Depth, Window, capture};
-use crate::core::mesh::cleaning::Mesh;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::Anchor;
-use crate::core::pose::{Angles, Pose};
-use crate::job::config::scene::Face;
+use crate::config::scene::Face;
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::simd::simd_dispatch;
+use gelsim_core::depth::{Depth, Window, capture};
+use gelsim_core::mesh::cleaning::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::Anchor;
+use gelsim_core::pose::{Angles, Pose};
 
 /// One side of an object, pressed into the pad.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -5,12 +5,12 @@ use std::f64::consts::PI;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::view::View;
-use crate::core::gelpad::Contact;
-use crate::core::gelpad::elastic::LARGEST_STRAIN;
-use crate::core::impression::Impression;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use gelsim_core::base::view::View;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::gelpad::elastic::LARGEST_STRAIN;
+use gelsim_core::impression::Impression;
 
 use super::share::Share;
 

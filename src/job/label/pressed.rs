@@ -3,12 +3,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::gelpad::tangential::TangentialMotion;
-use crate::core::pose::Pose;
-use crate::core::simulator::Simulator;
-use crate::job::plan::Plan;
-use crate::job::scene::{DrawnTexture, Pressed, Scene};
+use crate::plan::Plan;
+use crate::scene::{DrawnTexture, Pressed, Scene};
+use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_core::gelpad::tangential::TangentialMotion;
+use gelsim_core::pose::Pose;
+use gelsim_core::simulator::Simulator;
 
 /// What was pressed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -3,12 +3,12 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::view::View;
-use crate::core::optics::led::Led;
-use crate::core::sensor::{Background, Sensor};
-use crate::core::simulator::Simulator;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use gelsim_core::base::view::View;
+use gelsim_core::optics::led::Led;
+use gelsim_core::sensor::{Background, Sensor};
+use gelsim_core::simulator::Simulator;
 
 /// The sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

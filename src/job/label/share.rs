@@ -5,13 +5,13 @@ use serde::{Deserialize, Serialize};
 
 use super::pressed::class_index;
 use super::{ObjectLabel, PoseLabel};
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
-use crate::core::impression::Impression;
-use crate::core::simulator::Simulator;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use gelsim_core::base::grid::{Grid, Rect, bounding_box};
+use gelsim_core::base::simd::simd_dispatch;
+use gelsim_core::base::view::View;
+use gelsim_core::impression::Impression;
+use gelsim_core::simulator::Simulator;
 
 /// One of the objects that were pressed in together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

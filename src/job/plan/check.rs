@@ -2,13 +2,13 @@
 
 use std::ops::RangeInclusive;
 
-use crate::core::gelpad::USUAL_DEPTHS;
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::figures::{figure, tidy};
-use crate::files::sensor::Sensor;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::document::{Document, Value};
-use crate::job::config::is_guess_at;
+use crate::config::document::{Document, Value};
+use crate::config::is_guess_at;
+use gelsim_core::gelpad::USUAL_DEPTHS;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::figures::{figure, tidy};
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Collects what is wrong with a job, with the places of its keys.
 pub struct Check<'a> {

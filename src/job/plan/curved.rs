@@ -4,15 +4,15 @@ use glam::DVec3;
 
 use super::Scope;
 use super::check::Check;
-use crate::core::base::gel::{GelCapsule, GelDome, GelShape};
-use crate::core::camera::projection::{Fisheye, LensModel, Pinhole};
-use crate::core::gelpad;
-use crate::files::figures::figure;
-use crate::files::sensor::Sensor;
-use crate::files::sensor::pins::{PinDistribution, PinLayout};
-use crate::files::sensor::shape::SensorShape;
-use crate::job::config::Job;
-use crate::job::layers::OutputLayer;
+use crate::config::Job;
+use crate::layers::OutputLayer;
+use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole};
+use gelsim_core::gelpad;
+use gelsim_files::figures::figure;
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::pins::{PinDistribution, PinLayout};
+use gelsim_files::sensor::shape::SensorShape;
 
 /// Longest capsule, in radii of it.
 const LONGEST_CAPSULE: f64 = 20.0;

@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::core::base::rng::{self, Stream};
+use gelsim_core::base::rng::{self, Stream};
 
 /// How the objects of one split are drawn.
 #[derive(Clone, Debug)]

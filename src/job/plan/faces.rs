@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use crate::core::base::grid::Grid;
-use crate::core::base::view::View;
-use crate::core::depth::{Window, capture};
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Anchor, Angles, Pose, Side};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
+use gelsim_core::depth::{Window, capture};
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{Anchor, Angles, Pose, Side};
 
 /// Points along an object's longest extent at which it is captured.
 const POINTS: f64 = 192.0;
@@ -75,7 +75,7 @@ fn seen(side: Side, object: &Clusters, reach_mm: f64) -> (Grid<f32>, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::mesh::Mesh;
+    use gelsim_core::mesh::Mesh;
 
     /// A box with a ridge on one side, turned so that the axes go into one another `turns` times.
     fn ridged(turns: usize, up: f64) -> Clusters {

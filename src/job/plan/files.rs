@@ -6,16 +6,17 @@ use std::sync::Arc;
 use super::check::Check;
 use super::paths::Kind;
 use super::{paths, view};
-use crate::core::base::view::MOST_PX;
-use crate::core::depth::relief::Relief;
-use crate::core::depth::rest::RestSurface;
-use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::calibrated::Table;
-use crate::files::diagnostic::Diagnostic;
-use crate::files::sensor::RestShape;
-use crate::files::{hash, heights, image_file, input};
-use crate::job::config::Job;
-use crate::job::config::texture::{Pattern, TextureDistribution};
+use crate::config::Job;
+use crate::config::texture::{Pattern, TextureDistribution};
+use gelsim_core::base::view::MOST_PX;
+use gelsim_core::depth::relief::Relief;
+use gelsim_core::depth::rest::RestSurface;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::calibrated::Table;
+use gelsim_files::calibration;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::sensor::RestShape;
+use gelsim_files::{hash, heights, image_file, input};
 
 /// Reads the file that the key at `key` names. Sets `path` to where it was found and `sha256` to its hash, which must be
 /// the one that the job gives. `None` after a mistake.
@@ -214,7 +215,14 @@ pub fn file_name(path: &str) -> String {
 /// What was measured on the sensor, if anything was. `None` after a mistake, too.
 pub fn calibration(check: &mut Check<'_>, job: &mut Job) -> Option<Table> {
     let path = job.sensor.calibration.as_mut()?;
-    read(check, "sensor.calibration", &paths::CALIBRATIONS, path, &mut job.sensor.calibration_sha256, Table::parse)
+    read(
+        check,
+        "sensor.calibration",
+        &paths::CALIBRATIONS,
+        path,
+        &mut job.sensor.calibration_sha256,
+        calibration::parse,
+    )
 }
 
 /// The patterns of the texture at the key `at`, made ready; none if no sample has any. Those that cannot be read are left out,

@@ -1,7 +1,7 @@
 //! What decides the bytes of a sample.
 
-use crate::files::hash::sha256;
-use crate::job::config::Job;
+use crate::config::Job;
+use gelsim_files::hash::sha256;
 
 use super::{files, stem};
 

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use super::check::Check;
 use super::{Plan, Sampling, Scope, ranges};
-use crate::files::diagnostic::{Diagnostics, Report, user_error};
-use crate::files::source::Place;
-use crate::job::config::document::{Document, Value};
-use crate::job::config::sequence::Sequence;
-use crate::job::config::{self, Overrides};
-use crate::job::layers::OutputLayer;
+use crate::config::document::{Document, Value};
+use crate::config::sequence::Sequence;
+use crate::config::{self, Overrides};
+use crate::layers::OutputLayer;
+use gelsim_files::diagnostic::{Diagnostics, Report, user_error};
+use gelsim_files::source::Place;
 
 /// What the rendering of depth frames depends on.
 #[derive(Clone, Copy, Debug)]

@@ -6,14 +6,14 @@ use glam::DVec3;
 
 use super::check::Check;
 use super::{files, paths};
-use crate::core::base::surface::{Surface, SurfaceError};
-use crate::files::diagnostic::Diagnostic;
-use crate::files::figures::figure;
-use crate::files::mesh;
-use crate::files::sensor::Sensor;
-use crate::files::sensor::pins::{PinLayout, places};
-use crate::files::sensor::shape::{GelMesh, SensorShape};
-use crate::job::config::object::Unit;
+use crate::config::object::Unit;
+use gelsim_core::base::surface::{Surface, SurfaceError};
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::figures::figure;
+use gelsim_files::mesh;
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::pins::{PinLayout, places};
+use gelsim_files::sensor::shape::{GelMesh, SensorShape};
 
 /// Widths of gels, mm.
 const WIDTHS_MM: [f64; 2] = [1.0, 1e3];

@@ -3,17 +3,17 @@
 use super::check::Check;
 use super::presets::OtherSensor;
 use super::{Scope, chosen_models, fill, gel, ranges, remedies};
-use crate::core::gelpad;
-use crate::core::gelpad::USUAL_DEPTHS;
-use crate::files::diagnostic::Diagnostics;
-use crate::files::figures::figure;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::Job;
-use crate::job::config::document::Document;
-use crate::job::config::gripper::Gripper;
-use crate::job::config::output::Container;
-use crate::job::config::scene::At;
-use crate::job::config::sequence::Sequence;
+use crate::config::Job;
+use crate::config::document::Document;
+use crate::config::gripper::Gripper;
+use crate::config::output::Container;
+use crate::config::scene::At;
+use crate::config::sequence::Sequence;
+use gelsim_core::gelpad;
+use gelsim_core::gelpad::USUAL_DEPTHS;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_files::figures::figure;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// `[gripper]`, and what stands beside it. `right` is the job of the right finger, where that has a sensor of its own; the
 /// thickness of gelpads is only sure if `sensor_known`.

@@ -3,8 +3,8 @@
 use super::check::Check;
 use super::chosen_models;
 use super::{ranges, remedies};
-use crate::core::gelpad;
-use crate::job::config::Job;
+use crate::config::Job;
+use gelsim_core::gelpad;
 
 /// Young's moduli that an object may have, kPa: from a gel much softer than any pad to what no pad can tell from rigid.
 const MODULI_KPA: [f64; 2] = [0.1, 1e9];

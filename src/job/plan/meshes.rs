@@ -7,11 +7,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::object_notes::Facets;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::mesh::{Cleaned, Mesh};
-use crate::files::mesh::{self, Loaded, MeshFileError, Remark};
-use crate::job::config::object::{Object, Parts};
-use crate::job::inspection::{MeshSize, SensorPad, sides};
+use crate::config::object::{Object, Parts};
+use crate::inspection::{MeshSize, SensorPad, sides};
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::mesh::{Cleaned, Mesh};
+use gelsim_files::mesh::{self, Loaded, MeshFileError, Remark};
 
 /// A file that an `[[object]]` names.
 pub struct File {

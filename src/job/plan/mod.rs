@@ -8,19 +8,19 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::core::base::rng::{redrawn, stream};
-use crate::core::base::view::View;
-use crate::core::depth::relief::Relief;
-use crate::core::effects::EffectPolicy;
-use crate::core::fidelity::{Fidelity, Models};
-use crate::core::sensor::{Background, Sensor};
-use crate::core::simulator::Simulator;
-use crate::files::diagnostic::{Consequence, Diagnostic, Diagnostics, Report, user_error};
-use crate::job::config::fidelity::FidelityChoice;
-use crate::job::config::output::Output;
-use crate::job::config::{self, Job, Overrides, Written};
-use crate::job::layers::OutputLayer;
-use crate::job::layout::Layout;
+use crate::config::fidelity::FidelityChoice;
+use crate::config::output::Output;
+use crate::config::{self, Job, Overrides, Written};
+use crate::layers::OutputLayer;
+use crate::layout::Layout;
+use gelsim_core::base::rng::{redrawn, stream};
+use gelsim_core::base::view::View;
+use gelsim_core::depth::relief::Relief;
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::{Fidelity, Models};
+use gelsim_core::sensor::{Background, Sensor};
+use gelsim_core::simulator::Simulator;
+use gelsim_files::diagnostic::{Consequence, Diagnostic, Diagnostics, Report, user_error};
 
 pub mod check;
 mod curved;
@@ -62,9 +62,9 @@ use sensors::SensorSampling;
 #[derive(Clone)]
 pub struct Plan {
     /// The job with every default written out; paths are absolute here. Its tables are the distributions of the samples.
-    pub(in crate::job) job: Job,
+    pub(crate) job: Job,
     /// The sensor, made ready. While the fidelity is still to be chosen, at the most exact level. Where samples differ in
-    /// their sensors, that of typical values; see [`crate::job::scene::Scene::simulator`].
+    /// their sensors, that of typical values; see [`crate::scene::Scene::simulator`].
     pub simulator: Arc<Simulator>,
     /// What sensors are drawn from.
     pub sensors: Arc<SensorSampling>,
@@ -97,7 +97,7 @@ pub struct Sampling {
     pub objects: Vec<Object>,
     /// Class names, sorted; an object's `class_index` counts here.
     pub classes: Vec<String>,
-    /// For each of [`crate::job::layout::Split::ALL`]: how its objects are drawn.
+    /// For each of [`crate::layout::Split::ALL`]: how its objects are drawn.
     pub draw: [Draw; 3],
     /// The texture's patterns; none if no sample has a texture.
     pub textures: Vec<Arc<Relief>>,
@@ -369,7 +369,7 @@ impl Plan {
     }
 
     /// Changes its job, also where that is written a second time for other sensors. Nothing is read or made ready again.
-    pub(in crate::job) fn change(&mut self, change: &impl Fn(&mut Job)) {
+    pub(crate) fn change(&mut self, change: &impl Fn(&mut Job)) {
         change(&mut self.job);
         self.others.iter_mut().for_each(|other| other.change(change));
         if let Some(right) = &mut self.right {
@@ -395,7 +395,8 @@ fn complete_sensor(check: &mut Check<'_>, job: &mut Job) -> Option<(Sensor, Vec<
     let calibration = files::calibration(check, job);
     let rest_surface = files::rest_surface(check, job);
     let (photographs, note) = backgrounds?;
-    let mut sensor = Sensor { calibration: calibration.map(Arc::new), rest_surface, ..job.bare_sensor() };
+    let mut sensor = job.bare_sensor();
+    (sensor.calibration, sensor.rest_surface) = (calibration.map(Arc::new), rest_surface);
     if let Some(photograph) = photographs.first() {
         sensor.background = Background::Photograph(Arc::clone(&photograph.image));
     }

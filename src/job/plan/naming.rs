@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 
 use super::meshes::File;
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::job::config::object::{ClassFrom, Object};
+use crate::config::object::{ClassFrom, Object};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 
 /// The class of each file, before its parts are told apart. Where files in different folders have one name, the folder by
 /// which they differ names the class, with a note; unless the job says what does.

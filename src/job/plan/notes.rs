@@ -2,12 +2,12 @@
 
 use super::remedies::{thinnest_mm, usual_depth};
 use super::{chosen_models, sensors};
-use crate::core::gelpad;
-use crate::core::gelpad::elastic::LARGEST_STRAIN;
-use crate::files::diagnostic::Diagnostic;
-use crate::files::figures::{figure, tidy};
-use crate::files::source::Place;
-use crate::job::config::Job;
+use crate::config::Job;
+use gelsim_core::gelpad;
+use gelsim_core::gelpad::elastic::LARGEST_STRAIN;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::figures::{figure, tidy};
+use gelsim_files::source::Place;
 
 /// Young's moduli of gels and elastomers, kPa.
 const MODULI_KPA: [f64; 2] = [1.0, 1e5];

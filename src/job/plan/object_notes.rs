@@ -5,15 +5,15 @@ use std::num::NonZeroU32;
 use glam::DVec3;
 
 use super::faces;
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::mesh::Mesh;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::Anchor;
-use crate::files::diagnostic::Diagnostic;
-use crate::files::figures::figure;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::Job;
-use crate::job::config::scene::Face;
+use crate::config::Job;
+use crate::config::scene::Face;
+use gelsim_core::base::angle::sin_cos_deg;
+use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::Anchor;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::figures::figure;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Angles between neighbouring facets, degrees, that stand for a round surface: below it no image shows them, above it they
 /// are edges.

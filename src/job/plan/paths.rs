@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use glob::Pattern;
 
 use super::check::Check;
-use crate::files::diagnostic::{Diagnostic, Diagnostics};
-use crate::files::input::{matching, may_be_file, meant};
-use crate::files::mesh::{self, Format, HEIGHT_MAP, is_height_map};
-use crate::job::layout::Split;
+use crate::layout::Split;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::input::{matching, may_be_file, meant};
+use gelsim_files::mesh::{self, Format, HEIGHT_MAP, is_height_map};
 
 /// What belongs where a path stands.
 pub struct Kind {

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use crate::core::optics::LightSource;
-use crate::core::sensor::Sensor;
-use crate::files::diagnostic::Diagnostics;
-use crate::files::sensor::PRESETS;
-use crate::job::config::document::{Document, Node};
-use crate::job::config::{self, Job};
+use crate::config::document::{Document, Node};
+use crate::config::{self, Job};
+use gelsim_core::optics::LightSource;
+use gelsim_core::sensor::Sensor;
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_files::sensor::PRESETS;
 
 use super::check::Check;
 use super::sensors::SensorSampling;

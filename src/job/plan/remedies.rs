@@ -1,11 +1,11 @@
 //! Ways out that several messages name, as they are to be written in this job.
 
 use super::sensors::support;
-use crate::core::gelpad::USUAL_DEPTHS;
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::files::figures::figure;
-use crate::job::config::Job;
-use crate::job::config::document::Document;
+use crate::config::Job;
+use crate::config::document::Document;
+use gelsim_core::gelpad::USUAL_DEPTHS;
+use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_files::figures::figure;
 
 /// `depth_mm` of usual presses of a pad so thick.
 pub fn usual_depth(thickness_mm: f64) -> String {

@@ -1,12 +1,12 @@
 //! The sensor of each sample: the job's own, or another one of the distribution that the job gives.
 
 use super::files::Photograph;
-use crate::core::base::rng::Stream;
-use crate::files::hash::sha256;
-use crate::files::sensor;
-use crate::files::sensor::quantity::Quantity;
-use crate::files::sensor::unit::{MOST_DEVIATIONS, Spreads};
-use crate::job::config::Job;
+use crate::config::Job;
+use gelsim_core::base::rng::Stream;
+use gelsim_files::hash::sha256;
+use gelsim_files::sensor;
+use gelsim_files::sensor::quantity::Quantity;
+use gelsim_files::sensor::unit::{MOST_DEVIATIONS, Spreads};
 
 /// What sensors are drawn from.
 #[derive(Debug)]

@@ -3,12 +3,12 @@
 use super::check::Check;
 use super::sensors::support;
 use super::{chosen_models, remedies};
-use crate::core::gelpad;
-use crate::core::gelpad::USUAL_DEPTHS;
-use crate::files::figures::{figure, tidy};
-use crate::job::config::Job;
-use crate::job::config::scene::At;
-use crate::job::config::sequence::{Sequence, SequenceFriction};
+use crate::config::Job;
+use crate::config::scene::At;
+use crate::config::sequence::{Sequence, SequenceFriction};
+use gelsim_core::gelpad;
+use gelsim_core::gelpad::USUAL_DEPTHS;
+use gelsim_files::figures::{figure, tidy};
 
 /// Frames of a sequence at most: four digits number them.
 const MOST_FRAMES: f64 = 10_000.0;

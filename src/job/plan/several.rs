@@ -1,10 +1,10 @@
 //! The range of `[scene]`, and what does not go with several objects in one press.
 
 use super::check::Check;
-use crate::core::pose::Anchor;
-use crate::files::figures::figure;
-use crate::job::config::Job;
-use crate::job::config::scene::{At, Count};
+use crate::config::Job;
+use crate::config::scene::{At, Count};
+use gelsim_core::pose::Anchor;
+use gelsim_files::figures::figure;
 
 /// Objects in a press at most.
 const MOST: u32 = 32;

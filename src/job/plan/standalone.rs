@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use super::check::Check;
 use super::{files, gel, ranges};
-use crate::core::sensor::{Background, Sensor};
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
-use crate::files::sensor;
-use crate::job::config::document::Document;
-use crate::job::config::{self, Job, Overrides, Written};
+use crate::config::document::Document;
+use crate::config::{self, Job, Overrides, Written};
+use gelsim_core::sensor::{Background, Sensor};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_files::sensor;
 
 /// A sensor and what its files hold.
 #[derive(Clone, Debug)]
@@ -62,7 +62,8 @@ pub fn resolve(check: &mut Check<'_>, job: &mut Job) -> Option<Standalone> {
     let backgrounds = files::backgrounds(check, job);
     let calibration = files::calibration(check, job);
     let (photographs, _) = backgrounds.filter(|_| check.problems.is_empty())?;
-    let mut sensor = Sensor { calibration: calibration.map(Arc::new), ..job.bare_sensor() };
+    let mut sensor = job.bare_sensor();
+    sensor.calibration = calibration.map(Arc::new);
     if let Some(photograph) = photographs.first() {
         sensor.background = Background::Photograph(Arc::clone(&photograph.image));
     }
@@ -89,20 +90,18 @@ fn written(name: &str, problems: &mut Diagnostics) -> Written {
     config::read_sensor(name, Vec::new(), &Overrides::default(), problems)
 }
 
-impl Sensor {
-    /// The sensor that a sensor file describes, such as one that `gelsim calibrate` wrote, with the files that it names.
-    ///
-    /// # Errors
-    ///
-    /// Every mistake in the file, with its place.
-    pub fn load(path: impl AsRef<Path>) -> Result<Self, Report> {
-        let Some(path) = path.as_ref().to_str() else {
-            return Err(user_error("the path of the sensor file is not UTF-8", "rename the file or its folder"));
-        };
-        let mut problems = Diagnostics::default();
-        let written = config::read_sensor_file(path, &mut problems);
-        resolved(written, problems)
-    }
+/// The sensor that a sensor file describes, such as one that `gelsim calibrate` wrote, with the files that it names.
+///
+/// # Errors
+///
+/// Every mistake in the file, with its place.
+pub fn load(path: &Path) -> Result<Sensor, Report> {
+    let Some(path) = path.to_str() else {
+        return Err(user_error("the path of the sensor file is not UTF-8", "rename the file or its folder"));
+    };
+    let mut problems = Diagnostics::default();
+    let written = config::read_sensor_file(path, &mut problems);
+    resolved(written, problems)
 }
 
 fn resolved(written: Written, mut problems: Diagnostics) -> Result<Sensor, Report> {

@@ -1,14 +1,14 @@
 //! Keys that a job gives and that change nothing in it: what its user wanted does not happen, and nothing else would say so.
 
 use super::chosen_models;
-use crate::core::gelpad;
-use crate::core::optics;
-use crate::files::diagnostic::Diagnostic;
-use crate::files::mesh::Format;
-use crate::job::config::Job;
-use crate::job::config::dataset::{ObjectOrder, SplitBy};
-use crate::job::config::document::{Document, RESOLVED};
-use crate::job::layers::{Coding, OutputLayer};
+use crate::config::Job;
+use crate::config::dataset::{ObjectOrder, SplitBy};
+use crate::config::document::{Document, RESOLVED};
+use crate::layers::{Coding, OutputLayer};
+use gelsim_core::gelpad;
+use gelsim_core::optics;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::mesh::Format;
 
 /// A note for each key without effect. The job of a dataset has all keys written, which says nothing of what somebody wants.
 pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::core::effects::EffectPolicy;
-use crate::core::fidelity::{Fidelity, Models};
-use crate::core::simulator::Simulator;
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::{Fidelity, Models};
+use gelsim_core::simulator::Simulator;
 
 use super::{Plan, fingerprint, simulator};
 

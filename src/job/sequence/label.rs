@@ -3,15 +3,15 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::camera::CameraParams;
-use crate::core::effects::{Effect, Note, PerEffect};
-use crate::core::impression::Slid;
-use crate::job::health::Health;
-use crate::job::label::{
+use crate::health::Health;
+use crate::label::{
     ContactLabel, Label, MarkersLabel, NumericsLabel, ObjectLabel, PoseLabel, SensorLabel, ShearLabel, TextureLabel,
 };
-use crate::job::layout::Split;
-use crate::job::steps::Steps;
+use crate::layout::Split;
+use crate::steps::Steps;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::effects::{Effect, Note, PerEffect};
+use gelsim_core::impression::Slid;
 
 /// What is known about a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -2,26 +2,26 @@
 
 use std::sync::Arc;
 
-use crate::core::base::clock::{Clock, Seconds};
-use crate::core::base::rng;
-use crate::core::depth::texture::Laid;
-use crate::core::effects::{Effect, PerEffect};
-use crate::core::gelpad::elastic::shear::Friction;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::Pose;
-use crate::core::simulator::Press;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::config::output::OnUnhealthy;
-use crate::job::config::sequence::{Phase, Sequence, SequenceFriction};
-use crate::job::force::{DEEPEST, depth_of};
-use crate::job::label::Label;
-use crate::job::plan::Plan;
-use crate::job::sample::{MOST_ATTEMPTS, Sample, Unfit};
-use crate::job::scene::Scene;
+use crate::config::output::OnUnhealthy;
+use crate::config::sequence::{Phase, Sequence, SequenceFriction};
+use crate::force::{DEEPEST, depth_of};
+use crate::label::Label;
+use crate::plan::Plan;
+use crate::sample::{MOST_ATTEMPTS, Sample, Unfit};
+use crate::scene::Scene;
+use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::base::rng;
+use gelsim_core::depth::texture::Laid;
+use gelsim_core::effects::{Effect, PerEffect};
+use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::Pose;
+use gelsim_core::simulator::Press;
+use gelsim_files::sensor::quantity::Quantity;
 
 pub mod label;
 pub mod motion;
-pub(in crate::job) mod timeline;
+pub(crate) mod timeline;
 
 use label::{FrameLabel, SequenceInfo, SequenceLabel};
 use motion::{DrawnPhase, Goal, Mover};
@@ -31,7 +31,7 @@ use timeline::{End, Timeline};
 const FORCE_TOLERANCE: f64 = 2e-3;
 
 /// Pixels along the longer side of the view of which the contact rolls at most one in a step.
-pub(in crate::job) const ROLLING_PX: f64 = 160.0;
+pub(crate) const ROLLING_PX: f64 = 160.0;
 
 /// A sequence that may go into the dataset.
 pub struct Accepted<L = SequenceLabel> {
@@ -114,7 +114,7 @@ impl Drawn {
 }
 
 /// Draws the phases of a sequence.
-pub(in crate::job) struct Drawer<'a> {
+pub(crate) struct Drawer<'a> {
     pub plan: &'a Plan,
     /// Number of the streams.
     pub redrawn: u64,
@@ -234,9 +234,10 @@ pub fn render<E>(
 }
 
 /// A frame's press, with the texture where it lay at the start.
-pub(in crate::job) fn pressed(plan: &Plan, scene: &Scene, laid: Laid) -> Press {
-    let press = scene.press(plan);
-    Press { texture: press.texture.map(|texture| texture.laid_out(laid)), ..press }
+pub(crate) fn pressed(plan: &Plan, scene: &Scene, laid: Laid) -> Press {
+    let mut press = scene.press(plan);
+    press.texture = press.texture.map(|texture| texture.laid_out(laid));
+    press
 }
 
 /// What a phase comes to; `press_n` presses the object at a pose so deep.

@@ -2,12 +2,12 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::gelpad::planar::PlanarMotion;
-use crate::core::gelpad::sliding::ObjectStep;
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Pose, Side, about};
-use crate::job::config::sequence::Profile;
+use crate::config::sequence::Profile;
+use gelsim_core::base::angle::sin_cos_deg;
+use gelsim_core::gelpad::planar::PlanarMotion;
+use gelsim_core::gelpad::sliding::ObjectStep;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{Pose, Side, about};
 
 /// Largest turn in a step, degrees: the law of friction takes its chord for the way.
 const MOST_TURN_DEG: f64 = 5.0;

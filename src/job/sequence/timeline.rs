@@ -2,8 +2,8 @@
 
 use super::label::PhaseLabel;
 use super::motion::{DrawnPhase, Mover, frames};
-use crate::core::gelpad::planar::PlanarMotion;
-use crate::core::gelpad::sliding::ObjectStep;
+use gelsim_core::gelpad::planar::PlanarMotion;
+use gelsim_core::gelpad::sliding::ObjectStep;
 
 /// Share of the depth that an object comes to in its first frame in which it is said to touch.
 const FIRST_TOUCH: f64 = 1.0 / 16.0;

@@ -5,15 +5,15 @@ use serde::{Deserialize, Serialize};
 
 use super::counterpart::Paired;
 use super::photometric::Photometric;
-use crate::core::fidelity::Fidelity;
-use crate::core::pose::Anchor;
-use crate::core::{gelpad, optics};
-use crate::files::sensor::Sensor;
-use crate::files::sensor::camera::CameraDistribution;
-use crate::files::sensor::markers::MarkerDistribution;
-use crate::job::config::dataset::Splits;
-use crate::job::config::object::Object;
-use crate::job::config::scene::Face;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::pose::Anchor;
+use gelsim_core::{gelpad, optics};
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::camera::CameraDistribution;
+use gelsim_files::sensor::markers::MarkerDistribution;
+use gelsim_job::config::dataset::Splits;
+use gelsim_job::config::object::Object;
+use gelsim_job::config::scene::Face;
 
 /// How a real dataset is enlarged. Paths are relative to the file they stand in.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]

@@ -1,6 +1,6 @@
 //! Coverage: the space of presses cut into cells of class, depth, place and tilt, and how many samples are in each.
 
-use crate::files::sensor::quantity::Quantity;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// A range cut into equal parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,7 +103,7 @@ impl Cells {
             [("tilt", self.tilt, "degrees"), ("y", y, "mm"), ("x", x, "mm"), ("depth", self.depth, "mm")]
         {
             if let Some(bins) = bins {
-                let [from, to] = bins.ends(cell % bins.count).map(crate::files::figures::figure);
+                let [from, to] = bins.ends(cell % bins.count).map(gelsim_files::figures::figure);
                 parts.push(format!("{what} {from} to {to} {unit}"));
                 cell /= bins.count;
             }

@@ -22,11 +22,11 @@ use super::photometric::Applied;
 use super::report::{SampleEntry, tile};
 use super::trace::{Source, Trace};
 use super::{AugmentError, Recipe};
-use crate::core::camera::Image;
-use crate::dataset::archive::Member;
-use crate::dataset::encode::json;
-use crate::files::input::{MOST_IMAGE_BYTES, read_if_there};
-use crate::files::{image_file, png};
+use gelsim_core::camera::Image;
+use gelsim_dataset::archive::Member;
+use gelsim_dataset::encode::json;
+use gelsim_files::input::{MOST_IMAGE_BYTES, read_if_there};
+use gelsim_files::{image_file, png};
 
 mod synthetic;
 

@@ -4,12 +4,12 @@ use super::config::Augment;
 use super::counterpart::{Orientation, PressMetadata};
 use super::input::Set;
 use super::input::columns::{LabelFacts, Meaning};
-use crate::core::optics::background::BackgroundImage;
-use crate::core::pose::Angles;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::spelling::{nearest, one_of};
-use crate::job::plan::Plan;
-use crate::job::plan::check::Check;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::pose::Angles;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::spelling::{nearest, one_of};
+use gelsim_job::plan::Plan;
+use gelsim_job::plan::check::Check;
 
 /// What counterparts need of the file.
 pub fn check(check: &mut Check<'_>, written: &Augment, set: Option<&Set>, background: Option<&BackgroundImage>) {

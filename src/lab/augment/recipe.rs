@@ -13,14 +13,14 @@ use super::split::{Division, Recipients};
 use super::synthetic_mix::{self, SyntheticMix};
 use super::trace::TraceColumns;
 use super::{make, metadata, photometric, sensor};
-use crate::core::pose::Anchor;
-use crate::files::diagnostic::user_error;
-use crate::files::diagnostic::{Diagnostics, Report};
-use crate::files::input as files;
-use crate::job::config::document::{Document, MOST_READ};
-use crate::job::config::{self, Written};
-use crate::job::plan::Plan;
-use crate::job::plan::check::Check;
+use gelsim_core::pose::Anchor;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::input as files;
+use gelsim_job::config::document::{Document, MOST_READ};
+use gelsim_job::config::{self, Written};
+use gelsim_job::plan::Plan;
+use gelsim_job::plan::check::Check;
 
 /// Largest seed.
 const MOST_SEED: f64 = 9_007_199_254_740_991.0;

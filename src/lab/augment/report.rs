@@ -12,12 +12,12 @@ use super::coverage::fraction;
 use super::image_stats::{IMAGE_STATS, ImageStats};
 use super::synthetic_mix::Coverage;
 use super::trace::Source;
-use crate::files::figures::{counted, figure, percent};
-use crate::files::png::encode_small;
-use crate::job::label::GENERATOR;
-use crate::lab::page::bars::{Bar, histogram};
-use crate::lab::page::ink::Colour;
-use crate::lab::page::{self, escaped, escaped_lines};
+use gelsim_files::figures::{counted, figure, percent};
+use gelsim_files::png::encode_small;
+use gelsim_job::label::GENERATOR;
+use gelsim_lab::page::bars::{Bar, histogram};
+use gelsim_lab::page::ink::Colour;
+use gelsim_lab::page::{self, escaped, escaped_lines};
 
 /// Bars of a histogram.
 const BARS: usize = 24;
@@ -135,7 +135,7 @@ impl Summary {
 
     /// Median offset of the counterparts that were aligned, px, and median correlation of all counterparts.
     pub fn pairs(&self) -> Option<([f64; 2], f64)> {
-        let median = |values: Vec<f64>| crate::lab::metrics::statistics::median(&values);
+        let median = |values: Vec<f64>| gelsim_lab::metrics::statistics::median(&values);
         let axis = |k: usize| median(self.offsets_px.iter().map(|offset| offset[k]).collect()).unwrap_or(0.0);
         Some(([axis(0), axis(1)], median(self.correlations.clone())?))
     }

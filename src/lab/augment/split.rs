@@ -6,11 +6,11 @@ use std::collections::HashMap;
 use super::config::{Augment, SplitBy};
 use super::input::columns::Meaning;
 use super::input::{Layout, Set};
-use crate::core::base::rng::stream;
-use crate::files::spelling::{nearest, one_of};
-use crate::job::config::dataset::Splits;
-use crate::job::layout::Split;
-use crate::job::plan::check::Check;
+use gelsim_core::base::rng::stream;
+use gelsim_files::spelling::{nearest, one_of};
+use gelsim_job::config::dataset::Splits;
+use gelsim_job::layout::Split;
+use gelsim_job::plan::check::Check;
 
 /// The splits of an output.
 #[derive(Clone, Debug, PartialEq)]

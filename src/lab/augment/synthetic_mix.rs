@@ -12,13 +12,13 @@ use super::input::columns::Meaning;
 use super::input::folders::FolderKind;
 use super::input::{Layout, Set};
 use super::split::Division;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::spelling::one_of;
-use crate::job::config::Overrides;
-use crate::job::plan::Plan;
-use crate::job::plan::check::Check;
-use crate::job::scene::{Pressed, Scene};
-use crate::lab::tradeoff::choose;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::spelling::one_of;
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
+use gelsim_job::plan::check::Check;
+use gelsim_job::scene::{Pressed, Scene};
+use gelsim_lab::tradeoff::choose;
 
 /// Scenes that are drawn to see which cells a job reaches.
 const PROBES: u64 = 4096;
@@ -317,7 +317,7 @@ impl<'a> SceneSampler<'a> {
             .into_iter()
             .filter(|end| end.is_finite());
         let tilt = tilts().next().map(|_| {
-            let none = crate::files::sensor::quantity::Quantity::Constant(0.0);
+            let none = gelsim_files::sensor::quantity::Quantity::Constant(0.0);
             Bins::over(&none, tilts().chain(largest), mixing.tilt_bins as usize)
         });
         Cells { classes, depth, place, tilt: tilt.filter(|bins| bins.to > bins.from) }

@@ -13,9 +13,9 @@ use rayon::prelude::*;
 
 use super::pixels::REACH;
 use super::{Observation, Session};
-use crate::core::camera::noise::MOST_CORRELATION;
-use crate::files::sensor::camera::CameraDistribution;
-use crate::files::sensor::quantity::{Distribution, Normal, Quantity};
+use gelsim_core::camera::noise::MOST_CORRELATION;
+use gelsim_files::sensor::camera::CameraDistribution;
+use gelsim_files::sensor::quantity::{Distribution, Normal, Quantity};
 
 /// Side of a block, px.
 const BLOCK_PX: usize = 8;
@@ -359,10 +359,10 @@ mod tests {
     use image::Rgb;
 
     use super::*;
-    use crate::core::base::rng::stream;
-    use crate::core::base::view::View;
-    use crate::files::sensor::Sensor;
-    use crate::lab::presses::Circle;
+    use crate::presses::Circle;
+    use gelsim_core::base::rng::stream;
+    use gelsim_core::base::view::View;
+    use gelsim_files::sensor::Sensor;
 
     /// Images of a pad with a bright and a dark side, grain and a spot under the disc.
     fn session(read: f64, shot: f64, drift: f64, disc_px: f64, speckle: f64) -> Session {

@@ -13,10 +13,10 @@ use super::progress::Work;
 use super::train::{self, Settings};
 use super::validate::{FOLDS, folds};
 use super::{Geometry, Session, fit};
-use crate::core::base::grid::Resolution;
-use crate::core::gelpad::Model;
-use crate::core::gelpad::elastic::Elastic;
-use crate::core::optics::calibrated::response::{TERMS, terms};
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::gelpad::Model;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::optics::calibrated::response::{TERMS, terms};
 
 /// Terms at one place.
 const LOCAL: usize = TERMS - 1 + 7;

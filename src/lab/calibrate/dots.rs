@@ -9,10 +9,10 @@ use std::collections::VecDeque;
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
-use crate::core::base::grid::Grid;
-use crate::files::sensor::markers::MarkerDistribution;
-use crate::files::sensor::quantity::Quantity;
-use crate::lab::metrics::statistics::{median, quantile};
+use crate::metrics::statistics::{median, quantile};
+use gelsim_core::base::grid::Grid;
+use gelsim_files::sensor::markers::MarkerDistribution;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Widths of the neighbourhoods in which a spot is looked for, px.
 const WINDOWS: [usize; 6] = [5, 9, 15, 25, 41, 61];

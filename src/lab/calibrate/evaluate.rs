@@ -1,8 +1,8 @@
 //! Simulates presses that a sensor file never saw, from circle and ball alone: `gelsim calibrate --evaluate`.
 
-use crate::core::camera::CameraParams;
-use crate::core::sensor::{Background, Sensor};
-use crate::core::simulator::Simulator;
+use gelsim_core::camera::CameraParams;
+use gelsim_core::sensor::{Background, Sensor};
+use gelsim_core::simulator::Simulator;
 use std::path::Path;
 
 use image::RgbImage;
@@ -15,13 +15,13 @@ use super::judge::{Findings, background, circles, scale};
 use super::outliers::OutlierReason;
 use super::pixels::DILATE;
 use super::{Geometry, Observation, Session, picture, session};
-use crate::core::effects::EffectPolicy;
-use crate::core::fidelity::Fidelity;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, Severity};
-use crate::files::image_file;
-use crate::files::sensor;
-use crate::lab::compare::score::{Scores, score};
-use crate::lab::presses::{self, Circle, Column, Press, Table};
+use crate::compare::score::{Scores, score};
+use crate::presses::{self, Circle, Column, Press, Table};
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, Severity};
+use gelsim_files::image_file;
+use gelsim_files::sensor;
 
 /// A simulated press.
 pub struct Evaluated {
@@ -62,7 +62,8 @@ pub fn evaluate(table: &Path, sensor: &Sensor, options: Options) -> Result<Evalu
     let still = CameraParams { shot_noise_levels: 0.0, read_noise_levels: 0.0, speckle_levels: 0.0, ..sensor.camera };
     let is_printed = sensor.markers.is_some();
     let is_photograph = matches!(sensor.background, Background::Photograph(_));
-    let sensor = Sensor { rest_surface: None, coating: None, camera: still, ..sensor.clone() };
+    let mut sensor = sensor.clone();
+    (sensor.rest_surface, sensor.coating, sensor.camera) = (None, None, still);
     let models = options.fidelity.models(sensor.light_source());
     let simulator = Simulator::with_models(sensor, models, EffectPolicy::WhereNeeded);
     let rest = simulator.background();

@@ -3,7 +3,7 @@
 //! Read are a YAML file and the image of the flat field that it names. Of the YAML: `nL`, `width`, `height`,
 //! `mmperpixel`; `quadfit`, a row for each term of the place (x^2, x y, y^2, x, y, 1) and ten columns for each lamp;
 //! the last row of `linfit`, where the lamps are; and `flatfield`. The published code adds up `quadfit` as
-//! [`crate::core::optics::lamps`] says, and divides by a correction, `scale` / flat field. The image holds the flat
+//! [`gelsim_core::optics::lamps`] says, and divides by a correction, `scale` / flat field. The image holds the flat
 //! fields of the lamps as tiles, three beside each other. Here each is divided by its scale and fitted by a polynomial
 //! of fourth degree, so that a sensor file needs no image.
 //!
@@ -17,10 +17,10 @@ use std::path::Path;
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::core::optics::lamps::{COEFFICIENTS, COUNT, FLAT_FIELD_TERMS, Lamp, PLACE_TERMS};
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::source::{Place, Source};
-use crate::files::{input, png};
+use gelsim_core::optics::lamps::{COEFFICIENTS, COUNT, FLAT_FIELD_TERMS, Lamp, PLACE_TERMS};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::source::{Place, Source};
+use gelsim_files::{input, png};
 
 /// Largest YAML file, bytes.
 const MOST_YAML: u64 = 1 << 20;
@@ -63,7 +63,7 @@ pub fn import(path: &Path) -> Result<Imported, Report> {
     let text = input::read(path, MOST_YAML).map_err(|error| error.to_string());
     let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| String::from("it is not UTF-8")));
     let text = text.map_err(|reason| {
-        crate::files::diagnostic::user_error(
+        gelsim_files::diagnostic::user_error(
             format!("cannot read {shown}: {reason}"),
             "name the YAML file of a device, as GelSight publishes them (gelsightinc/gssim, devices/)",
         )

@@ -6,13 +6,13 @@
 
 use rayon::prelude::*;
 
-use crate::core::base::grid::Resolution;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::View;
-use crate::core::depth::Depth;
-use crate::core::gelpad::elastic::Elastic;
-use crate::core::gelpad::material::Material;
-use crate::core::gelpad::{self, Contact, Pad};
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::view::View;
+use gelsim_core::depth::Depth;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::material::Material;
+use gelsim_core::gelpad::{self, Contact, Pad};
 
 /// Depths at which the contact of a ball is measured: each so many times the one before.
 const STEP: f64 = 1.2;

@@ -7,10 +7,10 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::pixels::Pixels;
-use crate::core::optics::calibrated::beyond::Beyond;
-use crate::core::optics::led::{Led, Normals, PlacedLed, Row};
-use crate::core::optics::phong::Phong;
-use crate::lab::metrics::statistics::median;
+use crate::metrics::statistics::median;
+use gelsim_core::optics::calibrated::beyond::Beyond;
+use gelsim_core::optics::led::{Led, Normals, PlacedLed, Row};
+use gelsim_core::optics::phong::Phong;
 
 /// How many LEDs are fitted: one for each colour.
 const LEDS: usize = 3;
@@ -34,7 +34,7 @@ const MOST_PER_MM: f64 = 1000.0;
 pub struct FittedLeds {
     /// The LEDs, the reddest first.
     pub leds: Vec<Led>,
-    /// See [`crate::files::sensor::Sensor::stray_light`].
+    /// See [`gelsim_files::sensor::Sensor::stray_light`].
     pub stray_light: [f64; 3],
     /// Change of each channel with the displacement that they leave unexplained, as a share of the background per mm.
     pub per_mm: [f64; 3],
@@ -285,8 +285,8 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::angle::sin_cos_deg;
-    use crate::core::base::rng::stream;
+    use gelsim_core::base::angle::sin_cos_deg;
+    use gelsim_core::base::rng::stream;
 
     #[test]
     fn leds_that_made_the_pixels_are_found() {

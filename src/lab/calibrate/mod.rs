@@ -5,20 +5,20 @@
 //! much larger the visible disc is than the contact, is chosen so that colour follows best ([`choose`]). Errors are those
 //! of presses that were not learnt from ([`validate`]).
 
-use crate::core::gelpad::material::Material;
+use gelsim_core::gelpad::material::Material;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use crate::core::base::light::Light;
-use crate::core::base::light::quantise;
-use crate::core::base::rng::stream;
-use crate::core::base::view::View;
-use crate::core::gelpad::{self, Contact, Pad};
-use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::calibrated::response::Response;
-use crate::core::optics::calibrated::{Colors, Table};
-use crate::files::sensor::Sensor;
-use crate::lab::presses::Circle;
+use crate::presses::Circle;
+use gelsim_core::base::light::Light;
+use gelsim_core::base::light::quantise;
+use gelsim_core::base::rng::stream;
+use gelsim_core::base::view::View;
+use gelsim_core::gelpad::{self, Contact, Pad};
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::calibrated::response::Response;
+use gelsim_core::optics::calibrated::{Colors, Table};
+use gelsim_files::sensor::Sensor;
 
 pub mod camera;
 pub mod choose;

@@ -10,8 +10,8 @@ use image::RgbImage;
 
 use super::detect::change::{Change, energy};
 use super::detect::{contents, detect};
-use crate::files::diagnostic::Diagnostic;
-use crate::lab::presses::Circle;
+use crate::presses::Circle;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// A detection must be this sure to count against a circle.
 const SURE: f64 = 0.5;

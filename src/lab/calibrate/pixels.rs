@@ -3,17 +3,17 @@
 use image::RgbImage;
 
 use super::Observation;
-use crate::core::base::grid::Rect;
-use crate::core::base::grid::Resolution;
-use crate::core::base::rng::Stream;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
-use crate::core::gelpad::Contact;
-use crate::core::optics::calibrated::beyond::Range;
-use crate::core::optics::calibrated::response::{INPUTS, Response, SECTORS};
-use crate::core::optics::coarse::Coarse;
-use crate::core::optics::normals::normals;
-use crate::core::optics::shadow::casting::Casting;
+use gelsim_core::base::grid::Rect;
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::rng::Stream;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::base::view::View;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::optics::calibrated::beyond::Range;
+use gelsim_core::optics::calibrated::response::{INPUTS, Response, SECTORS};
+use gelsim_core::optics::coarse::Coarse;
+use gelsim_core::optics::normals::normals;
+use gelsim_core::optics::shadow::casting::Casting;
 
 /// How far from its centre a press is looked at, in radii of its circle: its halo ends there.
 pub const REACH: f64 = 3.5;

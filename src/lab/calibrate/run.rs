@@ -13,12 +13,12 @@ use super::progress::{Heard, Work};
 use super::train::Settings;
 use super::validate::{self, HeldOut, cross_validate};
 use super::{Geometry, Observation, Session, Surfaces, fit, table};
-use crate::core::base::grid::Resolution;
-use crate::core::gelpad::Model;
-use crate::core::gelpad::elastic::Elastic;
-use crate::core::optics::calibrated::response::{Response, SECTORS};
-use crate::core::optics::calibrated::{Colors, Table};
-use crate::lab::compare::score::{Score, score};
+use crate::compare::score::{Score, score};
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::gelpad::Model;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::optics::calibrated::response::{Response, SECTORS};
+use gelsim_core::optics::calibrated::{Colors, Table};
 
 /// Pixels of a press that are learnt from.
 const PIXELS: usize = 4000;

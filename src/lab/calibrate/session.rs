@@ -8,13 +8,13 @@ use rayon::prelude::*;
 
 use super::dots::{Cleared, Dots};
 use super::{Observation, Printed, Session};
-use crate::core::base::view::View;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::image_file;
-use crate::files::input;
-use crate::files::sensor::Sensor;
-use crate::lab::calibrate::detect::{Detection, detect};
-use crate::lab::presses::{self, Column, Press, Table};
+use crate::calibrate::detect::{Detection, detect};
+use crate::presses::{self, Column, Press, Table};
+use gelsim_core::base::view::View;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::image_file;
+use gelsim_files::input;
+use gelsim_files::sensor::Sensor;
 
 /// Fewer presses teach nothing that holds elsewhere.
 pub const FEWEST: usize = 5;

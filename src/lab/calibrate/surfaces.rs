@@ -10,17 +10,17 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::{Geometry, Observation, Session, Surfaces};
-use crate::core::base::grid::Resolution;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::gelpad::elastic::Elastic;
-use crate::core::gelpad::{Contact, Model};
-use crate::core::optics::normals::normals;
-use crate::dataset::encode::json;
-use crate::files::diagnostic::{Report, user_error};
-use crate::files::write::write_folder_whole;
-use crate::files::{npy, png};
-use crate::job::label::{GENERATOR, key};
-use crate::job::layers::{DepthFormat, Form, OutputLayer};
+use gelsim_core::base::grid::Resolution;
+use gelsim_core::base::view::SURFACE_BORDER;
+use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::{Contact, Model};
+use gelsim_core::optics::normals::normals;
+use gelsim_dataset::encode::json;
+use gelsim_files::diagnostic::{Report, user_error};
+use gelsim_files::write::write_folder_whole;
+use gelsim_files::{npy, png};
+use gelsim_job::label::{GENERATOR, key};
+use gelsim_job::layers::{DepthFormat, Form, OutputLayer};
 
 /// The file that names the others.
 pub const INDEX: &str = "surfaces.json";

@@ -10,12 +10,12 @@ use std::path::Path;
 use image::RgbImage;
 use serde::Deserialize;
 
-use crate::core::base::grid::Grid;
-use crate::core::optics::calibrated::taxim::{MOST_BINS, TERMS, Taxim};
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
-use crate::files::input;
-use crate::files::npy::Numbers;
-use crate::files::npz::Npz;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::optics::calibrated::taxim::{MOST_BINS, TERMS, Taxim};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_files::input;
+use gelsim_files::npy::Numbers;
+use gelsim_files::npz::Npz;
 
 /// What a folder says of its sensor.
 #[derive(Clone, Debug, PartialEq)]
@@ -137,7 +137,7 @@ fn params(path: &Path) -> Result<Params, Wrong> {
     let params: Params = serde_json::from_slice(&bytes).map_err(|error| missing(error.to_string()))?;
     let Params { sensor, simulator } = &params;
     let out_of_range = |reason: String, help: &str| Wrong { reason, help: help.to_owned() };
-    crate::core::base::view::sides([sensor.w, sensor.h]).map_err(|reason| {
+    gelsim_core::base::view::sides([sensor.w, sensor.h]).map_err(|reason| {
         out_of_range(format!("`w` and `h`: {reason}"), "write the images' width and height in pixels")
     })?;
     let number = |name: &str, value: f64, least: f64, most: f64| match (least..=most).contains(&value) {

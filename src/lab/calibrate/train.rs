@@ -8,9 +8,9 @@ use nalgebra::DMatrix;
 
 use super::pixels::Pixels;
 use super::progress::Work;
-use crate::core::base::rng::{Stream, stream};
-use crate::core::optics::calibrated::beyond::Range;
-use crate::core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
+use gelsim_core::base::rng::{Stream, stream};
+use gelsim_core::optics::calibrated::beyond::Range;
+use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
 
 /// Outputs are counted in fractions of full scale of this size while training, which suits the rate.
 const UNIT: f32 = 0.4;

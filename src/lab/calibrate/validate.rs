@@ -7,10 +7,10 @@ use super::leds::fit_leds;
 use super::progress::Work;
 use super::train::Settings;
 use super::{Geometry, Session, Surfaces, fit, picture, pixels, table};
-use crate::core::base::rng::stream;
-use crate::core::effects::{EffectLog, EffectPolicy};
-use crate::core::optics::calibrated::{Calibrated, Shader};
-use crate::lab::compare::score::{Scores, score};
+use crate::compare::score::{Scores, score};
+use gelsim_core::base::rng::stream;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::optics::calibrated::{Calibrated, Shader};
 
 /// Parts that the presses are divided into.
 pub const FOLDS: usize = 5;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::images::Images;
-use crate::lab::presses::Column;
+use crate::presses::Column;
 
 /// What two folders are that have no pair of images.
 #[derive(Clone, Debug, PartialEq, Eq)]

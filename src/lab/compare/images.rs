@@ -9,13 +9,13 @@ use std::path::{Path, PathBuf};
 
 use image::{ColorType, RgbImage};
 
-use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::user_error;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::image_file;
-use crate::files::input;
-use crate::files::store::Address;
-use crate::lab::presses::{self, Circle, Table};
+use crate::presses::{self, Circle, Table};
+use gelsim_dataset::recorded::Recorded;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::image_file;
+use gelsim_files::input;
+use gelsim_files::store::Address;
 
 /// The table of a sensor's folder.
 const TABLE: &str = "annotations.csv";

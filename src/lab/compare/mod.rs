@@ -10,10 +10,10 @@ use image::RgbImage;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::dataset::archive::Files;
-use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
-use crate::files::image_file;
+use gelsim_dataset::archive::Files;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_files::image_file;
 
 pub mod counterparts;
 pub mod distribution;

@@ -6,8 +6,8 @@
 use std::collections::{HashMap, HashSet};
 
 use super::images::{Entry, Images, SensorImages};
-use crate::dataset::recorded::Recorded;
-use crate::files::diagnostic::Diagnostic;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// One side of a comparison of sets.
 pub enum Side<'a> {

@@ -3,9 +3,9 @@
 use image::RgbImage;
 
 use super::{Comparison, ImageRow, images_of};
-use crate::files::diagnostic::Report;
-use crate::lab::preview::difference;
-use crate::lab::preview::rows::{self, Row};
+use crate::preview::difference;
+use crate::preview::rows::{self, Row};
+use gelsim_files::diagnostic::Report;
 
 /// Width of a panel, px, at most.
 const PANEL: u32 = 640;

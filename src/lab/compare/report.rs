@@ -5,8 +5,8 @@ use std::fmt::Write;
 use super::distribution::Distances;
 use super::score::Score;
 use super::{Comparison, Means, SensorRow};
-use crate::dataset::encode::json;
-use crate::lab::text_table::TextTable;
+use crate::text_table::TextTable;
+use gelsim_dataset::encode::json;
 
 /// Columns of the CSV.
 const COLUMNS: [&str; 8] =

@@ -1,14 +1,14 @@
 //! How far a simulated image is from the real one of the same press: over the whole image, and around the contact.
 //!
-//! The three measures are those of [`crate::lab::metrics::image`]. Around the contact, SSIM is the mean of the whole image's
+//! The three measures are those of [`crate::metrics::image`]. Around the contact, SSIM is the mean of the whole image's
 //! map over the disc, so that windows reach over its rim.
 
 use image::RgbImage;
 use serde::Serialize;
 
-use crate::core::base::grid::Grid;
-use crate::lab::metrics::image::{mae, masked, masked_mean, psnr_db, ssim_map, ssim_mean};
-use crate::lab::presses::Circle;
+use crate::metrics::image::{mae, masked, masked_mean, psnr_db, ssim_map, ssim_mean};
+use crate::presses::Circle;
+use gelsim_core::base::grid::Grid;
 
 /// Distance of two images, or of a part of them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -111,7 +111,7 @@ mod tests {
         let map = ssim_map(&real, &sim, 40, 30);
         let inside: Vec<f64> = (0..1200).filter(|at| near(at % 40, at / 40)).map(|at| map.data[at as usize]).collect();
         assert!((contact.ssim - inside.iter().sum::<f64>() / inside.len() as f64).abs() < 1e-12);
-        assert_eq!(scores.full_image.ssim, crate::lab::metrics::image::ssim(&real, &sim, 40, 30));
+        assert_eq!(scores.full_image.ssim, crate::metrics::image::ssim(&real, &sim, 40, 30));
     }
 
     #[test]

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 use image::{Rgb, RgbImage};
 use pulp::{Simd, WithSimd};
 
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::dispatch;
-use crate::core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::simd::dispatch;
+use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 
 /// Octaves of frequency, the finest one first.
 pub const OCTAVES: usize = 6;

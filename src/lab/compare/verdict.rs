@@ -97,12 +97,12 @@ fn structure(octaves: &[Octave], scenes: Scenes) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lab::compare::distribution::{Channel, Slopes};
+    use crate::compare::distribution::{Channel, Slopes};
 
     fn distances(shifts: [f64; 3], contrast: f64, edges: f64, logs: &[f64]) -> Distances {
         let channels = shifts.map(|mean_shift| Channel { emd: 9.0, mean_shift, deviation_ratio: Some(contrast) });
         let octave = |(number, log10_ratio): (usize, &f64)| Octave {
-            cycles_per_px: crate::lab::compare::spectrum::octave(number),
+            cycles_per_px: crate::compare::spectrum::octave(number),
             log10_ratio: *log10_ratio,
         };
         Distances {

@@ -1,6 +1,6 @@
 //! Symmetric systems whose entries lie near the diagonal, solved directly.
 
-use crate::core::base::simd::simd_dispatch;
+use gelsim_core::base::simd::simd_dispatch;
 
 /// Rows that are eliminated together: each pass over the rows below serves this many.
 const BLOCK: usize = 4;

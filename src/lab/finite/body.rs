@@ -3,13 +3,13 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use super::profile::Profile;
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::base::grid::Grid;
-use crate::core::base::view::View;
-use crate::core::depth::{Window, capture};
-use crate::core::mesh::clusters::Clusters;
-use crate::core::pose::{Anchor, Pose};
-use crate::lab::metrics::statistics::median;
+use crate::metrics::statistics::median;
+use gelsim_core::base::angle::sin_cos_deg;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
+use gelsim_core::depth::{Window, capture};
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::pose::{Anchor, Pose};
 
 /// Between two samples of a section, mm.
 pub const PITCH_MM: f64 = 0.005;

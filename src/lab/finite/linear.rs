@@ -1,14 +1,14 @@
 //! The same press by the elastic layer of the fidelity level `reference`.
 
 use super::profile::Profile;
-use crate::core::base::grid::Grid;
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::depth::rest::{RestSurface, drop_mm, lower};
-use crate::core::depth::{Depth, Window};
-use crate::core::fidelity::Fidelity;
-use crate::core::gelpad::elastic::model_error::curvature_error_mm;
-use crate::core::gelpad::{Contact, Pad};
-use crate::core::sensor::Sensor;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::{SURFACE_BORDER, View};
+use gelsim_core::depth::rest::{RestSurface, drop_mm, lower};
+use gelsim_core::depth::{Depth, Window};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::elastic::model_error::curvature_error_mm;
+use gelsim_core::gelpad::{Contact, Pad};
+use gelsim_core::sensor::Sensor;
 
 /// A press with the object's axis in the middle of a view.
 pub struct Linear {
@@ -44,7 +44,7 @@ pub fn press(sensor: &Sensor, object: &Profile, depth_mm: f64, radius_mm: f64) -
     Linear { contact, view, stated_um }
 }
 
-/// What [`crate::core::depth::capture`] would give of the body.
+/// What [`gelsim_core::depth::capture`] would give of the body.
 fn captured(object: &Profile, depth_mm: f64, view: &View, window: Window) -> Depth {
     let margin = window.margin_px;
     let [width, height] = view.resolution_px.map(|px| px + 2 * margin);

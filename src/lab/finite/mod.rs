@@ -6,16 +6,16 @@
 
 use serde::Serialize;
 
-use crate::core::base::clock::Clock;
-use crate::core::base::grid::Grid;
-use crate::core::depth::indenter::Shape;
-use crate::core::depth::rest::RestSurface;
-use crate::core::sensor::Sensor;
-use crate::job::plan::Plan;
-use crate::job::scene::Scene;
-use crate::lab::metrics::distance::squared_distance_mm2;
-use crate::lab::metrics::surface::{RING_MM, compare};
-use crate::lab::tradeoff::strata::{Drawn, deepest_of_each, drawn};
+use crate::metrics::distance::squared_distance_mm2;
+use crate::metrics::surface::{RING_MM, compare};
+use crate::tradeoff::strata::{Drawn, deepest_of_each, drawn};
+use gelsim_core::base::clock::Clock;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::depth::indenter::Shape;
+use gelsim_core::depth::rest::RestSurface;
+use gelsim_core::sensor::Sensor;
+use gelsim_job::plan::Plan;
+use gelsim_job::scene::Scene;
 
 mod band;
 mod body;

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{Compared, Comparison};
-use crate::lab::text_table::TextTable;
+use crate::text_table::TextTable;
 
 /// Columns of the CSV: name and value.
 fn columns(press: &Compared) -> Vec<(&'static str, String)> {

@@ -7,15 +7,15 @@ use glob::Pattern;
 use rayon::prelude::*;
 
 use super::{Inspection, inspect, set};
-use crate::core::gelpad::USUAL_DEPTHS;
-use crate::core::sensor::Sensor;
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report, Severity, user_error};
-use crate::files::figures::{counted, figure};
-use crate::files::mesh::{ENDINGS, Format, Reading};
-use crate::files::spelling::shell_word;
-use crate::job::config::object::{Unit, is_plausible};
-use crate::job::inspection::SensorPad;
-use crate::job::inspection::findings::{self, Kind};
+use gelsim_core::gelpad::USUAL_DEPTHS;
+use gelsim_core::sensor::Sensor;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, Severity, user_error};
+use gelsim_files::figures::{counted, figure};
+use gelsim_files::length::{Unit, is_plausible};
+use gelsim_files::mesh::{ENDINGS, Format, Reading};
+use gelsim_files::spelling::shell_word;
+use gelsim_job::inspection::SensorPad;
+use gelsim_job::inspection::findings::{self, Kind};
 
 /// Share of the view's sides by which objects are moved out of its middle.
 const SHIFT: f64 = 0.1;
@@ -125,7 +125,7 @@ pub fn of_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Result<Wri
 
 /// Where presses usually are on the pad of a preset, as lines of `[pose]`.
 pub fn places(preset: &str, pad: &SensorPad) -> String {
-    match Sensor::preset(preset) {
+    match gelsim_files::sensor::preset(preset) {
         // From all sides, as far as a camera inside sees well.
         Ok(Sensor { shape: Some(shape), pins: None, .. }) => format!(
             "from_tip_mm = [0.0, {}]                 # over the gel, along its curve\naround_deg = [0.0, 360.0]\n",

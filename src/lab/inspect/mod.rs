@@ -1,7 +1,7 @@
 //! What a mesh is like, and what a sensor would see of it: what `gelsim inspect` prints.
 //!
-//! Facts are counted on the cleaned mesh ([`crate::lab::inspect::surface`]) or measured on captures of its six sides
-//! ([`sides`]); findings ([`crate::job::inspection::findings`]) are what a user should act on, each with a way out. Capture takes
+//! Facts are counted on the cleaned mesh ([`crate::inspect::surface`]) or measured on captures of its six sides
+//! ([`sides`]); findings ([`gelsim_job::inspection::findings`]) are what a user should act on, each with a way out. Capture takes
 //! the nearest surface whatever way it faces, so holes and flipped triangles are facts, not findings. Whether a surface
 //! passes through itself is not looked at, for the same reason.
 
@@ -10,18 +10,18 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::core::mesh::Cleaned;
-use crate::core::mesh::clusters::Clusters;
-use crate::files::diagnostic::Severity;
-use crate::files::mesh;
-use crate::files::mesh::{Given, Loaded};
-use crate::job::config::object::{Unit, is_plausible};
-use crate::job::config::scene::Face;
-use crate::job::inspection::findings::{self, Finding};
-use crate::job::inspection::sides::{self, Side};
-use crate::job::inspection::{LARGEST_MM, MeshSize, SensorPad};
-use crate::job::plan::faces;
-use crate::lab::inspect::surface::{Surface, survey};
+use crate::inspect::surface::{Surface, survey};
+use gelsim_core::mesh::Cleaned;
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_files::diagnostic::Severity;
+use gelsim_files::length::{Unit, is_plausible};
+use gelsim_files::mesh;
+use gelsim_files::mesh::{Given, Loaded};
+use gelsim_job::config::scene::Face;
+use gelsim_job::inspection::findings::{self, Finding};
+use gelsim_job::inspection::sides::{self, Side};
+use gelsim_job::inspection::{LARGEST_MM, MeshSize, SensorPad};
+use gelsim_job::plan::faces;
 
 pub mod job;
 pub mod set;

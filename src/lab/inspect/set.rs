@@ -8,12 +8,12 @@ use glob::Pattern;
 
 use super::text::printable;
 use super::{Inspection, MeshFacts, severity_name};
-use crate::files::diagnostic::{Diagnostics, Report};
-use crate::files::figures::{counted, figure};
-use crate::files::input::matching;
-use crate::files::mesh::Format;
-use crate::job::config::object::is_plausible;
-use crate::job::inspection::SensorPad;
+use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::figures::{counted, figure};
+use gelsim_files::input::matching;
+use gelsim_files::length::is_plausible;
+use gelsim_files::mesh::Format;
+use gelsim_job::inspection::SensorPad;
 
 /// The meshes that a path names: those of a folder and of the folders in it, those that a pattern matches, else itself. The
 /// second value is true if it may be several.

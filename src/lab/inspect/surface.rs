@@ -1,13 +1,13 @@
 //! How the triangles of a mesh hang together: parts, holes, crowded edges, triangles that face the wrong way.
 //!
 //! Everything follows from the sorted list of edges, in O(n log n) on any mesh. Which triangles face the same way is
-//! kept in a union-find that carries a sign. Only equal positions count as one vertex (see [`crate::core::mesh`]): a seam
+//! kept in a union-find that carries a sign. Only equal positions count as one vertex (see [`gelsim_core::mesh`]): a seam
 //! whose sides differ in the last bit is a hole.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::core::mesh::Mesh;
+use gelsim_core::mesh::Mesh;
 
 /// What [`survey`] counts.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -243,7 +243,7 @@ impl Sets {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::mesh::cleaning::LARGEST_MM;
+    use gelsim_core::mesh::cleaning::LARGEST_MM;
 
     /// A cube of 2 mm whose corner of lowest coordinates is at `at`.
     fn cube(at: [f64; 3]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {

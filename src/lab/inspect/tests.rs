@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 use std::fs;
 
 use super::*;
-use crate::core::pose::Anchor;
-use crate::files::sensor::PRESETS;
-use crate::job::config::scene::Face;
-use crate::job::inspection::findings::Kind;
+use gelsim_core::pose::Anchor;
+use gelsim_files::sensor::PRESETS;
+use gelsim_job::config::scene::Face;
+use gelsim_job::inspection::findings::Kind;
 
 type Shape = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 

@@ -3,13 +3,13 @@
 use std::fmt::Write;
 
 use super::{Inspection, MeshFacts};
-use crate::core::pose::Anchor;
-use crate::files::diagnostic::Severity;
-use crate::files::figures::{counted, figure, percent};
-use crate::job::config::object::Unit;
-use crate::job::inspection::SensorPad;
-use crate::job::inspection::findings::{Finding, Kind};
-use crate::lab::text_table::TextTable;
+use crate::text_table::TextTable;
+use gelsim_core::pose::Anchor;
+use gelsim_files::diagnostic::Severity;
+use gelsim_files::figures::{counted, figure, percent};
+use gelsim_job::config::object::Unit;
+use gelsim_job::inspection::SensorPad;
+use gelsim_job::inspection::findings::{Finding, Kind};
 
 /// What the meshes are held against, with an empty line at its end.
 pub fn heading(pad: &SensorPad) -> String {

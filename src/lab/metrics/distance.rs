@@ -4,7 +4,7 @@
 //! that the columns leave (Felzenszwalb and Huttenlocher 2012, Distance Transforms of Sampled Functions). Pixels may
 //! be wider than high.
 
-use crate::core::base::grid::Grid;
+use gelsim_core::base::grid::Grid;
 
 /// Squared distance, mm^2, from each pixel's centre to that of the nearest non-zero pixel of `mask`: 0 at those,
 /// infinity everywhere if there is none. `mm_per_px` is [width, height] of a pixel.

@@ -4,8 +4,8 @@
 //! scikit-image's `structural_similarity(a, b, channel_axis=2, gaussian_weights=True, sigma=1.5,
 //! use_sample_covariance=False, data_range=255)`. Images are row-major, three bytes a pixel.
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd;
+use gelsim_core::base::grid::{Grid, Rect};
+use gelsim_core::base::simd;
 
 /// Largest grey level.
 const RANGE: f64 = 255.0;

@@ -1,12 +1,12 @@
 //! How far two surfaces of the pad are apart: in height, and in the direction of their normals.
 //!
 //! Heights are compared in the view, normals in the contact and in the ring around it, where light shows them. Slopes
-//! are centred differences, as in [`crate::core::optics::normals`], but in f64.
+//! are centred differences, as in [`gelsim_core::optics::normals`], but in f64.
 
-use crate::core::base::grid::Grid;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::lab::metrics::distance::squared_distance_mm2;
-use crate::lab::metrics::statistics::quantile;
+use crate::metrics::distance::squared_distance_mm2;
+use crate::metrics::statistics::quantile;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::SURFACE_BORDER;
 
 /// Width of the ring around the contact, mm.
 pub const RING_MM: f64 = 2.0;

@@ -2,7 +2,7 @@
 
 use super::ink::{Align, Colour};
 use super::plot::{FAINT, Plot, TEXT};
-use crate::files::figures::figure;
+use gelsim_files::figures::figure;
 
 /// Width and height of a histogram, px: three stand beside each other on a page, and one fits a phone.
 pub const SIZE: [f64; 2] = [330.0, 220.0];

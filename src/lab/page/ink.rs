@@ -11,7 +11,7 @@ use image::RgbImage;
 
 use super::escaped;
 use super::letters::{self, Face, dots};
-use crate::files::png::encode_small;
+use gelsim_files::png::encode_small;
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];

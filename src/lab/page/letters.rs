@@ -15,7 +15,7 @@ use embedded_graphics::pixelcolor::BinaryColor;
 use embedded_graphics::prelude::{DrawTarget, Drawable};
 use embedded_graphics::text::{Baseline, Text};
 
-use crate::files::spelling::is_hidden;
+use gelsim_files::spelling::is_hidden;
 
 /// Sizes and weights of letters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

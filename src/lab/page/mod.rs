@@ -3,10 +3,10 @@
 
 use std::fmt::Write;
 
-use crate::files::spelling::{is_hidden, visible};
+use gelsim_files::spelling::{is_hidden, visible};
 
 pub mod bars;
-pub(crate) mod ink;
+pub mod ink;
 pub mod letters;
 pub mod plot;
 

@@ -4,7 +4,7 @@ use embedded_graphics::text::Baseline;
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
-use crate::lab::page::letters::{self, Face, dots};
+use crate::page::letters::{self, Face, dots};
 
 /// Room around tiles, px.
 pub const GAP: u32 = 6;

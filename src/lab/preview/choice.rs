@@ -6,10 +6,10 @@ use std::ops::ControlFlow;
 
 use serde::Deserialize;
 
-use crate::dataset::archive::Files;
-use crate::dataset::recorded::Recorded;
-use crate::job::label::key;
-use crate::job::layout::{Layout, Shard, Split};
+use gelsim_dataset::archive::Files;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_job::label::key;
+use gelsim_job::layout::{Layout, Shard, Split};
 
 /// Labels that are read of a split to find its classes, at least.
 const LABELS: u64 = 300;
@@ -157,7 +157,7 @@ fn seats(sizes: [u64; 3], count: u64) -> [u64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::job::config::dataset::Splits;
+    use gelsim_job::config::dataset::Splits;
 
     #[test]
     fn splits_get_their_share_and_none_is_left_out() {

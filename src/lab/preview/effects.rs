@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use super::canvas::{GAP, difference};
 use super::picture;
 use super::rows::{self, Row};
-use crate::core::effects::{Effect, EffectPolicy};
-use crate::job::plan::Plan;
-use crate::job::sample::render;
+use gelsim_core::effects::{Effect, EffectPolicy};
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
 
 /// What an effect changes in one sample.
 pub struct EffectComparison {

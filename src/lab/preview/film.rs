@@ -4,8 +4,8 @@ use image::RgbImage;
 
 use super::canvas::joined;
 use super::frame_image;
-use crate::dataset::archive::Files;
-use crate::dataset::labels::SampleLabel;
+use gelsim_dataset::archive::Files;
+use gelsim_dataset::labels::SampleLabel;
 
 /// The tactile image of a frame, of a gripper those of both fingers side by side.
 fn film_frame(files: &Files, number: usize, both: bool) -> Result<RgbImage, String> {

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use image::{Rgb, RgbImage};
 
 use super::canvas::{Canvas, EDGE, width};
-use crate::core::base::grid::Grid;
-use crate::files::figures::figure;
-use crate::job::layers::{Form, OutputLayer};
+use gelsim_core::base::grid::Grid;
+use gelsim_files::figures::figure;
+use gelsim_job::layers::{Form, OutputLayer};
 
 /// What a picture shows of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

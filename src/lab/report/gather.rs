@@ -7,13 +7,13 @@ use super::histogram::{Histogram, PerSplit};
 use super::places::Places;
 use super::quantities::QUANTITIES;
 use super::sequences::Sequences;
-use crate::core::base::clock::Seconds;
-use crate::core::effects::{Effect, PerEffect};
-use crate::dataset::stats::{Count, Stats};
-use crate::dataset::verify::Finding;
-use crate::job::label::Label;
-use crate::job::layout::Split;
-use crate::lab::preview::Tile;
+use crate::preview::Tile;
+use gelsim_core::base::clock::Seconds;
+use gelsim_core::effects::{Effect, PerEffect};
+use gelsim_dataset::stats::{Count, Stats};
+use gelsim_dataset::verify::Finding;
+use gelsim_job::label::Label;
+use gelsim_job::layout::Split;
 
 /// What is known of the samples of some shards.
 pub struct Gathered {
@@ -312,7 +312,7 @@ mod tests {
         assert_eq!(without_numbers(text), kind);
         let given = |keys: &mut dyn Iterator<Item = u64>| {
             let mut reasons = Reasons::default();
-            keys.for_each(|key| reasons.count(&format!("{key}.5 um"), &crate::job::label::key(key)));
+            keys.for_each(|key| reasons.count(&format!("{key}.5 um"), &gelsim_job::label::key(key)));
             reasons
         };
         let in_order = given(&mut (0..20));

@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::job::layout::Split;
-use crate::lab::page::bars::Bar;
+use crate::page::bars::Bar;
+use gelsim_job::layout::Split;
 
 /// Bins at most.
 const BINS: i64 = 1024;

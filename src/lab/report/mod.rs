@@ -3,6 +3,7 @@
 //! Only labels are read, and the images of at most [`MOST_IMAGES`] samples; shards in parallel. What is missing or
 //! damaged is named, and the page is made from what is there.
 
+use gelsim_dataset::container::ShardContainer;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -18,20 +19,20 @@ pub mod sequences;
 
 use gather::{Gathered, counted};
 
-use crate::dataset::archive::{Files, Head};
-use crate::dataset::labels::{self, SampleLabel};
-use crate::dataset::manifest::Manifest;
-use crate::dataset::recorded::Recorded;
-use crate::dataset::refused::Refused;
-use crate::dataset::stats::Stats;
-use crate::dataset::verify::Finding;
-use crate::dataset::versioned::Versioned;
-use crate::files::image_file;
-use crate::files::input;
-use crate::job::config::document::MOST_READ;
-use crate::job::label::key;
-use crate::job::layout::{Layout, Shard, Split};
-use crate::lab::preview::{Tile, Wanted};
+use crate::preview::{Tile, Wanted};
+use gelsim_dataset::archive::{Files, Head};
+use gelsim_dataset::labels::{self, SampleLabel};
+use gelsim_dataset::manifest::Manifest;
+use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::refused::Refused;
+use gelsim_dataset::stats::Stats;
+use gelsim_dataset::verify::Finding;
+use gelsim_dataset::versioned::Versioned;
+use gelsim_files::image_file;
+use gelsim_files::input;
+use gelsim_job::config::document::MOST_READ;
+use gelsim_job::label::key;
+use gelsim_job::layout::{Layout, Shard, Split};
 
 /// Tactile images of which the brightness is taken, at most.
 pub const MOST_IMAGES: u64 = 1000;
@@ -244,15 +245,16 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::dataset::generate::{Request, Watch, generate};
-    use crate::job::config::Overrides;
-    use crate::job::config::dataset::Splits;
-    use crate::job::plan::Plan;
-    use crate::lab::preview::panel::Scales;
+    use crate::preview::panel::Scales;
+    use gelsim_dataset::generate::{Request, Watch, generate};
+    use gelsim_job::config::Overrides;
+    use gelsim_job::config::dataset::Splits;
+    use gelsim_job::plan::Plan;
 
     /// 30 small samples in shards of 4, in `folder`/out.
     fn dataset(folder: &Path) -> Recorded {
-        let [ball, cube] = ["sphere", "cube"].map(|name| format!("{}/objects/{name}.obj", env!("CARGO_MANIFEST_DIR")));
+        let [ball, cube] =
+            ["sphere", "cube"].map(|name| format!("{}/../../objects/{name}.obj", env!("CARGO_MANIFEST_DIR")));
         let text = format!(
             "dataset = {{ name = \"t\", samples = 30, samples_per_shard = 4, splits = {{ train = 0.6, test = 0.4 }} }}\n\
              sensor.resolution_px = [24, 18]\nindentation.depth_mm = [0.2, 1.0]\nindentation.no_contact = 0.2\n\
@@ -293,7 +295,7 @@ mod tests {
         assert_eq!(forth.brightness.all().count, 30);
         let depths = forth.histograms[0].all().count;
         assert!(depths == forth.in_contact.iter().sum::<u64>() && (12..30).contains(&depths), "{depths}");
-        for reasons in crate::core::effects::Effect::ALL.map(|effect| &forth.reasons[effect]) {
+        for reasons in gelsim_core::effects::Effect::ALL.map(|effect| &forth.reasons[effect]) {
             assert_eq!(reasons.values().sum::<u64>(), 30);
         }
         assert_eq!(forth.files["json"].0, 30);

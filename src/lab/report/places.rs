@@ -1,7 +1,7 @@
 //! Where in the view something is: counts on a grid of square cells, drawn darker where they are higher.
 
-use crate::lab::page::ink::Colour;
-use crate::lab::page::plot::{GREY, Plot, ROOM};
+use crate::page::ink::Colour;
+use crate::page::plot::{GREY, Plot, ROOM};
 
 /// Cells along the longer side of the view.
 const CELLS: f64 = 40.0;

@@ -1,7 +1,7 @@
 //! What a report shows a histogram of: numbers of a label, each with the samples in which it means something.
 
 use super::histogram::Histogram;
-use crate::job::label::Label;
+use gelsim_job::label::Label;
 
 /// What quantities are about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

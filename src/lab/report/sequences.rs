@@ -1,9 +1,9 @@
 //! What a report shows of sequences: when they slip and how they are pushed, and force over time of some of them.
 
 use super::histogram::Histogram;
-use crate::job::gripper::label::GripSequenceLabel;
-use crate::job::layout::Split;
-use crate::job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
+use gelsim_job::gripper::label::GripSequenceLabel;
+use gelsim_job::layout::Split;
+use gelsim_job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
 
 /// A number of a sequence.
 pub struct SequenceQuantity {

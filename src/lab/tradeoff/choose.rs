@@ -10,15 +10,15 @@ use std::fmt;
 use rayon::prelude::*;
 
 use super::strata::{Drawn, deepest_of_each, drawn, spread, stratified};
-use crate::core::fidelity::Fidelity;
-use crate::core::optics::LightSource;
-use crate::files::diagnostic::Report;
-use crate::files::diagnostic::user_error;
-use crate::job::config::fidelity::FidelityChoice;
-use crate::job::plan::Plan;
-use crate::job::sample::render;
-use crate::lab::metrics::statistics::median;
-use crate::lab::metrics::surface::height_error_um;
+use crate::metrics::statistics::median;
+use crate::metrics::surface::height_error_um;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics::LightSource;
+use gelsim_files::diagnostic::Report;
+use gelsim_files::diagnostic::user_error;
+use gelsim_job::config::fidelity::FidelityChoice;
+use gelsim_job::plan::Plan;
+use gelsim_job::sample::render;
 
 /// Samples of which the time is taken.
 const TIMED: usize = 8;
@@ -225,7 +225,7 @@ fn refusal(bound: FidelityChoice, measured: &[ChosenLevel]) -> Report {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::rng;
+    use gelsim_core::base::rng;
 
     /// Errors of `samples` presses of objects in turn that follow the law, scattered by a factor of e^0.3.
     fn job(samples: u64, objects: usize, seed: u64) -> (Vec<Drawn>, Vec<f64>) {

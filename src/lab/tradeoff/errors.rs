@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::core::gelpad::elastic::model_error::ring_rms_mm;
-use crate::job::sample::Sample;
-use crate::lab::metrics::{image, surface};
+use crate::metrics::{image, surface};
+use gelsim_core::gelpad::elastic::model_error::ring_rms_mm;
+use gelsim_job::sample::Sample;
 
 /// Errors of one sample.
 #[derive(Clone, Copy, Debug)]

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::{GridRow, Row, Tradeoff};
-use crate::core::fidelity::Fidelity;
-use crate::lab::text_table::TextTable;
+use crate::text_table::TextTable;
+use gelsim_core::fidelity::Fidelity;
 
 /// Columns of the CSV: name and value; an empty value is one that is not known.
 fn columns(row: &Row) -> Vec<(&'static str, String)> {

@@ -1,18 +1,18 @@
 //! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference`
 //! at four times the frame rate, and time.
 
-use crate::lab::text_table::TextTable;
+use crate::text_table::TextTable;
 use std::convert::Infallible;
 
 use serde::Serialize;
 
-use crate::core::fidelity::Fidelity;
-use crate::job::plan::Plan;
-use crate::job::sequence::label::{SequenceInfo, SequenceLabel};
-use crate::job::sequence::motion;
-use crate::job::sequence::render;
-use crate::lab::page::ink::{Align, Colour, Shape};
-use crate::lab::page::plot::{BLACK, Plot, TEXT};
+use crate::page::ink::{Align, Colour, Shape};
+use crate::page::plot::{BLACK, Plot, TEXT};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_job::plan::Plan;
+use gelsim_job::sequence::label::{SequenceInfo, SequenceLabel};
+use gelsim_job::sequence::motion;
+use gelsim_job::sequence::render;
 
 /// How much finer in time the reference is.
 const FINER: u64 = 4;

@@ -1,7 +1,7 @@
 //! Which of a job's samples stand for all of them: every object, pressed gently and deep.
 
-use crate::job::plan::Plan;
-use crate::job::scene::{Pressed, Scene};
+use gelsim_job::plan::Plan;
+use gelsim_job::scene::{Pressed, Scene};
 
 /// What decides how far apart fidelity levels are on a sample, as it is drawn for the first time.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -22,7 +22,7 @@ impl Surface {
     /// rim, if that is nearer. Beyond the rim the way goes on in its direction.
     ///
     /// Between two steps the direction is taken along by the turn of the smooth normal, on a ball and a cylinder exactly.
-    pub(in crate::core::base) fn geodesic(
+    pub(in crate::base) fn geodesic(
         &self,
         from: Spot,
         towards: DVec3,

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::{Spot, Surface};
-use crate::core::base::site::Rest;
+use crate::base::site::Rest;
 
 /// Geodesics around a point, an even number: each goes on backwards as another one.
 const RAYS: usize = 128;

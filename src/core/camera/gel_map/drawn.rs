@@ -6,10 +6,10 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::lattice::{CELL, Cells, Lattice};
 use super::{GelView, Shows};
-use crate::core::base::chart::{Chart, Rest};
-use crate::core::base::gel::Site;
-use crate::core::base::grid::Rect;
-use crate::core::base::view::View;
+use crate::base::chart::{Chart, Rest};
+use crate::base::gel::Site;
+use crate::base::grid::Rect;
+use crate::base::view::View;
 
 /// Step of the table of [`angles`].
 const STEP: f64 = 1.0 / 4096.0;

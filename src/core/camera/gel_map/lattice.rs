@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
-use crate::core::base::chart::{Chart, Rest};
-use crate::core::base::grid::Rect;
-use crate::core::base::view::View;
+use crate::base::chart::{Chart, Rest};
+use crate::base::grid::Rect;
+use crate::base::view::View;
 
 /// Nodes of a chart on a side of the cells of a [`Lattice`].
 pub const CELL: usize = 4;

@@ -4,8 +4,8 @@ use glam::{DMat3, Mat3, Vec3};
 
 use super::lattice::Lattice;
 use super::{GelView, Shows};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::{SURFACE_BORDER, View};
+use crate::base::grid::{Grid, Rect};
+use crate::base::view::{SURFACE_BORDER, View};
 
 /// A pressed gel between the nodes of its chart.
 pub struct SkinAt<'a> {

@@ -2,9 +2,9 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::dispatch;
-use crate::core::mesh::clusters::{Clusters, MAX_VERTICES, Part};
+use crate::base::grid::Grid;
+use crate::base::simd::dispatch;
+use crate::mesh::clusters::{Clusters, MAX_VERTICES, Part};
 
 use super::{Canvas, Projection, Seen, centres, lowered, span};
 

@@ -12,10 +12,10 @@ use super::kernel::kernel;
 use super::layer::ElasticLayer;
 use super::response::{Memory, Response};
 use super::{BULGE, Elastic, Pad};
-use crate::core::base::grid::{Grid, Rect, Resolution};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::depth::beyond::{Area, Cells, Surroundings};
-use crate::core::gelpad::whole::Beyond;
+use crate::base::grid::{Grid, Rect, Resolution};
+use crate::base::simd::simd_dispatch;
+use crate::depth::beyond::{Area, Cells, Surroundings};
+use crate::gelpad::whole::Beyond;
 
 /// How far the first grid reaches beyond the window, thicknesses.
 const FIRST: f64 = 4.0;

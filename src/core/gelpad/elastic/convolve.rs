@@ -6,8 +6,8 @@
 use pulp::{Simd, WithSimd};
 
 use super::fft::{Fft, LANES, Signals, fast_length};
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::{dispatch, transposed};
+use crate::base::grid::Grid;
+use crate::base::simd::{dispatch, transposed};
 
 /// Transforms of every length that a torus may have.
 #[derive(Clone, Debug)]

@@ -8,7 +8,7 @@
 
 use super::Solution;
 use super::lattice::Lattice;
-use crate::core::base::grid::{Grid, Rect};
+use crate::base::grid::{Grid, Rect};
 
 /// Slope of the object between two pixels of the solver's from which on there is a wall: where it is, only the object itself
 /// knows.

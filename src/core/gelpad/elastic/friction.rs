@@ -15,13 +15,13 @@ use super::model_error::{ContactEdge, force_over_linear};
 use super::shear::Friction;
 use super::walls::Thinned;
 use super::{Given, Pad, Solution};
-use crate::core::base::cubic::catmull_rom;
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::depth::Depth;
-use crate::core::effects::Requirement;
-use crate::core::gelpad::Contact;
+use crate::base::cubic::catmull_rom;
+use crate::base::grid::{Grid, Rect, bounding_box};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
+use crate::depth::Depth;
+use crate::effects::Requirement;
+use crate::gelpad::Contact;
 
 /// The longer side of the contact has at most so many pixels of the grid on which pressure and tractions are solved for in
 /// turn, as long as there is a grid so coarse.

@@ -4,7 +4,7 @@ use super::fft::fast_length;
 use super::inplane::layer_response;
 use super::layer::ElasticLayer;
 use super::plane::{Plane, Response, Symbol, Values};
-use crate::core::base::grid::{Grid, Rect};
+use crate::base::grid::{Grid, Rect};
 
 /// A side of the torus has at most so many pixels.
 const TORUS_PX: usize = 384;

@@ -9,8 +9,8 @@ use super::cone::{self, Solved};
 use super::grip::{Grip, Vector, length};
 use super::inplane::Load;
 use super::layer::ElasticLayer;
-use crate::core::base::angle::Turn;
-use crate::core::base::grid::{Grid, Rect, bounding_box};
+use crate::base::angle::Turn;
+use crate::base::grid::{Grid, Rect, bounding_box};
 
 /// Share of a step's motion to which tractions are solved: slip would else drift at high frame rates.
 const SHARE: f64 = 0.05;

@@ -9,10 +9,10 @@
 use super::fft::fast_length;
 use super::layer::ElasticLayer;
 use super::plane::{Plane, Response, Symbol, Values, Wave};
-use crate::core::base::cubic::catmull_rom;
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
+use crate::base::cubic::catmull_rom;
+use crate::base::grid::{Grid, Rect, bounding_box};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
 
 /// Pressure on a regular grid.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,7 +9,7 @@
 use std::f64::consts::{PI, TAU};
 
 use super::layer::ElasticLayer;
-use crate::core::base::grid::Grid;
+use crate::base::grid::Grid;
 
 /// Distance beyond which the kernel's curve is not known, in thicknesses; displacements there are below 1e-4 of those
 /// next to the pixel.

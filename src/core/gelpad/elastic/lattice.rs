@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use crate::core::base::grid::{Rect, Resolution};
+use crate::base::grid::{Rect, Resolution};
 
 /// The pixels of a coarse grid over an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@
 //! follow from the plane-strain solution of a strip with a fixed base (as in Johnson 1985, section 5.8) and are written
 //! with every growing exponential divided out, so that they hold for all q h. Displacements scale with 1 / E.
 
-use crate::core::gelpad::material::Material;
+use crate::gelpad::material::Material;
 
 /// The layer.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 
 use super::whole::Beyond;
 use super::{Contact, Numerics, untouched};
-use crate::core::base::grid::{Grid, Rect, Resolution, bounding_box};
-use crate::core::base::simd::{count, simd_dispatch};
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::depth::{Depth, Window};
-use crate::core::gelpad::material::Material;
+use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
+use crate::base::simd::{count, simd_dispatch};
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::depth::{Depth, Window};
+use crate::gelpad::material::Material;
 
 mod beyond_view;
 mod cone;
@@ -58,7 +58,7 @@ use walls::{CutPixel, Thinned};
 
 /// Parameters of the contact solver.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Elastic {
     /// Grid on which the contact is solved.

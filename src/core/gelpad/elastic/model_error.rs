@@ -17,9 +17,9 @@
 
 use super::LARGEST_STRAIN;
 use super::shear::Friction;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::{count, largest, simd_dispatch};
-use crate::core::base::view::SURFACE_BORDER;
+use crate::base::grid::Grid;
+use crate::base::simd::{count, largest, simd_dispatch};
+use crate::base::view::SURFACE_BORDER;
 
 /// The numbers of the law for one kind of contact.
 struct Law {

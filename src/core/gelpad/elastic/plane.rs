@@ -7,8 +7,8 @@
 use pulp::{Simd, WithSimd};
 
 use super::fft::{Fft, LANES, Signals};
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::{dispatch, simd_dispatch};
+use crate::base::grid::Grid;
+use crate::base::simd::{dispatch, simd_dispatch};
 
 /// Transforms on a torus of a fixed size.
 #[derive(Clone, Debug)]

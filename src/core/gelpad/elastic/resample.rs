@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::lattice::Lattice;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
 
 /// How much lower the object may be around four pixels, in their size, to be taken for round.
 const ROUND: f32 = 0.5;

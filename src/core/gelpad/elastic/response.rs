@@ -13,8 +13,8 @@ use std::sync::Arc;
 use super::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
 use super::kernel::{Curve, half_space, kernel_by, lags};
 use super::layer::ElasticLayer;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
 
 /// Width s of the Gaussian, in distances between nodes.
 const WIDTH: f64 = 2.5;

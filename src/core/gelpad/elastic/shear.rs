@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::grip::{Grip, difference, dot, held, largest, length, sum};
 use super::inplane::{Field, Load, Traction};
 use super::layer::ElasticLayer;
-use crate::core::base::grid::{Grid, bounding_box};
+use crate::base::grid::{Grid, bounding_box};
 
 /// Motion of the object in the pad's plane after the press.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,7 +26,7 @@ pub struct Motion {
 
 /// What holds the pad to the object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Friction {
     /// Nothing slips.

@@ -12,13 +12,13 @@ use super::response::{Memory, Response};
 use super::shear::Friction;
 use super::walls::Thinned;
 use super::{Elastic, Given, Pad};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::depth::{Depth, Window};
-use crate::core::gelpad::whole::Beyond;
+use crate::base::grid::{Grid, Rect};
+use crate::depth::{Depth, Window};
+use crate::gelpad::whole::Beyond;
 
 /// What an object is made of that is not rigid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Soft {
     /// Young's modulus, kPa, above 0.
     pub youngs_modulus_kpa: f64,

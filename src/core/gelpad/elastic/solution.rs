@@ -3,8 +3,8 @@
 use super::friction::{Drag, Placed};
 use super::lattice::Lattice;
 use super::walls::CutPixel;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::{largest, simd_dispatch};
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::{largest, simd_dispatch};
 
 /// Pressure and displacement on the solver's grid.
 pub(super) struct Solution {

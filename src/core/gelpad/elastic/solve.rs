@@ -7,8 +7,8 @@
 
 use super::response::{Memory, Operator};
 use super::walls::CutPixel;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
 
 /// Multiple of the tolerance from which on pressures are near enough to their last values for pixels to stop giving way.
 const NEARLY: f32 = 30.0;

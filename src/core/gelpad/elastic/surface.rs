@@ -9,11 +9,11 @@ use super::lattice::Lattice;
 use super::resample::Shape;
 use super::walls::CutPixel;
 use super::{Pad, Solution, edge};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::{largest, simd_dispatch, sum};
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::depth::Depth;
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::{largest, simd_dispatch, sum};
+use crate::base::view::SURFACE_BORDER;
+use crate::depth::Depth;
+use crate::gelpad::Contact;
 
 /// Share of the depth that the pad may be away from an object that it touches between the solver's pixels.
 const SHALLOW_CLOSE: f32 = 0.5;

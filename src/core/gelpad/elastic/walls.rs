@@ -10,9 +10,9 @@ use std::f32::consts::PI;
 use std::ops::Range;
 
 use super::lattice::Lattice;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::depth::Depth;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
+use crate::depth::Depth;
 
 /// Slope of the object between two of the camera's pixels from which on there is a wall; from twice as much on it counts as a
 /// whole one.

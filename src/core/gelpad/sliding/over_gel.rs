@@ -7,14 +7,14 @@
 use glam::{DVec2, DVec3};
 
 use super::{ObjectStep, Sliding, Wrench, same};
-use crate::core::base::chart::Chart;
-use crate::core::base::gel::Site;
-use crate::core::depth::places::Places;
-use crate::core::depth::{Depth, Window};
-use crate::core::gelpad::elastic::history::Moved;
-use crate::core::gelpad::elastic::inplane::Load;
-use crate::core::gelpad::planar::{PlanarFrame, PlanarMotion};
-use crate::core::pose::{PadPlane, about};
+use crate::base::chart::Chart;
+use crate::base::gel::Site;
+use crate::depth::places::Places;
+use crate::depth::{Depth, Window};
+use crate::gelpad::elastic::history::Moved;
+use crate::gelpad::elastic::inplane::Load;
+use crate::gelpad::planar::{PlanarFrame, PlanarMotion};
+use crate::pose::{PadPlane, about};
 
 /// An object over a gel.
 pub struct OverGel<'a> {

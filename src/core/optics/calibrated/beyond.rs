@@ -10,15 +10,15 @@
 use serde::{Deserialize, Serialize};
 
 use super::response::{Response, SECTORS, SKY_DEG};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::{SURFACE_BORDER, View};
-use crate::core::gelpad::Contact;
-use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::coarse::Values;
-use crate::core::optics::led::{Led, Normals, PlacedLed, Row};
-use crate::core::optics::phong::Phong;
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::Light;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::{SURFACE_BORDER, View};
+use crate::gelpad::Contact;
+use crate::optics::background::BackgroundImage;
+use crate::optics::coarse::Values;
+use crate::optics::led::{Led, Normals, PlacedLed, Row};
+use crate::optics::phong::Phong;
 
 /// Most LEDs that a table may have.
 const MOST_LEDS: usize = 64;
@@ -339,10 +339,10 @@ impl Continuation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::effects::{EffectLog, EffectPolicy};
-    use crate::core::gelpad::{Numerics, untouched};
-    use crate::core::optics::calibrated::response::{INPUTS, OUTPUTS, TERMS};
-    use crate::core::optics::calibrated::{Calibrated, Colors, Shader, Table};
+    use crate::effects::{EffectLog, EffectPolicy};
+    use crate::gelpad::{Numerics, untouched};
+    use crate::optics::calibrated::response::{INPUTS, OUTPUTS, TERMS};
+    use crate::optics::calibrated::{Calibrated, Colors, Shader, Table};
 
     const VIEW: View = View { resolution_px: [100, 30], mm_per_px: [0.1; 2] };
 

@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::response::{INPUTS, OUTPUTS, Response, squashed};
-use crate::core::base::simd::dispatch;
+use crate::base::simd::dispatch;
 
 /// Outputs that are summed together, so that a hidden unit is loaded once for all of them.
 const GROUP: usize = 5;
@@ -97,7 +97,7 @@ impl WithSimd for Run<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::rng::stream;
+    use crate::base::rng::stream;
 
     #[test]
     fn outputs_are_the_network_s_whatever_the_number_of_points() {

@@ -13,12 +13,12 @@ use super::led::Normals;
 use super::normals::set_normals;
 use super::shadow::casting::Casting;
 use super::visible::{BOUND, Threshold};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::View;
-use crate::core::effects::{Effect, EffectLog, Requirement};
-use crate::core::gelpad::Contact;
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::Light;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::View;
+use crate::effects::{Effect, EffectLog, Requirement};
+use crate::gelpad::Contact;
 
 pub mod beyond;
 mod kernel;
@@ -34,7 +34,7 @@ use taxim::{Lookup, Taxim};
 
 /// Parameters of the measured light.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "datasets", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Calibrated {
     /// Distance of the pixels at which is found how height, place and shadows turn the colours, mm, 0 to 10; at most every

@@ -6,13 +6,13 @@ use pulp::{Simd, WithSimd};
 
 use super::kernel::Kernel;
 use super::response::{DEGREES, FACTORS, INPUTS, OUTPUTS, Response, TERMS};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
-use crate::core::base::simd::{dispatch, largest};
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::base::view::View;
-use crate::core::optics::coarse::{Coarse, Values};
-use crate::core::optics::led::Normals;
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::Light;
+use crate::base::simd::{dispatch, largest};
+use crate::base::view::SURFACE_BORDER;
+use crate::base::view::View;
+use crate::optics::coarse::{Coarse, Values};
+use crate::optics::led::Normals;
 
 /// A part of a coarse grid, and where it is in the view.
 pub struct Nodes<'a> {

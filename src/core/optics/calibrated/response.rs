@@ -10,7 +10,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::optics::shadow::Caster;
+use crate::optics::shadow::Caster;
 
 /// Directions in which the sky is looked at.
 pub const SECTORS: usize = 8;

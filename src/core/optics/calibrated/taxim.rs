@@ -9,7 +9,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::simd::split;
+use crate::base::simd::split;
 
 /// Terms of a polynomial.
 pub const TERMS: usize = 6;
@@ -41,7 +41,7 @@ impl Taxim {
         if !(2..=MOST_BINS).contains(bins) {
             return Err(format!("{bins} bins; allowed: 2 to {MOST_BINS}"));
         }
-        crate::core::base::view::sides(*resolution_px)?;
+        crate::base::view::sides(*resolution_px)?;
         for (channel, all) in ["red", "green", "blue"].into_iter().zip(polynomials) {
             if all.len() != bins * bins {
                 return Err(format!("{} polynomials of {channel} for {bins} x {bins} bins", all.len()));

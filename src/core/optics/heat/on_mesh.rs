@@ -9,9 +9,9 @@ use glam::DVec3;
 
 use super::even_mesh::even;
 use super::{LED_RAD, REACH, SPREAD, half_turn};
-use crate::core::base::surface::Surface;
-use crate::core::base::surface::tree::Tree;
-use crate::core::base::triangle::nearest_of_triangle;
+use crate::base::surface::Surface;
+use crate::base::surface::tree::Tree;
+use crate::base::triangle::nearest_of_triangle;
 
 /// Longest edge, in reaches of the light.
 const LONGEST: f64 = 0.4;

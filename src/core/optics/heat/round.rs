@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec2, DVec3};
 
-use crate::core::base::gel::{GelShape, Site};
+use crate::base::gel::{GelShape, Site};
 
 use super::{LED_RAD, REACH, SPREAD};
 
@@ -135,7 +135,7 @@ fn along_meridian(wave: f64, step: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::base::gel::{GelCapsule, GelDome};
+    use crate::base::gel::{GelCapsule, GelDome};
 
     /// On a dome the way from the rim is a great circle, wherever the opposite rim is farther away.
     #[test]

@@ -1,23 +1,23 @@
 //! Shades a part of the view, row by row.
 
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::light::Light;
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
-use crate::core::depth::raster::SAMPLES;
-use crate::core::gelpad::subpixel::{SampledPixel, Subpixel};
+use crate::base::grid::{Grid, Rect};
+use crate::base::light::Light;
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
+use crate::depth::raster::SAMPLES;
+use crate::gelpad::subpixel::{SampledPixel, Subpixel};
 
 use super::{Flat, Shader};
-use crate::core::optics::background::BackgroundImage;
-use crate::core::optics::coarse::Values;
-use crate::core::optics::led::{Normals, Row};
-use crate::core::optics::normals::set_normals;
-use crate::core::optics::phong::{WithPower, with_power};
-use crate::core::optics::residual::{self, Planes};
+use crate::optics::background::BackgroundImage;
+use crate::optics::coarse::Values;
+use crate::optics::led::{Normals, Row};
+use crate::optics::normals::set_normals;
+use crate::optics::phong::{WithPower, with_power};
+use crate::optics::residual::{self, Planes};
 
 /// What of a surface is shaded, and how.
 pub(super) struct Lit<'a> {
-    /// Its shape, mm towards the camera, on the grid of [`crate::core::gelpad::Contact::surface`].
+    /// Its shape, mm towards the camera, on the grid of [`crate::gelpad::Contact::surface`].
     pub shape: &'a Grid<f32>,
     /// Its displacement by the press, mm, on the same grid.
     pub displacement: &'a Grid<f32>,

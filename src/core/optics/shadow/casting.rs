@@ -3,9 +3,9 @@
 use std::cell::RefCell;
 
 use super::{Caster, Scratch, Steepest, visible};
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::view::View;
-use crate::core::optics::coarse::{Coarse, Values};
+use crate::base::grid::{Grid, Rect};
+use crate::base::view::View;
+use crate::optics::coarse::{Coarse, Values};
 
 /// A surface that casts shadows.
 pub struct Casting {
@@ -19,7 +19,7 @@ pub struct Casting {
 }
 
 impl Casting {
-    /// The shadows of lights on `surface`, a [`crate::core::gelpad::Contact::surface`] seen by `view`, if there are any; with
+    /// The shadows of lights on `surface`, a [`crate::gelpad::Contact::surface`] seen by `view`, if there are any; with
     /// `everywhere` also those that fall nowhere. `lights` makes the casters for the pitch of the grid, and the highest point of
     /// the surface on it, mm.
     pub fn new(

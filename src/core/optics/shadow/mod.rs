@@ -15,10 +15,10 @@ mod steepest;
 mod sweep;
 mod turn;
 
-use crate::core::base::angle::sin_cos_deg;
-use crate::core::base::grid::{Grid, Rect};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::base::view::SURFACE_BORDER;
+use crate::base::angle::sin_cos_deg;
+use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::SURFACE_BORDER;
 
 pub use steepest::Steepest;
 use sweep::Rays;

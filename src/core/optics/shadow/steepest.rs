@@ -1,8 +1,8 @@
 //! The steepest rises of a surface: what decides, before any shadow is looked for, whether there can be one.
 
 use super::larger;
-use crate::core::base::grid::Grid;
-use crate::core::base::simd::simd_dispatch;
+use crate::base::grid::Grid;
+use crate::base::simd::simd_dispatch;
 
 /// The largest rises of a surface from a pixel to its neighbours, mm per mm; 0 where all neighbours are lower.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

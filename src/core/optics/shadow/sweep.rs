@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::larger;
 use super::soften::{self, Row};
-use crate::core::base::view::SURFACE_BORDER;
+use crate::base::view::SURFACE_BORDER;
 
 /// The height, mm, of what stands before the LED where nothing does.
 const OPEN_MM: f32 = -1e30;

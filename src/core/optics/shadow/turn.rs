@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::core::base::simd::{dispatch, transposed};
+use crate::base::simd::{dispatch, transposed};
 
 /// Turns an image of `width` columns: `to` gets its columns as rows. Both hold as many values.
 pub fn turn(from: &[f32], width: usize, to: &mut [f32]) {

@@ -1,9 +1,9 @@
 //! Phong's reflection of LEDs on a skin, and on average over pixels within which the skin bends.
 
 use super::{BentSkin, PressedSkin, Skin};
-use crate::core::base::simd::simd_dispatch;
-use crate::core::optics::led::reflected;
-use crate::core::optics::phong::{Phong, WithPower};
+use crate::base::simd::simd_dispatch;
+use crate::optics::led::reflected;
+use crate::optics::phong::{Phong, WithPower};
 
 /// Places within a pixel.
 pub const LANES: usize = 8;

@@ -5,11 +5,11 @@ use std::collections::HashMap;
 use roxmltree::Node;
 
 use super::Library;
-use crate::core::mesh::MeshError;
-use crate::files::mesh::polygon::Cutter;
-use crate::files::mesh::raw::{fan, strip};
-use crate::files::mesh::xml::{at, child, children, numbers, parsed, text, wrong};
-use crate::files::mesh::{MeshFileError, MeshFileProblem, quoted};
+use crate::mesh::polygon::Cutter;
+use crate::mesh::raw::{fan, strip};
+use crate::mesh::xml::{at, child, children, numbers, parsed, text, wrong};
+use crate::mesh::{MeshFileError, MeshFileProblem, quoted};
+use gelsim_core::mesh::MeshError;
 
 pub(super) struct Geometry {
     pub(super) points: Vec<[f64; 3]>,

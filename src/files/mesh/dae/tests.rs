@@ -1,5 +1,5 @@
 use super::*;
-use crate::files::mesh::tests::{CORNERS, cube_dae};
+use crate::mesh::tests::{CORNERS, cube_dae};
 
 fn edited(from: &str, to: &str) -> String {
     let text = String::from_utf8(cube_dae()).unwrap();

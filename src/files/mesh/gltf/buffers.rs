@@ -8,10 +8,10 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::document::{Accessor, Document};
 use super::{malformed, unsupported};
-use crate::files::mesh::others::Others;
-use crate::files::mesh::uri::decoded;
-use crate::files::mesh::words::named;
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Missing, MissingFile, Reason, Wanted, quoted};
+use crate::mesh::others::Others;
+use crate::mesh::uri::decoded;
+use crate::mesh::words::named;
+use crate::mesh::{MeshFileError, MeshFileProblem, Missing, MissingFile, Reason, Wanted, quoted};
 
 /// Buffers, read when something is first wanted of them.
 pub(super) struct Buffers<'a> {

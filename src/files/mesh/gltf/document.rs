@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use crate::files::mesh::{MeshFileError, MeshFileProblem};
+use crate::mesh::{MeshFileError, MeshFileProblem};
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]

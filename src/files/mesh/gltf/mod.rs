@@ -11,7 +11,7 @@ use super::others::Others;
 use super::points::PointKind;
 use super::raw::{Raw, fan, strip};
 use super::{MeshFileError, MeshFileProblem};
-use crate::core::mesh::MeshError;
+use gelsim_core::mesh::MeshError;
 
 mod buffers;
 mod document;

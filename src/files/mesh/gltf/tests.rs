@@ -1,6 +1,6 @@
 use super::*;
-use crate::files::mesh::tests::{CORNERS, cube_buffer, cube_gltf, glb};
-use crate::files::mesh::{Format, Reading, load, load_parts, parse};
+use crate::mesh::tests::{CORNERS, cube_buffer, cube_gltf, glb};
+use crate::mesh::{Format, Reading, load, load_parts, parse};
 use std::fs;
 
 fn read_glb(json: &str, binary: &[u8]) -> Raw {

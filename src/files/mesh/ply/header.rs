@@ -1,6 +1,6 @@
 //! The header of a PLY file: which elements it has, with which properties, in which encoding.
 
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Words, quoted};
+use crate::mesh::{MeshFileError, MeshFileProblem, Words, quoted};
 
 pub(super) struct Header {
     pub(super) encoding: Encoding,

@@ -3,11 +3,11 @@
 //! Our own reader: `ply-rs-bw` 4 is safe against lying headers, but refuses `nan`, `.5`, `1.` and names that are
 //! not UTF-8, and allocates for every element and face.
 
-use crate::core::mesh::MeshError;
-use crate::files::mesh::points::{PointKind, Points};
-use crate::files::mesh::polygon::{Cutter, MAX_CORNERS, too_many_corners};
-use crate::files::mesh::raw::strip;
-use crate::files::mesh::{MeshFileError, MeshFileProblem, Raw, Words, number};
+use crate::mesh::points::{PointKind, Points};
+use crate::mesh::polygon::{Cutter, MAX_CORNERS, too_many_corners};
+use crate::mesh::raw::strip;
+use crate::mesh::{MeshFileError, MeshFileProblem, Raw, Words, number};
+use gelsim_core::mesh::MeshError;
 
 mod header;
 
@@ -290,7 +290,7 @@ fn read_strips(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::mesh::{Format, parse};
+    use crate::mesh::{Format, parse};
 
     const VERTEX: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
     const FACE: &str = "element face 2\nproperty list uchar int vertex_indices\n";

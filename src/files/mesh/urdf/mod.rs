@@ -18,7 +18,7 @@ use super::raw::Raw;
 use super::words::named;
 use super::xml::{at, attribute, child, children, exactly, line, parsed, rolled, wrong};
 use super::{Format, MeshFileError, MeshFileProblem, Missing, MissingFile, Wanted, detect, quoted, xml};
-use crate::files::figures::counted;
+use crate::figures::counted;
 
 mod shapes;
 

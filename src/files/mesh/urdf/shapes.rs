@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use crate::files::mesh::raw::Raw;
+use crate::mesh::raw::Raw;
 
 /// Corners around a cylinder or a sphere: its sides lie at most 0.0075 % of the radius inside it.
 const AROUND: u32 = 256;

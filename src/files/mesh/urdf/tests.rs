@@ -1,6 +1,6 @@
 use super::*;
-use crate::files::mesh::tests::cube_obj;
-use crate::files::mesh::{Reading, load, load_parts, parse};
+use crate::mesh::tests::cube_obj;
+use crate::mesh::{Reading, load, load_parts, parse};
 use std::fs;
 
 fn read_text(text: &str) -> Raw {

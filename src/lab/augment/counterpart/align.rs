@@ -8,9 +8,9 @@
 
 use image::RgbImage;
 
-use crate::core::base::grid::{Grid, Rect, bounding_box};
-use crate::core::base::simd::simd_dispatch;
-use crate::lab::calibrate::detect::change::{Change, Drift};
+use gelsim_core::base::grid::{Grid, Rect, bounding_box};
+use gelsim_core::base::simd::simd_dispatch;
+use gelsim_lab::calibrate::detect::change::{Change, Drift};
 
 /// Change of red, green and blue, grey levels.
 pub type ChangeMap = Grid<[f32; 3]>;

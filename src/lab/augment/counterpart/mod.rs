@@ -5,19 +5,19 @@
 //! instead would take the light of one place to another. What is left of the shift is measured again, until it is small
 //! or the counterpart gets less alike.
 
-use crate::job::layout::Split;
-use crate::job::sample;
+use gelsim_job::layout::Split;
+use gelsim_job::sample;
 use image::RgbImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::camera::Image;
-use crate::core::pose::{Angles, Pose};
-use crate::job::placing::NO_CONTACT_GAP_MM;
-use crate::job::plan::Plan;
-use crate::job::plan::check::Check;
-use crate::job::sample::Sample;
-use crate::job::scene::{KnownPress, Pressed, Scene};
+use gelsim_core::camera::Image;
+use gelsim_core::pose::{Angles, Pose};
+use gelsim_job::placing::NO_CONTACT_GAP_MM;
+use gelsim_job::plan::Plan;
+use gelsim_job::plan::check::Check;
+use gelsim_job::sample::Sample;
+use gelsim_job::scene::{KnownPress, Pressed, Scene};
 
 pub mod align;
 #[cfg(test)]
@@ -65,7 +65,7 @@ pub enum Orientation {
 /// Metadata of a press of a real sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PressMetadata {
-    /// Number of its object in [`crate::job::plan::Sampling::objects`].
+    /// Number of its object in [`gelsim_job::plan::Sampling::objects`].
     pub object: usize,
     /// How the object is turned.
     pub orientation: Orientation,

@@ -1,10 +1,10 @@
 use std::path::Path;
 
 use super::*;
-use crate::files::diagnostic::Diagnostics;
-use crate::job::config::{self, Overrides};
-use crate::lab::augment::photometric::noise::NoiseLevel;
-use crate::lab::augment::photometric::{Photometric, PhotometricRecipe, SensorProfile};
+use crate::photometric::noise::NoiseLevel;
+use crate::photometric::{Photometric, PhotometricRecipe, SensorProfile};
+use gelsim_files::diagnostic::Diagnostics;
+use gelsim_job::config::{self, Overrides};
 
 fn renderer(settings: Paired, more: &str) -> CounterpartRenderer {
     let text = format!(
@@ -13,7 +13,7 @@ fn renderer(settings: Paired, more: &str) -> CounterpartRenderer {
          path = \"objects/letter.obj\"\n{more}"
     );
     let mut problems = Diagnostics::default();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../.."));
     let written = config::read_text("job", text, folder, &Overrides::default(), &mut problems);
     let plan = Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"));
     let background = to_rgb_image(plan.simulator.untouched());
@@ -112,7 +112,7 @@ fn counterparts_have_the_layers_of_any_sample() {
     let renderer = renderer(Paired::default(), "[output]\nlayers = [\"depth\", \"surface\", \"contact\"]\n");
     let label = metadata("sphere", &renderer);
     let counterpart = renderer.counterpart(&label, &photographed(&renderer, &label, ""), 0);
-    let members = crate::dataset::encode::members(&renderer.plan, &counterpart.sample);
+    let members = gelsim_dataset::encode::members(&renderer.plan, &counterpart.sample);
     let suffixes: Vec<&str> = members.iter().map(|member| member.suffix.as_str()).collect();
     assert_eq!(suffixes, ["tactile.png", "depth.exr", "surface.exr", "contact.png", "json"]);
     assert!((counterpart.sample.label.indentation_depth_mm - 0.7).abs() < 1e-12);

@@ -13,11 +13,11 @@ use super::columns::{LabelFacts, SourceLabel};
 use super::names::is_split;
 use super::table::{MOST_BYTES, columns, image_column};
 use super::{Draft, Real, images};
-use crate::files::diagnostic::Diagnostic;
-use crate::files::image_file;
-use crate::files::input;
-use crate::files::source::Source;
-use crate::job::plan::check::Check;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::image_file;
+use gelsim_files::input;
+use gelsim_files::source::Source;
+use gelsim_job::plan::check::Check;
 
 /// JSON files of which each is looked into; of more only those that are named like annotations.
 const MOST_FILES: usize = 64;

@@ -5,10 +5,10 @@ use std::collections::HashMap;
 use csv::StringRecord;
 use serde_json::{Map, Value};
 
-use crate::files::diagnostic::Diagnostic;
-use crate::files::spelling::nearest;
-use crate::job::plan::check::Check;
-use crate::lab::augment::config;
+use crate::config;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::spelling::nearest;
+use gelsim_job::plan::check::Check;
 
 /// A meaning that a column may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use super::names::{ending, is_split};
 use super::{Form, Layout, Unit, coco, folders, unread};
-use crate::files::image_file::is_named_like_one;
-use crate::files::input::{may_be_file, meant};
-use crate::files::spelling::one_of;
-use crate::job::plan::check::Check;
-use crate::lab::augment::config::Input;
+use crate::config::Input;
+use gelsim_files::image_file::is_named_like_one;
+use gelsim_files::input::{may_be_file, meant};
+use gelsim_files::spelling::one_of;
+use gelsim_job::plan::check::Check;
 
 /// Names of tables, the most usual first.
 const TABLES: [&str; 4] = ["metadata.jsonl", "metadata.csv", "labels.csv", "labels.jsonl"];

@@ -13,12 +13,12 @@ use rayon::prelude::*;
 use super::columns::{ColumnMap, Header, LabelFacts, SourceLabel};
 use super::names::{ending, is_split};
 use super::{Draft, Form, Layout, Real};
-use crate::files::diagnostic::Diagnostic;
-use crate::files::image_file;
-use crate::files::input::may_be_file;
-use crate::files::rows;
-use crate::files::source::Source;
-use crate::job::plan::check::Check;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::image_file;
+use gelsim_files::input::may_be_file;
+use gelsim_files::rows;
+use gelsim_files::source::Source;
+use gelsim_job::plan::check::Check;
 
 /// The table's file, in the output.
 pub const TABLE: &str = "augment.csv";

@@ -4,9 +4,9 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 use super::{Draft, Layout, Real};
-use crate::files::image_file::{NAMES, is_named_like_one};
-use crate::files::input::meant;
-use crate::job::plan::check::Check;
+use gelsim_files::image_file::{NAMES, is_named_like_one};
+use gelsim_files::input::meant;
+use gelsim_job::plan::check::Check;
 
 /// Folders in folders that are looked into for images that are missing.
 const DEEPEST: usize = 4;

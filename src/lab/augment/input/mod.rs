@@ -9,11 +9,11 @@ use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
 use super::config;
-use crate::dataset::archive::{self, Head};
-use crate::files::diagnostic::{Diagnostic, Diagnostics, Report};
-use crate::files::input::MOST_IMAGE_BYTES;
-use crate::files::source::Source;
-use crate::job::plan::check::Check;
+use gelsim_dataset::archive::{self, Head};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::input::MOST_IMAGE_BYTES;
+use gelsim_files::source::Source;
+use gelsim_job::plan::check::Check;
 
 pub mod coco;
 pub mod columns;
@@ -188,7 +188,7 @@ impl Set {
     /// The bytes of a sample's image.
     pub fn image(&self, real: &Real) -> Result<Vec<u8>, String> {
         if !self.in_tars() {
-            return crate::files::input::read(&self.path(real), MOST_IMAGE_BYTES).map_err(|error| error.to_string());
+            return gelsim_files::input::read(&self.path(real), MOST_IMAGE_BYTES).map_err(|error| error.to_string());
         }
         let unit = self.root.join(&self.units[real.unit].file);
         let mut found = None;

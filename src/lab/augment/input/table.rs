@@ -9,15 +9,15 @@ use serde_json::{Map, Value};
 
 use super::columns::{ColumnMap, Header, LabelFacts, SourceLabel};
 use super::{Draft, Form, MOST_LABEL_BYTES, Real, images};
-use crate::files::diagnostic::Diagnostic;
-use crate::files::foreign;
-use crate::files::image_file;
-use crate::files::input;
-use crate::files::rows;
-use crate::files::source::{Place, Source};
-use crate::files::spelling::nearest;
-use crate::files::spelling::one_of;
-use crate::job::plan::check::Check;
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::foreign;
+use gelsim_files::image_file;
+use gelsim_files::input;
+use gelsim_files::rows;
+use gelsim_files::source::{Place, Source};
+use gelsim_files::spelling::nearest;
+use gelsim_files::spelling::one_of;
+use gelsim_job::plan::check::Check;
 
 /// Largest table, bytes.
 pub const MOST_BYTES: u64 = 1 << 30;

@@ -10,11 +10,11 @@ use serde_json::{Map, Value};
 
 use super::columns::{ColumnMap, LabelFacts, SourceLabel};
 use super::{Draft, Real, most_bytes};
-use crate::dataset::archive::{self, Files, Head};
-use crate::files::diagnostic::Diagnostic;
-use crate::files::image_file;
-use crate::files::spelling::one_of;
-use crate::job::plan::check::Check;
+use gelsim_dataset::archive::{self, Files, Head};
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::image_file;
+use gelsim_files::spelling::one_of;
+use gelsim_job::plan::check::Check;
 
 /// Ends of names that images usually have, without the ending of their format.
 const IMAGES: [&str; 4] = ["tactile", "image", "", "rgb"];

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::names::ending;
-use crate::files::input;
+use gelsim_files::input;
 
 /// Largest file that says what a dataset is, bytes.
 const MOST_BYTES: u64 = 1 << 20;

@@ -5,20 +5,20 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::{Maker, image_stats, small, text};
-use crate::dataset::archive::Member;
-use crate::dataset::encode::{json, members};
-use crate::files::figures::figure;
-use crate::job::sample::Accepted;
-use crate::job::sample::Unfit;
-use crate::job::sample::accept;
-use crate::job::scene::Scene;
-use crate::lab::augment::AugmentError;
-use crate::lab::augment::input::{Form, Real};
-use crate::lab::augment::output::Piece;
-use crate::lab::augment::output::labels::Synthetic;
-use crate::lab::augment::output::pictures::{encode_as, is_of_format};
-use crate::lab::augment::report::SampleEntry;
-use crate::lab::augment::trace::{Source, Trace};
+use crate::AugmentError;
+use crate::input::{Form, Real};
+use crate::output::Piece;
+use crate::output::labels::Synthetic;
+use crate::output::pictures::{encode_as, is_of_format};
+use crate::report::SampleEntry;
+use crate::trace::{Source, Trace};
+use gelsim_dataset::archive::Member;
+use gelsim_dataset::encode::{json, members};
+use gelsim_files::figures::figure;
+use gelsim_job::sample::Accepted;
+use gelsim_job::sample::Unfit;
+use gelsim_job::sample::accept;
+use gelsim_job::scene::Scene;
 
 /// What was done for a synthetic sample.
 #[derive(Serialize)]

@@ -3,11 +3,11 @@
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde_json::{Map, Value};
 
-use crate::dataset::encode::json;
-use crate::job::label::Label;
-use crate::lab::augment::input::columns::{self, Meaning, is_own};
-use crate::lab::augment::input::{Form, Set};
-use crate::lab::augment::trace::{Trace, TraceColumns};
+use crate::input::columns::{self, Meaning, is_own};
+use crate::input::{Form, Set};
+use crate::trace::{Trace, TraceColumns};
+use gelsim_dataset::encode::json;
+use gelsim_job::label::Label;
 
 /// Writes the labels of one set.
 pub struct Labels<'a> {

@@ -13,9 +13,9 @@ use super::input::folders::without_split;
 use super::input::images::inside;
 use super::input::{Form, Layout, Real, Set};
 use super::split::Division;
-use crate::dataset::archive;
-use crate::dataset::archive::Member;
-use crate::files::hash::{hex, sha256};
+use gelsim_dataset::archive;
+use gelsim_dataset::archive::Member;
+use gelsim_files::hash::{hex, sha256};
 
 pub mod labels;
 pub mod pictures;

@@ -6,8 +6,8 @@ use std::path::Path;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder, ImageFormat, RgbImage};
 
-use crate::core::camera::Image;
-use crate::files::{image_file, png};
+use gelsim_core::camera::Image;
+use gelsim_files::{image_file, png};
 
 /// Of a JPEG that is made: what it loses is less than noise of one grey level.
 const JPEG_QUALITY: u8 = 98;

@@ -5,12 +5,12 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::dataset::cleanup::REPORT;
-use crate::dataset::lock::Lock;
-use crate::dataset::refused::Refused;
-use crate::files::diagnostic::user_error;
-use crate::files::input;
-use crate::files::write::{absent_is_fine, create_anew, put_folder, sync_all_in, sync_folder};
+use gelsim_dataset::cleanup::REPORT;
+use gelsim_dataset::lock::Lock;
+use gelsim_dataset::refused::Refused;
+use gelsim_files::diagnostic::user_error;
+use gelsim_files::input;
+use gelsim_files::write::{absent_is_fine, create_anew, put_folder, sync_all_in, sync_folder};
 
 /// Name of the description of an output.
 pub const SUMMARY: &str = "augment.json";

@@ -5,11 +5,11 @@
 
 use std::path::Path;
 
-use crate::core::optics::background::BackgroundImage;
-use crate::files::image_file;
-use crate::files::input::{self, meant};
-use crate::job::plan::check::Check;
-use crate::lab::augment::photometric::SensorProfile;
+use crate::photometric::SensorProfile;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_files::image_file;
+use gelsim_files::input::{self, meant};
+use gelsim_job::plan::check::Check;
 
 /// What names the background that the sensor renders.
 const RENDERED: &str = "rendered";

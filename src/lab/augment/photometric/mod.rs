@@ -7,17 +7,17 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::core::base::view::View;
-use crate::core::effects::EffectPolicy;
-use crate::core::fidelity::Fidelity;
-use crate::core::optics::background::BackgroundImage;
-use crate::core::sensor as simulated;
-use crate::core::simulator::Simulator;
-use crate::files::sensor::Sensor;
-use crate::files::sensor::markers::MarkerDistribution;
-use crate::files::sensor::quantity::Quantity;
-use crate::job::plan::check::Check;
-use crate::job::plan::ranges;
+use gelsim_core::base::view::View;
+use gelsim_core::effects::EffectPolicy;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::sensor as simulated;
+use gelsim_core::simulator::Simulator;
+use gelsim_files::sensor::Sensor;
+use gelsim_files::sensor::markers::MarkerDistribution;
+use gelsim_files::sensor::quantity::Quantity;
+use gelsim_job::plan::check::Check;
+use gelsim_job::plan::ranges;
 
 pub mod background;
 pub mod noise;

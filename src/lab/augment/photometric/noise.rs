@@ -7,8 +7,8 @@
 
 use image::RgbImage;
 
-use crate::files::sensor::camera::CameraDistribution;
-use crate::files::sensor::quantity::Quantity;
+use gelsim_files::sensor::camera::CameraDistribution;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Noise of a sensor, as standard deviations in grey levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -46,7 +46,7 @@ impl NoiseLevel {
         let variances: Vec<[f64; 3]> = pairs.filter_map(|pair| variances(&pair[0], &pair[1])).collect();
         let channel = |k: usize| {
             let values: Vec<f64> = variances.iter().map(|variance| variance[k]).collect();
-            crate::lab::metrics::statistics::median(&values)
+            gelsim_lab::metrics::statistics::median(&values)
         };
         let [red, green, blue] = [channel(0)?, channel(1)?, channel(2)?];
         let read_levels = libm::sqrt((red + green + blue) / 3.0);

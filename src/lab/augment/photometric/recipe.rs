@@ -10,15 +10,15 @@ use serde::Serialize;
 use super::background::BackgroundSwap;
 use super::noise::NoiseLevel;
 use super::{Photometric, SensorProfile};
-use crate::core::base::grid::Rect;
-use crate::core::base::light::Light;
-use crate::core::base::rng::stream;
-use crate::core::base::view::View;
-use crate::core::camera::markers::MarkerPattern;
-use crate::core::camera::{Camera, CameraParams, Image, defocus};
-use crate::core::effects::{EffectLog, EffectPolicy};
-use crate::core::optics::background::BackgroundImage;
-use crate::files::sensor::quantity::Quantity;
+use gelsim_core::base::grid::Rect;
+use gelsim_core::base::light::Light;
+use gelsim_core::base::rng::stream;
+use gelsim_core::base::view::View;
+use gelsim_core::camera::markers::MarkerPattern;
+use gelsim_core::camera::{Camera, CameraParams, Image, defocus};
+use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// A table made ready for one sensor.
 #[derive(Clone, Debug)]

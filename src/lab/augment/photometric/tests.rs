@@ -6,14 +6,14 @@ use proptest::prelude::*;
 use super::background::BackgroundSwap;
 use super::noise::NoiseLevel;
 use super::{Applied, Photometric, PhotometricRecipe, SensorProfile};
-use crate::core::base::light::quantise;
-use crate::core::base::view::View;
-use crate::core::camera::noise::Noise;
-use crate::core::optics::background::BackgroundImage;
-use crate::files::diagnostic::{Diagnostics, Report};
-use crate::files::sensor::Sensor;
-use crate::job::config::document::Document;
-use crate::job::plan::check::Check;
+use gelsim_core::base::light::quantise;
+use gelsim_core::base::view::View;
+use gelsim_core::camera::noise::Noise;
+use gelsim_core::optics::background::BackgroundImage;
+use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::sensor::Sensor;
+use gelsim_job::config::document::Document;
+use gelsim_job::plan::check::Check;
 
 const SIZE: [u32; 2] = [48, 36];
 

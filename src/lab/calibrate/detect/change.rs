@@ -3,15 +3,15 @@
 
 use image::RgbImage;
 
-use crate::core::base::grid::Grid;
-use crate::lab::metrics::statistics::median;
-use crate::lab::presses::Circle;
+use crate::metrics::statistics::median;
+use crate::presses::Circle;
+use gelsim_core::base::grid::Grid;
 
 /// Blocks along the longer side of the coarse grid.
 const COARSE: usize = 80;
 
 /// Change of each channel, grey levels, on a grid of blocks.
-pub(crate) struct Change {
+pub struct Change {
     /// Pixels in the side of a block.
     pub block_px: usize,
     /// Red, green and blue at each block.
@@ -22,7 +22,7 @@ pub(crate) struct Change {
 
 /// What differs everywhere, per channel: an offset, and a gain on the background's level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Drift {
+pub struct Drift {
     offset: [f64; 3],
     gain: [f64; 3],
 }
@@ -127,17 +127,17 @@ impl Change {
 }
 
 /// Squared size of a change.
-pub(crate) fn energy(level: [f32; 3]) -> f64 {
+pub fn energy(level: [f32; 3]) -> f64 {
     level.iter().map(|level| f64::from(*level) * f64::from(*level)).sum()
 }
 
 /// Pixels in the side of a block of which 80 make the longer side of an image.
-pub(crate) fn block_px(image: &RgbImage) -> usize {
+pub fn block_px(image: &RgbImage) -> usize {
     (image.width().max(image.height()) as usize).div_ceil(COARSE).max(1)
 }
 
 /// Means of blocks of `block_px` squared; those at the right and lower border may be of fewer pixels.
-pub(crate) fn means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
+pub fn means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let mut means = Grid::<[f32; 3]>::new(width.div_ceil(block_px), height.div_ceil(block_px));
     let row_bytes = 3 * width;

@@ -2,7 +2,7 @@
 //! The disc is where the two together leave the least.
 
 use super::change::{Change, energy};
-use crate::lab::presses::Circle;
+use crate::presses::Circle;
 
 /// How far the halo is looked at, in radii.
 pub(super) const REACH: f64 = 1.8;
@@ -128,7 +128,7 @@ pub(super) fn climb(start: Circle, reach: f64, finest: f64, score: impl Fn(Circl
 mod tests {
     use super::super::change::Drift;
     use super::*;
-    use crate::core::base::grid::Grid;
+    use gelsim_core::base::grid::Grid;
 
     #[test]
     fn climbing_finds_the_top_of_a_slanted_ridge() {

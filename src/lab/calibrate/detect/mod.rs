@@ -4,14 +4,14 @@
 //! (`fit.rs`), the rim (`rim.rs`). One ball, in contact over 5 to 60 % of the smaller side; a part of the disc may be
 //! out of view. Constants were chosen on presses of six real sensors.
 
-pub(crate) mod change;
+pub mod change;
 mod fit;
 mod rim;
 mod search;
 
 use image::RgbImage;
 
-use crate::lab::presses::Circle;
+use crate::presses::Circle;
 use change::{Change, energy};
 
 /// Blocks in the radius of the disc when it is fitted.

@@ -4,7 +4,7 @@
 
 use super::change::Change;
 use super::fit::climb;
-use crate::lab::presses::Circle;
+use crate::presses::Circle;
 
 /// Directions in which the rim is crossed.
 const RAYS: usize = 64;

@@ -2,8 +2,8 @@
 //! own. Sums along rows make each disc cost its height.
 
 use super::change::Change;
-use crate::core::base::grid::Grid;
-use crate::lab::presses::Circle;
+use crate::presses::Circle;
+use gelsim_core::base::grid::Grid;
 
 /// Radii that are tried, in blocks.
 const RADII: [f64; 9] = [2.5, 3.5, 5.0, 7.0, 9.5, 13.0, 17.0, 22.0, 28.0];

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use super::super::detect::change::{Change, block_px, energy, means};
 use super::super::{Printed, Session};
-use crate::core::base::grid::Grid;
-use crate::files::diagnostic::Diagnostic;
-use crate::lab::metrics::statistics::median;
+use crate::metrics::statistics::median;
+use gelsim_core::base::grid::Grid;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// How far from a disc the pad counts as untouched, in radii.
 const REACH: f64 = 2.2;

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::super::detect::change::{Change, energy};
 use super::super::{Observation, Session};
-use crate::files::diagnostic::Diagnostic;
-use crate::lab::metrics::statistics::median;
-use crate::lab::presses::Circle;
+use crate::metrics::statistics::median;
+use crate::presses::Circle;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// What is counted of a press lies within so many radii. Measured: of real presses 0.65 of the change and more, with the
 /// circles as they are.

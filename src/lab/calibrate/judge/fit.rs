@@ -11,9 +11,9 @@ use super::super::leds::{FittedLeds, MOST_INTENSITY};
 use super::super::outliers::OutlierReason;
 use super::super::pixels::DILATE;
 use super::super::{Geometry, Session};
-use crate::files::diagnostic::Diagnostic;
-use crate::lab::compare::score::disc;
-use crate::lab::presses::Circle;
+use crate::compare::score::disc;
+use crate::presses::Circle;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// What a fit may leave of the better guess's error.
 pub const MOST_LEFT: f64 = 0.5;

@@ -5,7 +5,7 @@
 //! sensors have and what the same presses have when one thing about them is wrong (tests/reality/judge.rs prints both).
 
 use super::Session;
-use crate::files::diagnostic::{Diagnostic, Severity};
+use gelsim_files::diagnostic::{Diagnostic, Severity};
 
 pub mod background;
 pub mod circles;

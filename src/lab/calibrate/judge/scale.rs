@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::super::Session;
-use crate::files::diagnostic::Diagnostic;
-use crate::lab::metrics::statistics::median;
+use crate::metrics::statistics::median;
+use gelsim_files::diagnostic::Diagnostic;
 
 /// Longer sides of views, mm.
 const VIEWS_MM: Range<f64> = 3.0..200.0;

@@ -9,11 +9,11 @@ use std::fmt::Write;
 use image::RgbImage;
 use image::imageops::{self, FilterType};
 
-use crate::files::png::encode_rgb;
-use crate::lab::compare::score::{Score, Scores};
-use crate::lab::page::{self, escaped};
-use crate::lab::presses::Circle;
-use crate::lab::preview::difference;
+use crate::compare::score::{Score, Scores};
+use crate::page::{self, escaped};
+use crate::presses::Circle;
+use crate::preview::difference;
+use gelsim_files::png::encode_rgb;
 
 /// Width of the pictures of a press, px, at most.
 const PANEL_PX: u32 = 320;
@@ -185,7 +185,7 @@ mod tests {
     use image::Rgb;
 
     use super::*;
-    use crate::lab::compare::score::score;
+    use crate::compare::score::score;
 
     fn shown(number: u32, circle: Option<Circle>, outlier_reasons: Vec<String>) -> PressPanel {
         let real = RgbImage::from_fn(64, 48, |x, y| Rgb([(4 * x) as u8, (5 * y) as u8, 100]));

@@ -1,9 +1,9 @@
 //! The plots of the page, as SVG; axes are linear and from 0.
 
 use super::PressPanel;
-use crate::lab::page::ink::{Align, Colour, Page, Point, Shape};
-use crate::lab::page::plot::{FAINT, GREY, Plot, TEXT, TITLE};
-use crate::lab::presses::Circle;
+use crate::page::ink::{Align, Colour, Page, Point, Shape};
+use crate::page::plot::{FAINT, GREY, Plot, TEXT, TITLE};
+use crate::presses::Circle;
 
 const BLUE: Colour = [0, 114, 178];
 const RED: Colour = [196, 30, 40];

@@ -2,16 +2,16 @@
 
 use std::fmt::Write;
 
-use crate::lab::numbers::HumanCount;
+use crate::numbers::HumanCount;
 
 use super::{SPLITS, keyed, total};
-use crate::files::figures::figure;
-use crate::job::layout::Split;
-use crate::lab::page::{self, bars, escaped};
-use crate::lab::report::MOST_IMAGES;
-use crate::lab::report::gather::Gathered;
-use crate::lab::report::histogram::{Histogram, HistogramSummary};
-use crate::lab::report::quantities::{About, Absent, LabelQuantity, NO_CONTACT, QUANTITIES};
+use crate::page::{self, bars, escaped};
+use crate::report::MOST_IMAGES;
+use crate::report::gather::Gathered;
+use crate::report::histogram::{Histogram, HistogramSummary};
+use crate::report::quantities::{About, Absent, LabelQuantity, NO_CONTACT, QUANTITIES};
+use gelsim_files::figures::figure;
+use gelsim_job::layout::Split;
 
 /// Bars of a histogram, at most.
 const MOST_BARS: usize = 30;

@@ -9,20 +9,20 @@ use std::fmt::Write;
 
 use rayon::prelude::*;
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
+use crate::numbers::{HumanBytes, HumanCount};
 
 use super::gather::{Gathered, Picture};
 use super::histogram::PerSplit;
 use super::{Dataset, Missing};
-use crate::dataset::verify::{Cure, Finding, cures};
-use crate::files::figures::{counted, figure, percent};
-use crate::files::png::{encode_rgb, encode_small};
-use crate::files::spelling::shell_word;
-use crate::job::layers::OutputLayer;
-use crate::job::layout::Split;
-use crate::lab::page::ink::Colour;
-use crate::lab::page::{self, escaped, escaped_lines};
-use crate::lab::preview::panel::Scales;
+use crate::page::ink::Colour;
+use crate::page::{self, escaped, escaped_lines};
+use crate::preview::panel::Scales;
+use gelsim_dataset::verify::{Cure, Finding, cures};
+use gelsim_files::figures::{counted, figure, percent};
+use gelsim_files::png::{encode_rgb, encode_small};
+use gelsim_files::spelling::shell_word;
+use gelsim_job::layers::OutputLayer;
+use gelsim_job::layout::Split;
 
 /// Findings and ranges of missing shards that are listed; the rest are counted.
 const MOST_LISTED: usize = 40;

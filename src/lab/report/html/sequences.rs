@@ -1,14 +1,14 @@
 //! The report's section about sequences.
 
 use super::figures::drawn;
-use crate::files::figures::figure;
-use crate::job::sequence::label::SlipState;
-use crate::lab::numbers::HumanCount;
-use crate::lab::page::ink::Colour;
-use crate::lab::page::plot::Plot;
-use crate::lab::page::{self, escaped};
-use crate::lab::report::gather::Gathered;
-use crate::lab::report::sequences::{Curve, EACH, Point, QUANTITIES};
+use crate::numbers::HumanCount;
+use crate::page::ink::Colour;
+use crate::page::plot::Plot;
+use crate::page::{self, escaped};
+use crate::report::gather::Gathered;
+use crate::report::sequences::{Curve, EACH, Point, QUANTITIES};
+use gelsim_files::figures::figure;
+use gelsim_job::sequence::label::SlipState;
 
 const SIZE: [f64; 2] = [330.0, 220.0];
 const NORMAL: Colour = [0, 114, 178];

@@ -2,18 +2,18 @@
 
 use std::fmt::Write;
 
-use crate::lab::numbers::{HumanBytes, HumanCount};
+use crate::numbers::{HumanBytes, HumanCount};
 
 use super::figures::{drawn, section};
 use super::{fraction, total};
-use crate::core::effects::Effect;
-use crate::files::figures::{figure, percent};
-use crate::job::config::output::Output;
-use crate::job::layers::{Form, OutputLayer};
-use crate::lab::page::{self, escaped};
-use crate::lab::report::Dataset;
-use crate::lab::report::gather::{Gathered, Reasons};
-use crate::lab::report::quantities::About;
+use crate::page::{self, escaped};
+use crate::report::Dataset;
+use crate::report::gather::{Gathered, Reasons};
+use crate::report::quantities::About;
+use gelsim_core::effects::Effect;
+use gelsim_files::figures::{figure, percent};
+use gelsim_job::config::output::Output;
+use gelsim_job::layers::{Form, OutputLayer};
 
 /// Reasons of an effect that are named.
 const MOST_REASONS: usize = 3;

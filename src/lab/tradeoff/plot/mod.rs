@@ -15,9 +15,9 @@ use axis::{Axis, has_place};
 use placement::{Area, Obstacles};
 
 use super::{ObjectRows, Row, Tradeoff};
-use crate::core::fidelity::Fidelity;
-use crate::files::figures::figure;
-use crate::lab::page::ink::{Align, Colour, Page, Point, Shape, Type, fitted, width};
+use crate::page::ink::{Align, Colour, Page, Point, Shape, Type, fitted, width};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_files::figures::figure;
 
 const SIZE: [f64; 2] = [1120.0, 750.0];
 /// Where the data are.
@@ -67,7 +67,7 @@ const CAPTION: &str =
 
 /// Draws what was measured. Times and errors that have no place on a logarithmic axis are left out; of all samples, a
 /// level with error 0 is shown at the lower edge, and one without place is named below the plot.
-pub(crate) fn draw(tradeoff: &Tradeoff) -> Page {
+pub fn draw(tradeoff: &Tradeoff) -> Page {
     let mut drawing = Drawing::new(tradeoff);
     drawing.axes();
     let model = drawing.model_error();
@@ -415,8 +415,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::lab::tradeoff::GridRow;
-    use crate::lab::tradeoff::errors::Mean;
+    use crate::tradeoff::GridRow;
+    use crate::tradeoff::errors::Mean;
 
     fn row(name: &str, cpu_ms_median: f64, height_rms_um: f64, pareto: bool) -> Row {
         let (model_rms_um, total_rms_um) = (7.0, height_rms_um.hypot(7.0));

@@ -1,6 +1,5 @@
 //! What people do with datasets and sensors.
 
-pub mod augment;
 pub mod calibrate;
 pub mod compare;
 pub mod finite;

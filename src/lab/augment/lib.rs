@@ -36,11 +36,11 @@ use output::{Units, Writer};
 pub use recipe::Recipe;
 pub use report::Summary;
 
-use crate::dataset::archive;
-use crate::dataset::cleanup::REPORT;
-use crate::dataset::generate::{Expected, Watch};
-use crate::dataset::refused::Refused;
-use crate::files::input::MOST_IMAGE_BYTES;
+use gelsim_dataset::archive;
+use gelsim_dataset::cleanup::REPORT;
+use gelsim_dataset::generate::{Expected, Watch};
+use gelsim_dataset::refused::Refused;
+use gelsim_files::input::MOST_IMAGE_BYTES;
 
 /// Real samples that are read before what is made of them is written.
 const BLOCK: usize = 16;
@@ -145,7 +145,7 @@ impl Run<'_> {
             let read = |&number: &usize| {
                 let real = &set.reals[number];
                 let path = set.path(real);
-                let image = crate::files::input::read(&path, MOST_IMAGE_BYTES)
+                let image = gelsim_files::input::read(&path, MOST_IMAGE_BYTES)
                     .map_err(|error| AugmentError::Io(path, error))?;
                 Ok(Raw { number, image, label: set.text(real).to_owned(), files: Vec::new() })
             };

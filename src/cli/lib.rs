@@ -8,12 +8,13 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::core::fidelity::Fidelity;
-use crate::files::diagnostic::{Report, Severity, user_error};
-use crate::files::spelling::visible;
-use crate::job::config::Overrides;
-use crate::job::plan::Plan;
-use crate::lab::tradeoff::choose::choose;
+use gelsim_core::fidelity::Fidelity;
+use gelsim_files::diagnostic::{Report, Severity, user_error};
+use gelsim_files::length::Unit;
+use gelsim_files::spelling::visible;
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
+use gelsim_lab::tradeoff::choose::choose;
 
 mod augment;
 mod calibrate;
@@ -324,6 +325,13 @@ fn print(text: &str) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
+}
+
+/// Takes the name of a unit of length.
+fn unit_of_length() -> impl TypedValueParser<Value = Unit> {
+    let values = Unit::ALL.map(|unit| PossibleValue::new(unit.name()).help(unit.in_words()));
+    PossibleValuesParser::new(values)
+        .map(|name| Unit::ALL.into_iter().find(|unit| unit.name() == name).expect("one of the possible values"))
 }
 
 /// Takes the name of a fidelity level.

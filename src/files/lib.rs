@@ -1,0 +1,46 @@
+//! Formats and the disk.
+
+mod deflate;
+pub mod length;
+pub mod png;
+pub mod sensor;
+pub mod spelling;
+
+#[cfg(feature = "formats")]
+pub mod calibration;
+#[cfg(feature = "formats")]
+pub mod diagnostic;
+#[cfg(feature = "formats")]
+pub mod exr;
+#[cfg(feature = "formats")]
+pub mod fail_point;
+#[cfg(feature = "formats")]
+pub mod figures;
+#[cfg(feature = "formats")]
+pub mod foreign;
+#[cfg(feature = "formats")]
+pub mod hash;
+#[cfg(feature = "formats")]
+pub mod heights;
+#[cfg(feature = "formats")]
+pub mod image_file;
+#[cfg(feature = "formats")]
+pub mod input;
+#[cfg(feature = "formats")]
+pub mod mesh;
+#[cfg(feature = "formats")]
+pub mod npy;
+#[cfg(feature = "formats")]
+pub mod npz;
+#[cfg(feature = "formats")]
+pub mod rows;
+#[cfg(feature = "formats")]
+pub mod source;
+#[cfg(feature = "formats")]
+pub mod store;
+#[cfg(feature = "formats")]
+pub mod unpack;
+#[cfg(feature = "formats")]
+pub mod write;
+#[cfg(feature = "formats")]
+pub mod zip;
