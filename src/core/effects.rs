@@ -116,17 +116,17 @@ impl EffectLog {
     }
 
     /// True if every effect runs everywhere.
-    pub fn everywhere(&self) -> bool {
+    pub(crate) fn everywhere(&self) -> bool {
         self.policy == EffectPolicy::All
     }
 
     /// True if an effect never runs.
-    pub fn leaves_out(&self, effect: Effect) -> bool {
+    pub(crate) fn leaves_out(&self, effect: Effect) -> bool {
         self.policy == EffectPolicy::Without(effect)
     }
 
     /// Whether `effect` is to run; notes the answer.
-    pub fn enable(&mut self, effect: Effect, need: Requirement) -> bool {
+    pub(crate) fn enable(&mut self, effect: Effect, need: Requirement) -> bool {
         let (ran, reason) = match (self.policy, need) {
             (EffectPolicy::Without(left_out), _) if left_out == effect => (false, "left out"),
             (EffectPolicy::All, Requirement::Unneeded(reason)) | (_, Requirement::Needed(reason)) => (true, reason),
@@ -137,12 +137,12 @@ impl EffectLog {
     }
 
     /// Does the work of `effect` if it is to run.
-    pub fn run<T>(&mut self, effect: Effect, need: Requirement, work: impl FnOnce() -> T) -> Option<T> {
+    pub(crate) fn run<T>(&mut self, effect: Effect, need: Requirement, work: impl FnOnce() -> T) -> Option<T> {
         self.enable(effect, need).then(|| self.timed(effect, work))
     }
 
     /// Does work that counts as `effect`'s.
-    pub fn timed<T>(&mut self, effect: Effect, work: impl FnOnce() -> T) -> T {
+    pub(crate) fn timed<T>(&mut self, effect: Effect, work: impl FnOnce() -> T) -> T {
         let mut clock = Clock::start();
         let result = work();
         self.seconds[effect] += clock.lap();

@@ -94,7 +94,7 @@ impl Default for PadPlane {
 
 impl PadPlane {
     /// A point of the sensor's frame in it.
-    pub fn seen_from(&self, point_mm: DVec3) -> DVec3 {
+    pub(crate) fn seen_from(&self, point_mm: DVec3) -> DVec3 {
         self.axes.transpose() * (point_mm - self.origin_mm)
     }
 
@@ -193,7 +193,7 @@ impl Pose {
 
     /// Height over the undeformed pad at which the object's underside is on the sensor's axis, mm; `None` if the object is
     /// beside the axis.
-    pub fn on_axis_mm(&self, object: &Clusters) -> Option<f64> {
+    pub(crate) fn on_axis_mm(&self, object: &Clusters) -> Option<f64> {
         let back = self.rotation.transpose();
         first_along(object, back * -self.translation_mm, back * DVec3::Z)
     }

@@ -22,14 +22,14 @@ impl<T: Copy + Default> Grid<T> {
     }
 
     /// Makes it `width` x `height` and sets every value to the default, in the memory that it has.
-    pub fn reset(&mut self, width: usize, height: usize) {
+    pub(crate) fn reset(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.data.clear();
         self.data.resize(width * height, T::default());
     }
 
     /// Makes it `width` x `height` in the memory that it has; what its values are is left open.
-    pub fn reshape(&mut self, width: usize, height: usize) {
+    pub(crate) fn reshape(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.data.resize(width * height, T::default());
     }
@@ -65,7 +65,7 @@ impl<T: Copy + Default> Grid<T> {
 
     /// Copies `other` in where they overlap; `there` and `here` are the rectangles of a common image that `other` and
     /// this one show.
-    pub fn paste(&mut self, other: &Self, there: Rect, here: Rect) {
+    pub(crate) fn paste(&mut self, other: &Self, there: Rect, here: Rect) {
         let both = Rect {
             x0: there.x0.max(here.x0),
             y0: there.y0.max(here.y0),
@@ -92,7 +92,7 @@ impl Grid<f32> {
 
     /// The value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between pixel
     /// centres, the border's values beyond them.
-    pub fn stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
+    pub(crate) fn stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
         let place = |at: usize, to: usize, own: usize| {
             let at = ((at as f64 + 0.5) * own as f64 / to as f64 - 0.5).clamp(0.0, own as f64 - 1.0);
             let whole = (at as usize).min(own.saturating_sub(2));
@@ -135,7 +135,7 @@ impl Rect {
     }
 
     /// Whether a pixel lies in it.
-    pub fn holds(self, [x, y]: [usize; 2]) -> bool {
+    pub(crate) fn holds(self, [x, y]: [usize; 2]) -> bool {
         (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
     }
 
@@ -163,7 +163,7 @@ impl Rect {
     }
 
     /// The smallest rectangle that holds both; an empty one counts for nothing.
-    pub fn united(self, other: Self) -> Self {
+    pub(crate) fn united(self, other: Self) -> Self {
         match (self.is_empty(), other.is_empty()) {
             (true, _) => other,
             (_, true) => self,

@@ -43,7 +43,7 @@ impl Image {
 
     /// Makes pixels white whose mean channel is at least `threshold` of full scale, and the others black; not with a
     /// threshold of 0.
-    pub fn binarise(&mut self, threshold: f64) {
+    pub(crate) fn binarise(&mut self, threshold: f64) {
         if threshold <= 0.0 {
             return;
         }

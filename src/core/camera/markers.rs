@@ -70,7 +70,7 @@ pub struct MarkerPositions {
 
 impl MarkerPositions {
     /// The same where nothing carried them.
-    pub fn at_rest(&self) -> Self {
+    pub(crate) fn at_rest(&self) -> Self {
         Self { moved_px: self.rest_px.clone(), ..self.clone() }
     }
 

@@ -62,12 +62,12 @@ impl Default for CameraParams {
 
 impl CameraParams {
     /// The same at another moment: what is noise is other noise, all else stays. Which is fixed by the key, too.
-    pub fn at_another_moment(self) -> Self {
+    pub(crate) fn at_another_moment(self) -> Self {
         Self { noise_key: rng::stream(self.noise_key, "another moment", 0).bits(), ..self }
     }
 
     /// The same without an effect that is to be left out.
-    pub fn under(self, policy: EffectPolicy) -> Self {
+    pub(crate) fn under(self, policy: EffectPolicy) -> Self {
         match policy {
             EffectPolicy::WhereNeeded | EffectPolicy::All => self,
             EffectPolicy::Without(effect) => match effect {
@@ -117,7 +117,7 @@ impl CameraParams {
     }
 
     /// The lens's distortion, if it has any.
-    pub fn lens(&self, view: &View) -> Option<Lens> {
+    pub(crate) fn lens(&self, view: &View) -> Option<Lens> {
         let [width, height] = view.resolution_px;
         let [k1, k2] = self.distortion;
         (k1 != 0.0 || k2 != 0.0).then_some(Lens { k1, k2, width, height })

@@ -84,12 +84,12 @@ impl Relief {
     }
 
     /// The tile's size, mm, where the pattern's scale is `scale_mm`.
-    pub fn tile_mm(&self, scale_mm: f64) -> [f64; 2] {
+    pub(crate) fn tile_mm(&self, scale_mm: f64) -> [f64; 2] {
         self.extent.map(|length| length * scale_mm)
     }
 
     /// The level for pixels of a size, mm.
-    pub fn level(&self, scale_mm: f64, pixel_mm: f64) -> &Level {
+    pub(crate) fn level(&self, scale_mm: f64, pixel_mm: f64) -> &Level {
         let [width, height] = self.tile_mm(scale_mm);
         let fits = |level: &&Level| width.min(height) >= TEXEL_PX * pixel_mm * level.size as f64;
         self.levels.iter().find(fits).unwrap_or(&self.levels[self.levels.len() - 1])

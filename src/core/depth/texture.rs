@@ -45,7 +45,7 @@ impl Laid {
     }
 
     /// The same over a plane.
-    pub fn over(pose: &Pose, plane: &PadPlane) -> Self {
+    pub(crate) fn over(pose: &Pose, plane: &PadPlane) -> Self {
         let DVec3 { x, y, .. } = plane.seen_from(pose.translation_mm);
         Self { origin_mm: [x, y], yaw_deg: pose.angles.yaw_deg }
     }

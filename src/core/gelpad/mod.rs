@@ -299,7 +299,7 @@ pub struct Contact {
 
 impl Contact {
     /// Multiplies pressures and forces.
-    pub fn stiffen(&mut self, factor: f64) {
+    pub(crate) fn stiffen(&mut self, factor: f64) {
         self.stiffened *= factor;
         self.force_n = self.force_n.map(|force| factor * force);
         self.peak_pressure_kpa = self.peak_pressure_kpa.map(|peak| factor * peak);

@@ -53,12 +53,12 @@ impl Axes {
 
 impl PlanarFrame {
     /// Its axes where it is.
-    pub fn axes(&self) -> Axes {
+    pub(crate) fn axes(&self) -> Axes {
         Axes { origin_mm: self.origin_mm, turn: Turn::new(self.angle_rad) }
     }
 
     /// Moves it; the motion as the frame itself sees it.
-    pub fn moved(&mut self, motion: PlanarMotion) -> Moved {
+    pub(crate) fn moved(&mut self, motion: PlanarMotion) -> Moved {
         let PlanarMotion { shift_mm, turn_rad, about_mm } = motion;
         let by = Turn::new(turn_rad).moves([0, 1].map(|k| self.origin_mm[k] - about_mm[k]));
         let by = [0, 1].map(|k| shift_mm[k] + by[k]);
@@ -69,7 +69,7 @@ impl PlanarFrame {
     }
 
     /// An object's pose as the frame sees it.
-    pub fn inverse(&self, pose: Pose) -> Pose {
+    pub(crate) fn inverse(&self, pose: Pose) -> Pose {
         let (sin, cos) = libm::sincos(-self.angle_rad);
         let about_z = DMat3::from_cols(DVec3::new(cos, sin, 0.0), DVec3::new(-sin, cos, 0.0), DVec3::Z);
         let [x, y] = self.axes().to_frame([pose.translation_mm.x, pose.translation_mm.y]);

@@ -51,12 +51,12 @@ pub struct Wrench {
 
 impl Wrench {
     /// So many times as large.
-    pub fn times(self, factor: f64) -> Self {
+    pub(crate) fn times(self, factor: f64) -> Self {
         Self { force_n: self.force_n.map(|n| factor * n), torque_nmm: self.torque_nmm.map(|nmm| factor * nmm) }
     }
 
     /// Both together.
-    pub fn and(self, other: Self) -> Self {
+    pub(crate) fn and(self, other: Self) -> Self {
         Self {
             force_n: [0, 1, 2].map(|k| self.force_n[k] + other.force_n[k]),
             torque_nmm: [0, 1, 2].map(|k| self.torque_nmm[k] + other.torque_nmm[k]),
@@ -116,7 +116,7 @@ pub struct FramePad {
 
 impl FramePad {
     /// Of a pad that the camera sees in `view`.
-    pub fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
+    pub(crate) fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
         let extent = [0, 1].map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
         let longest = extent[0].max(extent[1]);
         let camera = view.mm_per_px[0].max(view.mm_per_px[1]);
@@ -166,7 +166,7 @@ pub struct Sliding {
 
 impl Sliding {
     /// Without contact.
-    pub fn new(pad: &FramePad, friction: Friction) -> Self {
+    pub(crate) fn new(pad: &FramePad, friction: Friction) -> Self {
         let FramePad { view, pad, material, tolerance_mm } = pad.clone();
         let coefficient = friction.coefficient().unwrap_or(f64::INFINITY);
         Self {
@@ -186,24 +186,24 @@ impl Sliding {
     }
 
     /// Where the frame that goes with the object is: what lies on the object lies in it.
-    pub fn frame(&self) -> PlanarFrame {
+    pub(crate) fn frame(&self) -> PlanarFrame {
         self.frame
     }
 
     /// What friction did in the last frame.
-    pub fn slip(&self) -> Slip {
+    pub(crate) fn slip(&self) -> Slip {
         self.slip
     }
 
     /// A texture where it now lies, if it lay at `laid` at the start.
-    pub fn carried(&self, laid: Laid) -> Laid {
+    pub(crate) fn carried(&self, laid: Laid) -> Laid {
         let yaw_deg = laid.yaw_deg + self.way.angle_rad.to_degrees();
         Laid { origin_mm: self.way.axes().to_sensor(laid.origin_mm), yaw_deg }
     }
 
     /// Goes through the steps of a frame, under an indenter of which only the shape counts. The texture is as it lay at the
     /// start.
-    pub fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: Ground<'_>) {
+    pub(crate) fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: Ground<'_>) {
         self.begin();
         for step in steps {
             let moved = self.frame.moved(step.motion);
@@ -317,7 +317,7 @@ impl Sliding {
     }
 
     /// Normal force on the pad if the object were pressed so deep at a pose, N.
-    pub fn normal_force_n(&self, indenter: &Indenter, pose: Pose, depth_mm: f64, ground: Ground<'_>) -> f64 {
+    pub(crate) fn normal_force_n(&self, indenter: &Indenter, pose: Pose, depth_mm: f64, ground: Ground<'_>) -> f64 {
         let (load, _) = self.press(indenter, depth_mm, self.frame.inverse(pose), self.middle(), ground);
         load.map_or(0.0, |load| {
             let sum: f64 = load.pressure.data.iter().map(|p| f64::from(p.max(0.0))).sum();
@@ -388,7 +388,7 @@ impl Sliding {
     }
 
     /// What the object does to the pad.
-    pub fn wrench(&self) -> Wrench {
+    pub(crate) fn wrench(&self) -> Wrench {
         let sums = self.history.sums();
         let newtons = 1e-3 * self.youngs_modulus_kpa;
         let [fx, fy] = self.frame.axes().turned(sums.force).map(|force| newtons * force);
@@ -403,7 +403,7 @@ impl Sliding {
     }
 
     /// What tractions displace into the pad; `None` where that is nothing, or less than `unseen_mm`.
-    pub fn drag(&mut self, unseen_mm: f64) -> Option<Drag> {
+    pub(crate) fn drag(&mut self, unseen_mm: f64) -> Option<Drag> {
         let (down, origin_mm) = self.history.displaced()?;
         let PlanarFrame { origin_mm: frame_mm, angle_rad } = self.frame;
         let drag = Drag::of_frame(down, origin_mm, self.view.mm_per_px, frame_mm, angle_rad);
@@ -411,7 +411,7 @@ impl Sliding {
     }
 
     /// Motion of the pad in its plane under a pressure and the tractions.
-    pub fn motion(&self, in_plane: &InPlane, load: &Load) -> Field {
+    pub(crate) fn motion(&self, in_plane: &InPlane, load: &Load) -> Field {
         if self.history.is_at_rest() {
             return in_plane.under_pressure(load);
         }
@@ -432,7 +432,7 @@ impl Sliding {
     }
 
     /// Of the pixels of a view that touch, what the pad does there.
-    pub fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<Contacting> {
+    pub(crate) fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<Contacting> {
         let part = bounding_box(mask, |value| value > 0);
         let mut states = Grid::new(mask.width, mask.height);
         let axes = self.frame.axes();
@@ -458,7 +458,7 @@ impl Sliding {
 
 impl Slip {
     /// Without contact.
-    pub fn none() -> Self {
+    pub(crate) fn none() -> Self {
         Self {
             touches: false,
             stick_fraction: 0.0,

@@ -30,13 +30,13 @@ pub struct OverGel<'a> {
 
 impl Sliding {
     /// Begins a frame over a gel.
-    pub fn begin_over_gel(&mut self) {
+    pub(crate) fn begin_over_gel(&mut self) {
         self.begin();
     }
 
     /// Goes along with a motion in the plane that the object is posed over, after which it is closest at `site` of the gel; the
     /// motion of its surface there, as the frame sees it.
-    pub fn come_over(&mut self, chart: &Chart, site: Site, plane: &PadPlane, motion: PlanarMotion) -> Moved {
+    pub(crate) fn come_over(&mut self, chart: &Chart, site: Site, plane: &PadPlane, motion: PlanarMotion) -> Moved {
         let here = DVec2::from(chart.at(site));
         let before = match &self.over {
             None => {
@@ -72,7 +72,7 @@ impl Sliding {
     }
 
     /// Comes to the end of a step of which the frame saw this motion.
-    pub fn press_over(&mut self, object: &OverGel<'_>, step: &ObjectStep, moved: Moved) {
+    pub(crate) fn press_over(&mut self, object: &OverGel<'_>, step: &ObjectStep, moved: Moved) {
         let placed = (step.pose, step.depth_mm);
         let stays = self.pressed.is_some_and(|(pose, depth_mm)| depth_mm == step.depth_mm && same(&pose, &step.pose));
         if !stays {
@@ -105,7 +105,7 @@ impl Sliding {
     }
 
     /// Force of an object on the gel if it were pressed in without sliding, N.
-    pub fn force_over_n(&self, object: &OverGel<'_>) -> f64 {
+    pub(crate) fn force_over_n(&self, object: &OverGel<'_>) -> f64 {
         let frame = PlanarFrame::default();
         let (Some(load), _) = self.found_over(object, &frame, [0; 2]) else { return 0.0 };
         let area = load.mm_per_px[0] * load.mm_per_px[1];
@@ -122,7 +122,7 @@ impl Sliding {
     }
 
     /// What the object does to the gel: by its pressure, and by its tractions; in the sensor's frame, about the gel's tip.
-    pub fn wrenches_over(&self, chart: &Chart) -> [Wrench; 2] {
+    pub(crate) fn wrenches_over(&self, chart: &Chart) -> [Wrench; 2] {
         let newtons = 1e-3 * self.youngs_modulus_kpa;
         let axes = self.frame.axes();
         let add = |sum: &mut [DVec3; 2], place: [f64; 2], force: &dyn Fn([DVec3; 3]) -> DVec3| {
