@@ -33,31 +33,117 @@
 
 mod file;
 
-pub use gelsim_core::base::grid::{Grid, Rect};
-pub use gelsim_core::camera::markers::{MarkerPattern, MarkerPositions, MarkerPrint};
-pub use gelsim_core::camera::{CameraParams, Image};
+// What is made ready and pressed.
+#[doc(inline)]
 pub use gelsim_core::depth::height_map::HeightMap;
+#[doc(inline)]
 pub use gelsim_core::depth::indenter::{HeightMapError, Indenter, Shape};
-pub use gelsim_core::depth::outline::Outline;
-pub use gelsim_core::depth::relief::Relief;
-pub use gelsim_core::depth::texture::{Laid, Texture, TextureSample};
-pub use gelsim_core::effects::{Effect, EffectLog, EffectPolicy};
+#[doc(inline)]
+pub use gelsim_core::effects::{Effect, EffectLog, EffectPolicy, Note as EffectNote, PerEffect};
+#[doc(inline)]
 pub use gelsim_core::fidelity::{Fidelity, Models};
-pub use gelsim_core::gelpad::elastic::history::Contacting;
-pub use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
-pub use gelsim_core::gelpad::elastic::soft::Soft;
+#[doc(inline)]
+pub use gelsim_core::mesh::clusters::Clusters;
+#[doc(inline)]
+pub use gelsim_core::mesh::{CleanupReport, Mesh, MeshError};
+#[doc(inline)]
+pub use gelsim_core::pose::{Anchor, Angles, PadPlane, Placement, Pose, Side};
+#[doc(inline)]
+pub use gelsim_core::simulator::{Press, PressError, Simulator};
+
+// A sensor's parts.
+#[doc(inline)]
+pub use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
+#[doc(inline)]
+pub use gelsim_core::base::view::View;
+#[doc(inline)]
+pub use gelsim_core::camera::CameraParams;
+#[doc(inline)]
+pub use gelsim_core::camera::markers::{MarkerPattern, MarkerPrint};
+#[doc(inline)]
+pub use gelsim_core::camera::pins::{Along as PinDirection, MountRing, Pins};
+#[doc(inline)]
+pub use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole};
+#[doc(inline)]
+pub use gelsim_core::depth::rest::{Grain, RestSurface};
+#[doc(inline)]
 pub use gelsim_core::gelpad::material::Material;
-pub use gelsim_core::gelpad::object::ObjectMaterial;
-pub use gelsim_core::gelpad::planar::{PlanarFrame, PlanarMotion};
-pub use gelsim_core::gelpad::sliding::{ObjectStep, Sliding, Slip, Wrench};
-pub use gelsim_core::gelpad::tangential::Shear;
-pub use gelsim_core::gelpad::{Contact, Numerics};
-pub use gelsim_core::impression::{Impression, Slid};
-pub use gelsim_core::mesh::{Cleaned, Mesh, MeshError};
-pub use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
+#[doc(inline)]
+pub use gelsim_core::optics::LightSource;
+#[doc(inline)]
+pub use gelsim_core::optics::background::{BackgroundImage, Pattern as BackgroundPattern, RenderedBackground};
+#[doc(inline)]
+pub use gelsim_core::optics::calibrated::Table as CalibrationTable;
+#[doc(inline)]
+pub use gelsim_core::optics::lamps::Lamp;
+#[doc(inline)]
+pub use gelsim_core::optics::led::Led;
+#[doc(inline)]
+pub use gelsim_core::optics::residual::LightResidual;
+#[doc(inline)]
 pub use gelsim_core::sensor::{Background, Markers, Sensor, SensorError};
-pub use gelsim_core::simulator::{Press, Simulator};
+#[doc(inline)]
 pub use gelsim_files::sensor::UnknownPreset;
+
+// What happens in a press, and in a sequence.
+#[doc(inline)]
+pub use gelsim_core::depth::outline::Outline;
+#[doc(inline)]
+pub use gelsim_core::depth::patterns::Procedural;
+#[doc(inline)]
+pub use gelsim_core::depth::relief::Relief;
+#[doc(inline)]
+pub use gelsim_core::depth::seen::SeenSurface;
+#[doc(inline)]
+pub use gelsim_core::depth::texture::{Texture, TexturePlacement, TextureSample};
+#[doc(inline)]
+pub use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
+#[doc(inline)]
+pub use gelsim_core::gelpad::elastic::soft::ElasticObject;
+#[doc(inline)]
+pub use gelsim_core::gelpad::object::ObjectMaterial;
+#[doc(inline)]
+pub use gelsim_core::gelpad::planar::PlanarMotion;
+#[doc(inline)]
+pub use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
+#[doc(inline)]
+pub use gelsim_core::gelpad::tangential::Shear;
+
+// The models that a fidelity level chooses.
+#[doc(inline)]
+pub use gelsim_core::gelpad::Model as GelpadModel;
+#[doc(inline)]
+pub use gelsim_core::optics::Model as OpticsModel;
+
+// What comes out.
+#[doc(inline)]
+pub use gelsim_core::base::clock::Seconds;
+#[doc(inline)]
+pub use gelsim_core::base::grid::{Grid, Rect};
+#[doc(inline)]
+pub use gelsim_core::camera::Image;
+#[doc(inline)]
+pub use gelsim_core::camera::gel_map::GelMap;
+#[doc(inline)]
+pub use gelsim_core::camera::lens::Lens;
+#[doc(inline)]
+pub use gelsim_core::camera::markers::MarkerPositions;
+#[doc(inline)]
+pub use gelsim_core::camera::pins::{PinPositions, Tip as PinTip};
+#[doc(inline)]
+pub use gelsim_core::depth::Depth;
+#[doc(inline)]
+pub use gelsim_core::gelpad::elastic::history::StickSlip;
+#[doc(inline)]
+pub use gelsim_core::gelpad::sliding::{Slip, Wrench};
+#[doc(inline)]
+pub use gelsim_core::gelpad::tangential::TangentialMotion;
+#[doc(inline)]
+pub use gelsim_core::gelpad::total_contact::TotalContact;
+#[doc(inline)]
+pub use gelsim_core::gelpad::{Contact, Numerics};
+#[doc(inline)]
+pub use gelsim_core::impression::{Impression, SlidingState};
 
 pub use crate::file::{ImageExt, SensorExt};
 #[cfg(feature = "files")]

@@ -25,9 +25,9 @@ use crate::gelpad::elastic::shear::Friction;
 use crate::gelpad::material::Material;
 use crate::gelpad::sliding::{Sliding, Wrench};
 use crate::gelpad::tangential::{Shear, tangential};
-use crate::gelpad::whole::Whole;
+use crate::gelpad::total_contact::TotalContact;
 use crate::gelpad::{self, Contact, Pad};
-use crate::impression::Slid;
+use crate::impression::SlidingState;
 use crate::pose::PadPlane;
 use lit::CastShadows;
 use on_core::Pressed;
@@ -68,7 +68,7 @@ pub struct CurvedPress {
     /// What the object does to the gel, in the sensor's frame about the gel's tip.
     pub wrench: Option<Wrench>,
     /// What friction did, in a frame of a sequence.
-    pub slid: Option<Slid>,
+    pub slid: Option<SlidingState>,
     /// The light that the camera receives.
     pub light: Light,
     /// Height over the gel up to which the object was captured, mm.
@@ -171,14 +171,14 @@ impl Curved {
             }
         };
         let in_view_fraction = Some(self.share_in_view(&contact, &chart));
-        contact.whole = Whole { in_view_fraction, ..Whole::default() };
+        contact.total = TotalContact { in_view_fraction, ..TotalContact::default() };
         // Beyond the gel nothing touches: where something does, the gel goes on behind the chart's last nodes.
         let Rect { x0, y0, x1, y1 } = depth.touching;
-        let goes_on = x0 == 0 || y0 == 0 || x1 == depth.overlap.width || y1 == depth.overlap.height;
+        let goes_on = x0 == 0 || y0 == 0 || x1 == depth.penetration.width || y1 == depth.penetration.height;
         let goes_on = goes_on && !depth.touching.is_empty();
         if goes_on {
-            contact.whole.cut_by_view = true;
-            contact.whole.force_unknown =
+            contact.total.cut_by_view = true;
+            contact.total.force_unknown =
                 "the object goes on around the gel beyond its chart, and what it does there is not known";
         }
         let pressed = contact.load.as_ref().map(|load| Pressed::new(load, &chart));
@@ -195,7 +195,7 @@ impl Curved {
             // What friction has found is a flat layer's, too.
             let [pressure, tractions] = sliding.wrenches_over(&chart).map(|wrench| wrench.times(contact.stiffened));
             wrench = wrench.map(|wrench| wrench.and(tractions));
-            Slid {
+            SlidingState {
                 slip: sliding.slip(),
                 wrench: pressure.and(tractions),
                 states: sliding.states(&contact.mask, &self.view),
@@ -204,10 +204,10 @@ impl Curved {
         if let Some(wrench) = &wrench {
             let force_n = DVec3::from_array(wrench.force_n).length();
             contact.force_n = Some(force_n);
-            contact.whole.total_force_n = (!goes_on).then_some(force_n);
+            contact.total.total_force_n = (!goes_on).then_some(force_n);
         }
         if let Shape::Seen(seen) = &indenter.shape {
-            contact.whole = Whole::framed(&mut contact, seen.is_cut);
+            contact.total = TotalContact::framed(&mut contact, seen.is_cut);
         }
         seconds.gelpad += clock.lap();
 
@@ -254,7 +254,7 @@ impl Curved {
     ) -> GelMap {
         let [width, height] = self.view.resolution_px;
         // What is in reach is shown by gaps; the gel moves in its own plane far beyond.
-        let reached = bounding_box(&depth.overlap, |mm| mm > -window.above_mm as f32);
+        let reached = bounding_box(&depth.penetration, |mm| mm > -window.above_mm as f32);
         let reached = reached.seen_from(depth.margin_px, depth.margin_px, width, height);
         let part = match contact.tangential {
             Some(_) => Rect::whole(width, height),

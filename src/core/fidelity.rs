@@ -10,7 +10,7 @@ use crate::optics;
 use crate::optics::LightSource;
 use crate::optics::calibrated::Calibrated;
 use crate::optics::lamps::Lamps;
-use crate::optics::phong::{Phong, Shadows, Soft};
+use crate::optics::phong::{Phong, Shadows, SoftShadows};
 
 /// A fidelity level: a named choice of models, from cheap to exact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -92,10 +92,14 @@ impl Fidelity {
                 (LightSource::Calibration, _) => optics::Model::Calibrated(Calibrated::default()),
                 (LightSource::Lamps, _) => optics::Model::Lamps(Lamps {}),
                 (LightSource::Leds, Self::Paper) => phong(Shadows::None),
-                (LightSource::Leds, Self::Draft) => phong(Shadows::Soft(Soft { resolution: Resolution::Quarter })),
-                (LightSource::Leds, Self::Standard) => phong(Shadows::Soft(Soft { resolution: Resolution::Half })),
+                (LightSource::Leds, Self::Draft) => {
+                    phong(Shadows::Soft(SoftShadows { resolution: Resolution::Quarter }))
+                }
+                (LightSource::Leds, Self::Standard) => {
+                    phong(Shadows::Soft(SoftShadows { resolution: Resolution::Half }))
+                }
                 (LightSource::Leds, Self::High | Self::Reference) => {
-                    phong(Shadows::Soft(Soft { resolution: Resolution::Full }))
+                    phong(Shadows::Soft(SoftShadows { resolution: Resolution::Full }))
                 }
             },
         }

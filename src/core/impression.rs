@@ -14,13 +14,14 @@ use crate::depth::Depth;
 use crate::depth::outline::Outline;
 use crate::effects::EffectLog;
 use crate::gelpad::Contact;
-use crate::gelpad::elastic::history::Contacting;
+use crate::gelpad::elastic::history::StickSlip;
 use crate::gelpad::sliding::{Slip, Wrench};
 use crate::optics::lamps;
 use crate::optics::normals::normals;
 use crate::pose::PadPlane;
 
 /// What a press gives: the tactile image, and what is known beneath it.
+#[derive(Clone)]
 #[non_exhaustive]
 pub struct Impression {
     /// The tactile image, 8-bit RGB.
@@ -31,7 +32,7 @@ pub struct Impression {
     /// The pad under it: surface, contact mask, pressure, force. As the pad is, not as the lens shows it.
     pub contact: Contact,
     /// What friction did, in a frame of a sequence.
-    pub sliding: Option<Slid>,
+    pub sliding: Option<SlidingState>,
     /// The pad's markers, if it has any.
     pub markers: Option<MarkerPositions>,
     /// The pins inside the gel, if it has any.
@@ -56,15 +57,25 @@ pub struct Impression {
     pub(super) drop_mm: Option<Arc<Grid<f32>>>,
 }
 
+impl std::fmt::Debug for Impression {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { image, contact, wrench, .. } = self;
+        let size = [image.width, image.height];
+        let mut shown = f.debug_struct("Impression");
+        shown.field("resolution_px", &size).field("force_n", &contact.force_n).field("wrench", wrench);
+        shown.finish_non_exhaustive()
+    }
+}
+
 /// What friction did in a frame of a sequence.
 #[derive(Clone, Debug)]
-pub struct Slid {
+pub struct SlidingState {
     /// How much of the contact slips, and how far it has.
     pub slip: Slip,
     /// What the object does to the pad.
     pub wrench: Wrench,
     /// What each pixel in view does. As the pad is, not as the lens shows it.
-    pub states: Grid<Contacting>,
+    pub states: Grid<StickSlip>,
 }
 
 /// What [`Impression::gap_mm`] is where no object was captured.
@@ -90,7 +101,7 @@ impl Impression {
             return vec![OUT_OF_REACH_MM; width * height];
         }
         let mut gap = self.contact.surface.inner(SURFACE_BORDER);
-        let object = self.depth.overlap.inner(self.depth.margin_px);
+        let object = self.depth.penetration.inner(self.depth.margin_px);
         let mut captured = Grid::new(width, height);
         for ((gap, g), captured) in gap.data.iter_mut().zip(&object.data).zip(&mut captured.data) {
             *gap = (*gap - g).max(0.0);
@@ -119,7 +130,7 @@ impl Impression {
         let mut last = 0;
         for y in 0..mask.height {
             for x in 0..mask.width {
-                if mask.at(x, y) == 0 && self.overlap_mm(x, y) <= 0.0 {
+                if mask.at(x, y) == 0 && self.penetration_mm(x, y) <= 0.0 {
                     continue;
                 }
                 let at = self.place_over(plane, x, y);
@@ -134,10 +145,10 @@ impl Impression {
     }
 
     /// How far an object reaches below the undeformed pad at a pixel of [`Contact::mask`], mm; below 0 over it.
-    pub fn overlap_mm(&self, x: usize, y: usize) -> f32 {
+    pub fn penetration_mm(&self, x: usize, y: usize) -> f32 {
         match self.depth.touching.is_empty() {
             true => 0.0,
-            false => self.depth.overlap.at(x + self.depth.margin_px, y + self.depth.margin_px),
+            false => self.depth.penetration.at(x + self.depth.margin_px, y + self.depth.margin_px),
         }
     }
 
@@ -159,7 +170,7 @@ impl Impression {
     /// in a frame of a sequence.
     pub fn slip(&self) -> Vec<u8> {
         let Some(slid) = &self.sliding else { return vec![0; self.contact.mask.data.len()] };
-        let of = |wanted: Contacting| {
+        let of = |wanted: StickSlip| {
             let data = slid.states.data.iter().map(|state| if *state == wanted { 255 } else { 0 }).collect();
             let mask = Grid { width: slid.states.width, height: slid.states.height, data };
             self.mask_in_image(&mask).data
@@ -169,7 +180,7 @@ impl Impression {
             (_, 0) => 128,
             _ => 255,
         };
-        of(Contacting::Sticks).into_iter().zip(of(Contacting::Slips)).map(value).collect()
+        of(StickSlip::Sticks).into_iter().zip(of(StickSlip::Slips)).map(value).collect()
     }
 
     /// How far the pad's surface has moved in its own plane since it was untouched, along x and y, mm; 0 where nothing is

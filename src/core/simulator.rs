@@ -1,7 +1,9 @@
 //! READ FIRST: the whole simulator on one page, a pure function from a press to a tactile image.
 //!
-//! [`Simulator::new`] is the costly part and is shared by threads; [`Simulator::press`] cannot fail.
+//! [`Simulator::new`] is the costly part and is shared by threads; a press fails only on what no sensor can be pressed with
+//! ([`PressError`]).
 
+use std::fmt;
 use std::sync::{Arc, OnceLock};
 
 use crate::base::clock::{Clock, Seconds};
@@ -13,23 +15,23 @@ use crate::camera::{Camera, CameraParams, Image};
 use crate::curved::{Curved, CurvedPress, PressedGel};
 use crate::depth::beyond::Surroundings;
 use crate::depth::indenter::{Indenter, Shape};
-use crate::depth::texture::Texture;
+use crate::depth::texture::{Texture, TexturePlacement, TextureSample};
 use crate::depth::{self, Depth, Window};
 use crate::effects::{Effect, EffectLog, EffectPolicy, Requirement};
 use crate::fidelity::Models;
 use crate::gelpad::elastic::friction::Drag;
 use crate::gelpad::elastic::inplane::InPlane;
 use crate::gelpad::elastic::model_error::curvature_error_mm;
-use crate::gelpad::elastic::shear::Friction;
+use crate::gelpad::elastic::shear::{Friction, Motion};
 use crate::gelpad::object::ObjectMaterial;
 use crate::gelpad::sliding::{FramePad, Sliding};
 use crate::gelpad::tangential::{Shear, tangential};
-use crate::gelpad::whole::Whole;
+use crate::gelpad::total_contact::TotalContact;
 use crate::gelpad::{self, Contact, Pad, subpixel};
-use crate::impression::{Impression, Slid};
+use crate::impression::{Impression, SlidingState};
 use crate::optics::background::BackgroundImage;
 use crate::optics::{Shader, lamps};
-use crate::pose::PadPlane;
+use crate::pose::{PadPlane, Pose};
 use crate::sensor::{Markers, Sensor};
 
 mod frames;
@@ -88,6 +90,29 @@ pub struct Press {
     pub plane: PadPlane,
 }
 
+/// Why something cannot be pressed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PressError {
+    /// The height map has another size than the image.
+    #[error("the height map has {found:?} px, the sensor's image {expected:?}: they must be the same")]
+    HeightMapSize {
+        /// Columns and rows of the map.
+        found: [usize; 2],
+        /// Columns and rows of the image.
+        expected: [usize; 2],
+    },
+    /// A height map lies over a flat pad, and this sensor's gel has a shape.
+    #[error("a height map lies over a flat pad, and the gel of this sensor has a shape: press a mesh into it")]
+    HeightMapOnCurvedGel,
+    /// A number is NaN or infinite.
+    #[error("the {0} of the press is NaN or infinite")]
+    NotFinite(&'static str),
+    /// What slides was begun by the simulator of another sensor.
+    #[error("the sequence was begun on another sensor: begin it with `sliding` of this simulator")]
+    OtherSensor,
+}
+
 /// An object captured and the pad under it, before the light.
 struct Touched {
     depth: Depth,
@@ -101,7 +126,7 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
+    /// Where [`Simulator::try_press`] gives an error.
     pub fn press(&self, indenter: &Indenter) -> Impression {
         self.press_with(&Press::new(indenter.clone(), &self.sensor))
     }
@@ -110,26 +135,51 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
+    /// Where [`Simulator::try_press`] gives an error.
     pub fn press_with(&self, press: &Press) -> Impression {
-        self.pressed(press, None)
+        self.try_press(press).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// Presses with texture, motion in the pad's plane, and markers and camera of its own.
+    ///
+    /// # Errors
+    ///
+    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a
+    /// shape, or if a number of the press is NaN or infinite.
+    pub fn try_press(&self, press: &Press) -> Result<Impression, PressError> {
+        self.check_press(press)?;
+        Ok(self.pressed(press, None))
+    }
+
+    fn check_press(&self, press: &Press) -> Result<(), PressError> {
+        if let Shape::HeightMap(map) = &press.indenter.shape {
+            let (found, expected) = ([map.above_mm.width, map.above_mm.height], self.view.resolution_px);
+            if self.curved.is_some() {
+                return Err(PressError::HeightMapOnCurvedGel);
+            }
+            if found != expected {
+                return Err(PressError::HeightMapSize { found, expected });
+            }
+        }
+        press.numbers_are_finite()
     }
 
     /// Normal force of the whole object on the pad, in view and beyond, N: to the bit what [`Simulator::press_with`] has as
-    /// `contact.whole.total_force_n`, on a flat pad without its light and image. `None` where that is not known.
+    /// `contact.total.total_force_n`, on a flat pad without its light and image. `None` where that is not known.
     ///
     /// # Panics
     ///
-    /// As [`Simulator::press_with`] does.
+    /// Where [`Simulator::try_press`] gives an error.
     pub fn total_force_n(&self, press: &Press) -> Option<f64> {
+        self.check_press(press).unwrap_or_else(|error| panic!("{error}"));
         if self.curved.is_some() {
-            return self.press_with(press).contact.whole.total_force_n;
+            return self.press_with(press).contact.total.total_force_n;
         }
         let own_pad = self.pad.under(&press.material);
         let (mut clock, mut seconds) = (Clock::start(), Seconds::default());
         let mut effects = EffectLog::new(self.policy);
         let pad = own_pad.as_ref().unwrap_or(&self.pad);
-        self.touched(press, pad, None, &mut clock, &mut seconds, &mut effects).contact.whole.total_force_n
+        self.touched(press, pad, None, &mut clock, &mut seconds, &mut effects).contact.total.total_force_n
     }
 
     /// What holds the pad to the object while it is pressed in, if anything does.
@@ -199,17 +249,13 @@ impl Simulator {
         effects: &mut EffectLog,
     ) -> Touched {
         let Press { indenter, texture, .. } = press;
-        if let Shape::HeightMap(map) = &indenter.shape {
-            let size = [map.above_mm.width, map.above_mm.height];
-            assert_eq!(size, self.view.resolution_px, "a height map has the size of the sensor's image");
-        }
         let thickness_mm = self.sensor.gelpad.thickness_mm;
         let mut window = pad.window(indenter.depth_mm);
         let mut beyond = None;
         loop {
             // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
             let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_deref());
-            let depth = depth::overlap(indenter, texture, drop_mm, thickness_mm, &self.view, window, effects);
+            let depth = depth::penetration(indenter, texture, drop_mm, thickness_mm, &self.view, window, effects);
             seconds.depth += clock.lap();
 
             // What touches the pad beyond that, if anything does.
@@ -228,7 +274,7 @@ impl Simulator {
             contact.numerics.converged &= shaped;
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
             let (shape, beyond) = (&indenter.shape, beyond.as_ref());
-            contact.whole = Whole::of(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
+            contact.total = TotalContact::of(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
             seconds.gelpad += clock.lap();
             match pad.higher(window, &contact) {
                 Some(higher) => window = higher,
@@ -299,7 +345,7 @@ impl Simulator {
         let lens = camera.lens(&self.view);
         let lamps = self.lamps.clone();
         let (view, above_mm) = (self.view, window.above_mm);
-        let sliding = sliding.map(|sliding| Slid {
+        let sliding = sliding.map(|sliding| SlidingState {
             slip: sliding.slip(),
             wrench: sliding.wrench(),
             states: sliding.states(&contact.mask, &view),
@@ -364,26 +410,6 @@ impl Simulator {
         self.camera.expose(nothing.into(), None, markers.as_ref(), &camera, &mut EffectLog::new(self.policy))
     }
 
-    /// The gelpad alone: contacts without light.
-    pub fn pad(&self) -> &Pad {
-        &self.pad
-    }
-
-    /// The light alone: from a contact to brightness.
-    pub fn shader(&self) -> &Shader {
-        &self.shader
-    }
-
-    /// The camera alone: from brightness to an image.
-    pub fn camera(&self) -> &Camera {
-        &self.camera
-    }
-
-    /// The light that a contact sends to the camera, where it differs from the background image.
-    pub fn light(&self, contact: &Contact) -> Light {
-        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy)).whole()
-    }
-
     /// How far a curved pad lies below its highest point, mm, on the grid of [`Contact::surface`].
     pub fn drop_mm(&self) -> Option<&Grid<f32>> {
         self.drop_mm.as_deref()
@@ -396,10 +422,77 @@ impl Simulator {
     }
 }
 
+/// The stages of a simulator by themselves, for studies and tests of one of them.
+pub trait Stages {
+    /// The gelpad alone: contacts without light.
+    fn pad(&self) -> &Pad;
+
+    /// The light alone: from a contact to brightness.
+    fn shader(&self) -> &Shader;
+
+    /// The camera alone: from brightness to an image.
+    fn camera(&self) -> &Camera;
+
+    /// The light that a contact sends to the camera, where it differs from the background image.
+    fn light(&self, contact: &Contact) -> Light;
+}
+
+impl Stages for Simulator {
+    fn pad(&self) -> &Pad {
+        &self.pad
+    }
+
+    fn shader(&self) -> &Shader {
+        &self.shader
+    }
+
+    fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    fn light(&self, contact: &Contact) -> Light {
+        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy)).whole()
+    }
+}
+
+impl fmt::Debug for Simulator {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { sensor, models, policy, .. } = self;
+        let mut shown = f.debug_struct("Simulator");
+        shown.field("sensor", &sensor.name).field("resolution_px", &sensor.resolution_px);
+        shown.field("models", models).field("policy", policy).finish_non_exhaustive()
+    }
+}
+
 impl Press {
     /// How the indenter moves, held by the friction of its own material where that has one.
     fn sheared(&self) -> Option<Shear> {
         self.shear.map(|shear| Shear { friction: self.material.friction.unwrap_or(shear.friction), ..shear })
+    }
+
+    /// Checks the numbers that nothing else has checked.
+    fn numbers_are_finite(&self) -> Result<(), PressError> {
+        let Pose { rotation, translation_mm, .. } = self.indenter.pose;
+        let PadPlane { axes, origin_mm } = self.plane;
+        let is_finite = |numbers: &[f64]| numbers.iter().all(|number| number.is_finite());
+        let of_texture = |Texture { sample, laid, .. }: &Texture| {
+            let TextureSample { amplitude_mm, scale_mm, angle_deg, offset: [u, v] } = *sample;
+            let laid =
+                laid.is_none_or(|TexturePlacement { origin_mm, yaw_deg }| is_finite(&origin_mm) && yaw_deg.is_finite());
+            laid && is_finite(&[amplitude_mm, scale_mm, angle_deg, u, v])
+        };
+        let of_motion = |Motion { shift_mm, twist_rad, about_mm }: Motion| {
+            is_finite(&shift_mm) && is_finite(&about_mm) && twist_rad.is_finite()
+        };
+        let checks = [
+            ("pose", rotation.is_finite() && translation_mm.is_finite()),
+            ("depth", self.indenter.depth_mm.is_finite()),
+            ("plane", axes.is_finite() && origin_mm.is_finite()),
+            ("texture", self.texture.as_ref().is_none_or(of_texture)),
+            ("shear", self.shear.is_none_or(|shear| of_motion(shear.motion))),
+        ];
+        let wrong = checks.into_iter().find(|(_, is_fine)| !is_fine);
+        wrong.map_or(Ok(()), |(name, _)| Err(PressError::NotFinite(name)))
     }
 
     /// A press without texture or motion, with the sensor's own markers and camera.

@@ -112,28 +112,28 @@ fn touch(plan: &Plan, index: u64) -> Option<Touch> {
     let is_meant = Scene::touches(plan, index, 0);
     let mut found = Touch { object, index, is_meant, touches: false, slips: false, thin: 0.0 };
     let indenter = scene.indenter(plan);
-    if !is_meant || indenter.depth_mm <= 0.0 {
+    if !is_meant || indenter.depth_mm() <= 0.0 {
         return Some(found);
     }
     let mut pad = SensorPad::new(&plan.job().sensor);
-    pad.press_mm = indenter.depth_mm;
+    pad.press_mm = indenter.depth_mm();
     let window = Window { margin_px: 0, above_mm: 0.0 };
     let depth = captured(&indenter, plan.simulator.view(), window, pad.thickness_mm);
-    let (count, scattered) = scattered(&depth.overlap.data, depth.overlap.width);
+    let (count, scattered) = scattered(&depth.penetration.data, depth.penetration.width);
     found.touches = count > 0;
-    let clusters = indenter.shape.clusters()?;
+    let clusters = indenter.shape().clusters()?;
     if count == 0 {
-        found.slips = lowest_is_in_view(clusters, &indenter.pose, &pad);
+        found.slips = lowest_is_in_view(clusters, indenter.pose(), &pad);
     } else if scattered as f64 > SCATTERED * count as f64 {
-        found.thin = thin_fraction(&sides::capture_finely(clusters, &indenter.pose, 0.0, &pad), &pad);
+        found.thin = thin_fraction(&sides::capture_finely(clusters, indenter.pose(), 0.0, &pad), &pad);
     }
     Some(found)
 }
 
 /// Pixels that touch, and those of them that are in no square of four such.
-fn scattered(overlap: &[f32], width: usize) -> (usize, usize) {
-    let touches = |x: usize, y: usize| overlap.get(y * width + x).is_some_and(|mm| *mm > 0.0);
-    let height = overlap.len() / width.max(1);
+fn scattered(penetration: &[f32], width: usize) -> (usize, usize) {
+    let touches = |x: usize, y: usize| penetration.get(y * width + x).is_some_and(|mm| *mm > 0.0);
+    let height = penetration.len() / width.max(1);
     let (mut count, mut alone) = (0, 0);
     for y in 0..height {
         for x in 0..width {
@@ -262,7 +262,7 @@ fn place_of_lowest(plan: &Plan) -> Option<[f64; 2]> {
     });
     let middle = middle.of_sample(0, 0);
     let indenter = Scene::draw(middle, 0, 0).indenter(middle);
-    let place = sides::lowest_place(indenter.shape.clusters()?, &indenter.pose)?;
+    let place = sides::lowest_place(indenter.shape().clusters()?, indenter.pose())?;
     // To a hundredth of a millimetre, and without a sign before zero.
     Some(place.map(|mm| (-100.0 * mm).round() / 100.0 + 0.0))
 }

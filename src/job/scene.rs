@@ -19,7 +19,7 @@ use gelsim_core::depth::outline::Outline;
 use gelsim_core::depth::relief::Relief;
 use gelsim_core::depth::texture::{Texture, TextureSample};
 use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
-use gelsim_core::gelpad::elastic::soft::Soft;
+use gelsim_core::gelpad::elastic::soft::ElasticObject;
 use gelsim_core::gelpad::object::ObjectMaterial;
 use gelsim_core::gelpad::tangential::Shear;
 use gelsim_core::mesh::clusters::Clusters;
@@ -264,7 +264,7 @@ impl Scene {
             let entry = &job.object[number];
             let drawn =
                 |name: &str, quantity: &Option<Quantity>| quantity.as_ref().map(|quantity| draw(name, quantity));
-            let soft = drawn("object modulus", &entry.youngs_modulus_kpa).map(|youngs_modulus_kpa| Soft {
+            let soft = drawn("object modulus", &entry.youngs_modulus_kpa).map(|youngs_modulus_kpa| ElasticObject {
                 youngs_modulus_kpa,
                 poisson_ratio: drawn("object poisson ratio", &entry.poisson_ratio).unwrap_or(POISSON_RATIO),
             });
@@ -323,7 +323,7 @@ impl Scene {
             let first = Indenter::clusters(Arc::clone(first), self.pose);
             let all: Vec<Indenter> = std::iter::once(first).chain(others).collect();
             if let Some(together) = Indenter::together(&all) {
-                return Indenter { depth_mm: self.deepest_mm(), ..together };
+                return Indenter::with_depth_mm(together.shape().clone(), *together.pose(), self.deepest_mm());
             }
         }
         let shape = match (&self.pressed, &self.clusters) {
@@ -336,7 +336,7 @@ impl Scene {
             (Shape::Mesh(clusters), At::Axis) => -self.pose.lowest_mm(clusters),
             _ => self.indentation_depth_mm,
         };
-        Indenter { shape, pose: self.pose, depth_mm }
+        Indenter::with_depth_mm(shape, self.pose, depth_mm)
     }
 
     /// The simulator of its sensor: that of the plan where all samples have the same. Another one shares with it what both

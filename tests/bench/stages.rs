@@ -5,6 +5,7 @@ mod memory;
 #[path = "../physics/plan.rs"]
 mod plan;
 
+use gelsim_core::simulator::Stages;
 use std::hint::black_box;
 use std::io::Cursor;
 
@@ -264,7 +265,7 @@ fn frames(c: &mut Criterion) {
             Window { margin_px: 0, above_mm: 50.0 },
             pressed.thickness_mm(),
         );
-        let distances: Vec<f32> = captured.overlap.data.iter().map(|mm| 10.0 - mm).collect();
+        let distances: Vec<f32> = captured.penetration.data.iter().map(|mm| 10.0 - mm).collect();
         let bytes = npy::encode(320, 240, &[&distances]);
         group.bench_function(BenchmarkId::new("whole", name), |b| {
             b.iter(|| {

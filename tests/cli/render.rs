@@ -35,7 +35,8 @@ fn job() -> String {
 fn seen(plan: &Plan, index: u64) -> Grid<f64> {
     let scene = Scene::draw(plan, index, 0);
     let window = Window { margin_px: 0, above_mm: 80.0 };
-    let overlap = depth::captured(&scene.indenter(plan), plan.simulator.view(), window, plan.thickness_mm()).overlap;
+    let overlap =
+        depth::captured(&scene.indenter(plan), plan.simulator.view(), window, plan.thickness_mm()).penetration;
     let data = overlap.data.iter().map(|mm| PLANE_MM - f64::from(*mm)).collect();
     Grid { width: overlap.width, height: overlap.height, data }
 }

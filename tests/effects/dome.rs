@@ -30,17 +30,17 @@ fn press(radius_mm: f64, depth_mm: f64, dome_mm: Option<f64>) -> Press {
     };
     let pad = Pad::new(&Elastic { tolerance_um: 0.1, ..Elastic::default() }, &sensor.material(), &CAMERA);
     let margin_px = pad.window(depth_mm).margin_px;
-    let mut overlap = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
-    for row in 0..overlap.height {
-        for column in 0..overlap.width {
+    let mut penetration = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
+    for row in 0..penetration.height {
+        for column in 0..penetration.width {
             let centre = |at: usize| at as f64 + 0.5 - margin_px as f64;
             let [x, y] = CAMERA.point_mm([centre(column), centre(row)]);
             let r2 = x * x + y * y;
             let above = r2 / (radius_mm + (radius_mm * radius_mm - r2).max(0.0).sqrt());
-            overlap.row_mut(row)[column] = (depth_mm - above) as f32;
+            penetration.row_mut(row)[column] = (depth_mm - above) as f32;
         }
     }
-    let mut depth = Depth { overlap, margin_px, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
+    let mut depth = Depth { penetration, margin_px, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
     depth.measure();
     if let Some(radius_mm) = dome_mm {
         let drop_mm = rest::drop_mm(&RestSurface::Dome { radius_mm }, &CAMERA);

@@ -1,6 +1,7 @@
 //! What is known of each effect whatever else happens: what it can only lower, what it keeps, how large it is.
 
 use gelsim_core::effects::EffectLog;
+use gelsim_core::simulator::Stages;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;

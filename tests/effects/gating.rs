@@ -3,6 +3,7 @@
 //! Layers and labels must be the same. Where the surface is flat beyond what was shaded, so must the image be; else a
 //! halo was cut that changes the light by less than [`BOUND`], which gains may raise, and rounding may tip.
 
+use gelsim_core::simulator::Stages;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 

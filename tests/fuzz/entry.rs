@@ -366,10 +366,10 @@ pub fn calibration(bytes: &[u8]) {
     same_again(&table, |text| gelsim_files::calibration::parse(text).ok());
     const CAMERA: View = View { resolution_px: [7, 5], mm_per_px: [0.5; 2] };
     static CONTACT: LazyLock<Contact> = LazyLock::new(|| {
-        let mut overlap = Grid::new(9, 7);
-        overlap.data.iter_mut().enumerate().for_each(|(k, reach)| *reach = (k % 4) as f32 - 1.0);
+        let mut penetration = Grid::new(9, 7);
+        penetration.data.iter_mut().enumerate().for_each(|(k, reach)| *reach = (k % 4) as f32 - 1.0);
         let mut depth =
-            Depth { overlap, margin_px: 1, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
+            Depth { penetration, margin_px: 1, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
         depth.measure();
         none::press(&depth)
     });

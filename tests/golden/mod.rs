@@ -254,7 +254,7 @@ fn picture(case: &Case) -> RgbImage {
     };
     let rgb: Vec<u8> = match case.show {
         Show::Image => sample.impression.image.rgb,
-        Show::Depth => grey(&sample.impression.depth.overlap),
+        Show::Depth => grey(&sample.impression.depth.penetration),
         Show::Surface => grey(&sample.impression.contact.surface),
         Show::Contact => sample.impression.contact.mask.data.iter().flat_map(|value| [*value; 3]).collect(),
         Show::Pressure => {

@@ -10,7 +10,7 @@ use gelsim_core::depth::beyond::Surroundings;
 use gelsim_core::depth::indenter::Indenter;
 use gelsim_core::depth::{self, Window};
 use gelsim_core::gelpad::Contact;
-use gelsim_core::gelpad::whole::{Beyond, Whole};
+use gelsim_core::gelpad::total_contact::{Beyond, TotalContact};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, Pose, Side};
 
@@ -51,7 +51,7 @@ impl At {
 struct Pressed {
     contact: Contact,
     beyond: Option<Beyond>,
-    whole: Whole,
+    total: TotalContact,
 }
 
 fn view(rig: &Rig) -> View {
@@ -66,8 +66,8 @@ fn press(rig: &Rig, indenter: &Indenter, with_all: bool) -> Pressed {
     let beyond = around.map(|around| rig.pad.beyond(&around));
     let mut contact = rig.pad.press_with(&depth, beyond.as_ref());
     assert!(contact.finite && contact.numerics.converged, "{:?}", contact.numerics);
-    let whole = Whole::of(&indenter.shape, &depth, beyond.as_ref(), &mut contact, youngs_modulus_kpa, &view);
-    Pressed { contact, beyond, whole }
+    let total = TotalContact::of(indenter.shape(), &depth, beyond.as_ref(), &mut contact, youngs_modulus_kpa, &view);
+    Pressed { contact, beyond, total }
 }
 
 /// What the middle part of a wide view shows: its force, N, and surface; and the whole force.
@@ -89,7 +89,7 @@ fn truth(rig: &Rig, wide: &Rig, indenter: &Indenter) -> Truth {
     let newtons = |kpa: &f32| f64::from(*kpa) * wide.setup.mm_per_px[0] * wide.setup.mm_per_px[1] * 1e-3;
     let in_view_n = all.contact.pressure.iter().flat_map(|p| p.crop(part).data).map(|kpa| newtons(&kpa)).sum();
     let surface = all.contact.surface.inner(SURFACE_BORDER).crop(part);
-    Truth { in_view_n, total_n: all.whole.total_force_n.expect("a solved contact"), surface }
+    Truth { in_view_n, total_n: all.total.total_force_n.expect("a solved contact"), surface }
 }
 
 /// Errors of the force in view and of the whole force, as shares of them (of the force in view, if less of the whole than
@@ -102,7 +102,7 @@ fn errors(found: &Pressed, truth: &Truth, least: f64) -> [f64; 3] {
     let enough = truth.in_view_n.max(least * truth.total_n);
     [
         share(found.contact.force_n, truth.in_view_n, enough),
-        share(found.whole.total_force_n, truth.total_n, truth.total_n),
+        share(found.total.total_force_n, truth.total_n, truth.total_n),
         1e3 * f64::from(worst_mm),
     ]
 }
@@ -143,7 +143,7 @@ fn a_plate_of_200_mm_presses_in_view_as_one_that_is_captured_whole() {
             assert!(after[0].abs() < 0.02, "nu {nu}, {name}: force in view off by {}", after[0]);
             assert!(after[1].abs() < 0.05, "nu {nu}, {name}: whole force off by {}", after[1]);
             assert!(after[2] < 0.05 * before[2] + 0.2, "nu {nu}, {name}: {} um, cut {}", after[2], before[2]);
-            assert!(found.whole.cut_by_view && found.whole.force_unknown.is_empty(), "{name}: {:?}", found.whole);
+            assert!(found.total.cut_by_view && found.total.force_unknown.is_empty(), "{name}: {:?}", found.total);
         }
     }
 }
@@ -192,7 +192,7 @@ fn a_plate_of_a_metre_presses_as_an_endless_one() {
         let layer = rig.setup.layer();
         let kpa = depth_mm / layer.normal(0.0) * rig.setup.youngs_modulus_kpa;
         let (expected, all) = (kpa * 20.0 * 15.0 * 1e-3, kpa * 1e6 * 1e-3);
-        let (force, total) = (found.contact.force_n.expect("solved"), found.whole.total_force_n.expect("solved"));
+        let (force, total) = (found.contact.force_n.expect("solved"), found.total.total_force_n.expect("solved"));
         println!(
             "beyond, nu {nu}, h {thickness_mm}: {:+.4} in view, {:+.4} of all",
             force / expected - 1.0,
@@ -201,7 +201,7 @@ fn a_plate_of_a_metre_presses_as_an_endless_one() {
         assert!((force / expected - 1.0).abs() < 0.02, "nu {nu}, h {thickness_mm}: {force} N, not {expected}");
         // Less at the edges.
         assert!((0.8..1.01).contains(&(total / all)), "nu {nu}, h {thickness_mm}: {total} N of {all}");
-        let share = found.whole.in_view_fraction.expect("known");
+        let share = found.total.in_view_fraction.expect("known");
         assert!((share / 3e-4 - 1.0).abs() < 0.01, "{share}");
     }
 }
@@ -223,14 +223,14 @@ fn hard_cases_stay_finite_and_solved_and_the_same() {
         for (name, object, at) in &cases {
             let indenter = at.indenter(object);
             let [found, again] = [0, 1].map(|_| press(&rig, &indenter, true));
-            let Whole { total_force_n, cut_by_view, in_view_fraction, force_unknown, .. } = found.whole;
+            let TotalContact { total_force_n, cut_by_view, in_view_fraction, force_unknown, .. } = found.total;
             let all = total_force_n.unwrap_or_else(|| panic!("nu {nu}, h {thickness_mm}, {name}: {force_unknown}"));
             let share = in_view_fraction.expect("known");
             assert!(cut_by_view && all.is_finite() && all > 0.0, "nu {nu}, h {thickness_mm}, {name}: {all} N");
             assert!((0.0..1.0).contains(&share), "{name}: {share}");
             assert!(found.contact.force_n <= Some(all), "{name}: {:?} of {all} N", found.contact.force_n);
             let bits = |pressed: &Pressed| pressed.contact.surface.data.iter().map(|w| w.to_bits()).collect::<Vec<_>>();
-            assert!(bits(&found) == bits(&again) && found.whole == again.whole, "{name}");
+            assert!(bits(&found) == bits(&again) && found.total == again.total, "{name}");
         }
     }
 }
@@ -248,9 +248,9 @@ fn what_ends_in_the_window_has_nothing_beyond() {
     ] {
         let found = press(&rig, &at.indenter(object), true);
         assert!(found.beyond.is_none());
-        assert_eq!(found.whole.cut_by_view, cut_by_view);
-        let (force, all) = (found.contact.force_n.expect("solved"), found.whole.total_force_n.expect("solved"));
-        let share = found.whole.in_view_fraction.expect("known");
+        assert_eq!(found.total.cut_by_view, cut_by_view);
+        let (force, all) = (found.contact.force_n.expect("solved"), found.total.total_force_n.expect("solved"));
+        let share = found.total.in_view_fraction.expect("known");
         if cut_by_view {
             assert!(force < all && share < 1.0, "{force} of {all} N, {share}");
         } else {
@@ -266,8 +266,8 @@ fn a_height_map_says_what_it_cannot_know() {
         let deep = |i: usize| columns.contains(&(i % 40)) && (10..20).contains(&(i / 40));
         let depth_mm = (0..40 * 30).map(|i| if deep(i) { 0.3 } else { -1.0 }).collect();
         let found = press(&rig, &Indenter::height_map([40, 30], depth_mm).expect("numbers"), true);
-        let Whole { total_force_n, in_view_fraction, force_unknown, .. } = found.whole;
-        assert_eq!((found.whole.cut_by_view, total_force_n, in_view_fraction), (cut_by_view, None, None));
+        let TotalContact { total_force_n, in_view_fraction, force_unknown, .. } = found.total;
+        assert_eq!((found.total.cut_by_view, total_force_n, in_view_fraction), (cut_by_view, None, None));
         assert_eq!(found.contact.force_n.is_none(), cut_by_view);
         assert!(found.contact.pressure.is_some() && !force_unknown.is_empty());
     }

@@ -31,9 +31,9 @@ fn check(name: &str, shape: &Shape, placement: &Placement, camera: &View, margin
     let depth = capture(&shape.clusters(), placement, camera, margin, BOTTOMLESS);
     let truth = Scenery::new(shape, placement, camera, margin);
     let mut covered = 0;
-    for y in 0..depth.overlap.height {
-        for x in 0..depth.overlap.width {
-            let found = -f64::from(depth.overlap.at(x, y));
+    for y in 0..depth.penetration.height {
+        for x in 0..depth.penetration.width {
+            let found = -f64::from(depth.penetration.at(x, y));
             let [low, high] = truth.bounds(x, y);
             assert!(
                 (low..=high).contains(&found),
@@ -175,7 +175,7 @@ fn where_f32_is_exact_the_covered_pixels_are_exactly_those_of_the_plain_loop() {
         let placement = Placement { rotation: quarter_turn(round), translation_mm: [0.0; 3] };
         let truth = Scenery::new(&shape, &placement, &camera, 2);
         let shifted = Scenery::new(&shape, &Placement { translation_mm: [1e-9, 1e-9, 0.0], ..placement }, &camera, 2);
-        let depth = capture(&shape.clusters(), &placement, &camera, 2, BOTTOMLESS).overlap;
+        let depth = capture(&shape.clusters(), &placement, &camera, 2, BOTTOMLESS).penetration;
         for y in 0..depth.height {
             for x in 0..depth.width {
                 let (found, expected) = (-f64::from(depth.at(x, y)), truth.height(x, y));
@@ -208,7 +208,7 @@ fn bundled_objects_look_as_rays_see_them_in_every_pose() {
                 [random.within(-1.0, 1.0) - middle[0], random.within(-1.0, 1.0) - middle[1], -depth_mm - lowest];
             let truth = Scenery::new(&shape, &placement, &camera, 0);
             let rays = truth.rays();
-            let depth = capture(&clusters, &placement, &camera, 0, BOTTOMLESS).overlap;
+            let depth = capture(&clusters, &placement, &camera, 0, BOTTOMLESS).penetration;
             let (mut covered, mut near_edges) = (0, 0);
             for y in 0..depth.height {
                 for x in 0..depth.width {
@@ -244,7 +244,7 @@ fn a_sheet_with_vertices_on_pixel_centres_has_no_hole_and_one_depth() {
                 for depth_mm in [0.5, 0.7] {
                     let placement = Placement { rotation: quarter_turn(turn), translation_mm: [0.0, 0.0, -depth_mm] };
                     let depth = capture(&shape.clusters(), &placement, &camera, 4, 3.0);
-                    for (at, found) in depth.overlap.data.iter().enumerate() {
+                    for (at, found) in depth.penetration.data.iter().enumerate() {
                         let error = (f64::from(*found) - depth_mm).abs();
                         assert!(error <= 2e-7, "{pitch} mm/px, cells of {cell_px} px, turn {turn}, {at}: {found}");
                     }
@@ -272,7 +272,7 @@ fn a_crumpled_sheet_has_no_hole_at_any_angle() {
         let rotation = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];
         let translation_mm = [random.within(-0.01, 0.01), random.within(-0.01, 0.01), -0.5];
         let depth = capture(&shape.clusters(), &Placement { rotation, translation_mm }, &camera, 0, 3.0);
-        let holes = depth.overlap.data.iter().filter(|mm| **mm < 0.4).count();
+        let holes = depth.penetration.data.iter().filter(|mm| **mm < 0.4).count();
         assert_eq!(holes, 0, "round {round}");
     }
 }
@@ -290,7 +290,7 @@ fn the_inside_of_a_closed_mesh_has_no_zero_pixel() {
         for y in 0..96 {
             for x in 0..96 {
                 let [u, v] = position(&camera, x as f64, y as f64);
-                let (mm, from_middle) = (depth.overlap.at(x, y), u.hypot(v));
+                let (mm, from_middle) = (depth.penetration.at(x, y), u.hypot(v));
                 // The polyhedron lies between the ball and one smaller by its facets' height, 0.5 %.
                 assert!(mm > 0.0 || from_middle > 0.99, "hole at {x}, {y} in round {round}");
                 assert!(mm == 0.0 || from_middle < 1.0001, "ghost at {x}, {y} in round {round}");
@@ -309,11 +309,11 @@ fn winding_and_the_order_of_triangles_do_not_matter() {
         let reversed = Shape { triangles: shape.triangles.iter().rev().copied().collect(), ..shape.clone() };
         let found = [&shape, &flipped, &reversed].map(|shape| capture(&shape.clusters(), &placement, &camera, 5, 3.0));
         let largest = |other: &Grid<f32>| {
-            found[0].overlap.data.iter().zip(&other.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+            found[0].penetration.data.iter().zip(&other.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
         };
         for other in &found[1..] {
             // The sums over three corners may round differently when they start at another one.
-            let difference = largest(&other.overlap);
+            let difference = largest(&other.penetration);
             assert!(difference < 1e-6, "{name}: {difference}");
         }
     }
@@ -333,7 +333,7 @@ fn a_kilometre_between_an_object_and_its_origin_costs_nothing() {
         let translation_mm = [0.2 - back[0], 0.1 - back[1], 0.7 - back[2]];
         let found = capture(&far.clusters(), &Placement { rotation, translation_mm }, &camera, 3, 3.0);
         let mut compared = 0;
-        for (found, near) in found.overlap.data.iter().zip(&near.overlap.data) {
+        for (found, near) in found.penetration.data.iter().zip(&near.penetration.data) {
             // At 1e6 mm f64 itself has steps of 1e-10 mm, and the mesh is rounded once more.
             assert!((found - near).abs() < 5e-6, "{found} for {near} at an offset of {offset:?}");
             compared += usize::from(*near > 0.0);
@@ -356,7 +356,8 @@ fn a_fine_ball_is_as_deep_as_a_ball() {
     for depth_mm in [0.3, 1.0, 2.9] {
         for rotation in [UPRIGHT, random.rotation()] {
             let centre = [random.within(-1.0, 1.0), random.within(-1.0, 1.0), radius - depth_mm];
-            let depth = capture(&clusters, &Placement { rotation, translation_mm: centre }, &camera, 0, 3.0).overlap;
+            let depth =
+                capture(&clusters, &Placement { rotation, translation_mm: centre }, &camera, 0, 3.0).penetration;
             let (mut worst, mut inside) = (0.0_f64, 0);
             for y in 0..120 {
                 for x in 0..160 {
@@ -460,8 +461,8 @@ fn what_would_pass_the_shell_is_limited_to_the_pad_and_counted_in_view_only() {
     let deeper = |grid: &Grid<f32>| grid.data.iter().filter(|mm| **mm > 3.0).count() as u64;
     assert_eq!(free.over_thickness_px, 0);
     assert_eq!(limited.over_thickness_px, deeper(&in_view(&free)));
-    assert!(limited.over_thickness_px > 500 && limited.over_thickness_px < deeper(&free.overlap));
-    for (limited, free) in limited.overlap.data.iter().zip(&free.overlap.data) {
+    assert!(limited.over_thickness_px > 500 && limited.over_thickness_px < deeper(&free.penetration));
+    for (limited, free) in limited.penetration.data.iter().zip(&free.penetration.data) {
         assert_eq!(*limited, free.min(3.0));
     }
 }
@@ -475,7 +476,7 @@ fn the_box_around_the_overlap_and_the_deepest_point_in_view_are_those_of_the_map
     for _ in 0..200 {
         let placement = at([random.within(-2.5, 2.5), random.within(-2.5, 2.5), random.within(-0.2, 0.8)]);
         let depth = capture(&clusters, &placement, &camera, 20, 1.0);
-        assert_eq!(depth.touching, bounding_box(&depth.overlap, |mm| mm > 0.0));
+        assert_eq!(depth.touching, bounding_box(&depth.penetration, |mm| mm > 0.0));
         assert_eq!(depth.deepest_mm, deepest_in_view(&depth));
         out_of_view += usize::from(depth.deepest_mm == 0.0 && !depth.touching.is_empty());
         in_sight += usize::from(depth.deepest_mm > 0.0);
@@ -497,7 +498,7 @@ fn the_view_is_the_same_with_any_margin() {
                 let with = capture(&clusters, &placement, &camera, margin, 1.0);
                 assert_eq!(with.over_thickness_px, without.over_thickness_px, "{name}, margin {margin}");
                 let found = in_view(&with);
-                let apart = found.data.iter().zip(&without.overlap.data).map(|(a, b)| (a - b).abs());
+                let apart = found.data.iter().zip(&without.penetration.data).map(|(a, b)| (a - b).abs());
                 let differ = apart.clone().filter(|mm| *mm > 0.0).count();
                 let largest = apart.fold(0.0, f32::max);
                 assert_eq!(differ, 0, "{name}: a margin of {margin} px changes depths by up to {largest} mm");
@@ -515,10 +516,10 @@ fn moving_an_object_by_whole_pixels_moves_its_picture() {
     for round in 0..6 {
         let rotation = random.rotation();
         let start = [random.within(-0.1, 0.1), random.within(-0.1, 0.1), 0.1];
-        let here = capture(&clusters, &Placement { rotation, translation_mm: start }, &camera, 0, 3.0).overlap;
+        let here = capture(&clusters, &Placement { rotation, translation_mm: start }, &camera, 0, 3.0).penetration;
         for (dx, dy) in [(1_isize, 0_isize), (0, 1), (7, -5), (-9, 11)] {
             let translation_mm = [start[0] + dx as f64 * pitch, start[1] + dy as f64 * pitch, start[2]];
-            let there = capture(&clusters, &Placement { rotation, translation_mm }, &camera, 0, 3.0).overlap;
+            let there = capture(&clusters, &Placement { rotation, translation_mm }, &camera, 0, 3.0).penetration;
             for y in 12..48_usize {
                 for x in 12..68_usize {
                     let moved = there.at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
@@ -540,8 +541,8 @@ fn turning_the_pose_is_turning_the_mesh() {
         let turned = shape.map(|q| moved(&turn, q));
         let shift = [random.within(-0.1, 0.1), random.within(-0.1, 0.1), -0.5];
         let pose = Placement { translation_mm: shift, ..turn };
-        let by_pose = capture(&shape.clusters(), &pose, &camera, 0, 3.0).overlap;
-        let by_hand = capture(&turned.clusters(), &at(shift), &camera, 0, 3.0).overlap;
+        let by_pose = capture(&shape.clusters(), &pose, &camera, 0, 3.0).penetration;
+        let by_hand = capture(&turned.clusters(), &at(shift), &camera, 0, 3.0).penetration;
         let differ = by_pose.data.iter().zip(&by_hand.data).filter(|(a, b)| (*a - *b).abs() > 1e-6).count();
         // A mesh that was turned has its box's centre elsewhere by a rounding: slivers may flip.
         assert!(differ <= 8, "{name}: {differ} pixels");
@@ -558,7 +559,7 @@ fn wide_instructions_change_no_bit() {
             let clusters = shape.clusters();
             let narrow = raster_without_dispatch(&clusters, &placement, &camera, 9);
             let wide = capture(&clusters, &placement, &camera, 9, BOTTOMLESS);
-            for (narrow, wide) in narrow.data.iter().zip(&wide.overlap.data) {
+            for (narrow, wide) in narrow.data.iter().zip(&wide.penetration.data) {
                 assert_eq!((0.0 - narrow).to_bits(), wide.to_bits(), "{name}");
             }
         }

@@ -46,12 +46,12 @@ fn presses_agree_with_a_dense_solution_in_f64() {
             }
         }
         for (name, object) in SMALL {
-            let mut overlap = Grid::new(16, 16);
-            for (at, g) in overlap.data.iter_mut().enumerate() {
+            let mut penetration = Grid::new(16, 16);
+            for (at, g) in penetration.data.iter_mut().enumerate() {
                 // As the press gets it.
                 *g = f64::from(object(place(at % 16), place(at / 16)).clamp(-thickness_mm, thickness_mm) as f32);
             }
-            let (pressure, displacement) = dense_contact(&overlap, |x, y| lags.at(x, y));
+            let (pressure, displacement) = dense_contact(&penetration, |x, y| lags.at(x, y));
             let contact = rig.press(|x, y| if x.abs().max(y.abs()) < 2.0 { object(x, y) } else { NOTHING });
             let highest = pressure.iter().fold(0.0_f64, |max, p| max.max(*p));
             let found = contact.pressure.as_ref().expect("pressures");
@@ -81,7 +81,7 @@ fn solved_on(rig: &Rig, depth: &Depth) -> [Vec<usize>; 2] {
         Resolution::Half => 2,
         Resolution::Quarter => 4,
     };
-    [depth.overlap.width, depth.overlap.height].map(|size| (factor / 2..size).step_by(factor).collect())
+    [depth.penetration.width, depth.penetration.height].map(|size| (factor / 2..size).step_by(factor).collect())
 }
 
 /// Largest penetration outside and distance inside the contact, mm, of the pressures in view, summed up in f64.
@@ -108,7 +108,7 @@ fn residual(rig: &Rig, depth: &Depth, contact: &Contact) -> f64 {
                 let known = lag_x < kernel.width && lag_y < kernel.height;
                 if known { p * f64::from(kernel.at(lag_x, lag_y)) } else { 0.0 }
             };
-            let gap = pressed.iter().map(share).sum::<f64>() - f64::from(depth.overlap.at(*x, *y));
+            let gap = pressed.iter().map(share).sum::<f64>() - f64::from(depth.penetration.at(*x, *y));
             let touches = pressed.iter().any(|(i, j, _)| (*i, *j) == (u, v));
             // Outside the view only the object that the view was made for is known.
             worst = worst.max(if touches { gap.abs() } else { -gap });
@@ -164,7 +164,7 @@ fn contact_is_complementary_at_every_pixel_of_every_object() {
                 for x in 0..160 {
                     let p = pressure.at(x, y);
                     let w = contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
-                    let g = depth.overlap.at(x + depth.margin_px, y + depth.margin_px);
+                    let g = depth.penetration.at(x + depth.margin_px, y + depth.margin_px);
                     assert!(p >= 0.0, "{name}, {resolution:?}: pressure {p} at {x}, {y}");
                     assert!(w >= g, "{name}, {resolution:?}: {w} under {g} at {x}, {y}");
                     let touches = contact.mask.at(x, y) == 255;

@@ -129,7 +129,7 @@ fn normals_are_rays(shape: GelShape, lowest: DVec3, least_met: u32) {
                 let on_gel = rest.normal.z >= 0.0 && rest.below_mm <= shape.wall_mm().unwrap_or(0.0);
                 let ray = first_met(&object, &pose, from, rest.normal).filter(|_| on_gel);
                 let expected = ray.map_or(-0.5, |t| (RADIUS_MM - t).max(-0.5));
-                let found = f64::from(depth.overlap.at(x, y));
+                let found = f64::from(depth.penetration.at(x, y));
                 assert!((found - expected).abs() < 2e-4, "{path:?} {x} {y}: {found} {expected}");
                 met += u32::from(expected > 0.0);
                 compared += 1;

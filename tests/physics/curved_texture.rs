@@ -22,8 +22,9 @@ use crate::plan::plan;
 /// What a texture cuts off in a place of a flat pad, over an object's origin.
 fn cut_mm(texture: &Texture, at: [f64; 2], yaw_deg: f64, pitch_mm: f64) -> f32 {
     let view = View { resolution_px: [1, 1], mm_per_px: [pitch_mm; 2] };
-    let overlap = Grid { width: 1, height: 1, data: vec![1.0] };
-    let mut depth = Depth { overlap, margin_px: 0, touching: Rect::whole(1, 1), deepest_mm: 1.0, over_thickness_px: 0 };
+    let penetration = Grid { width: 1, height: 1, data: vec![1.0] };
+    let mut depth =
+        Depth { penetration, margin_px: 0, touching: Rect::whole(1, 1), deepest_mm: 1.0, over_thickness_px: 0 };
     texture.relief.cut(&texture.sample, at.map(|mm| -mm), yaw_deg, &view, 0.5, &mut depth);
     1.0 - depth.deepest_mm
 }
@@ -59,7 +60,7 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
         let (mut compared, mut most) = (0, 0.0_f32);
         for y in 0..46 {
             for x in 0..56 {
-                let (before, after) = (plain.overlap.at(x, y), cut.overlap.at(x, y));
+                let (before, after) = (plain.penetration.at(x, y), cut.penetration.at(x, y));
                 if before <= -0.5 {
                     assert_eq!(before, after, "where there is no object nothing changes");
                     continue;
@@ -76,7 +77,7 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
             }
         }
         assert!(compared > 300 && most > 0.15, "{compared} {most}");
-        assert_eq!(cut.deepest_mm, cut.overlap.inner(3).data.iter().fold(0.0, |most: f32, mm| most.max(*mm)));
+        assert_eq!(cut.deepest_mm, cut.penetration.inner(3).data.iter().fold(0.0, |most: f32, mm| most.max(*mm)));
     }
 }
 
@@ -97,9 +98,9 @@ fn what_no_relief_cuts_stays_as_it_is() {
             let texture = Texture { relief: Arc::new(Relief::procedural(Procedural::Noise)), sample, laid: None };
             let mut depth = plain.clone();
             texture.cut_along_normals(&Posed { pose: &pose, plane: &plane }, &places, 0.5, &mut depth);
-            assert!(depth.overlap.data.iter().all(|mm| (-0.5..=1.0).contains(mm)), "{value} {other}");
+            assert!(depth.penetration.data.iter().all(|mm| (-0.5..=1.0).contains(mm)), "{value} {other}");
             if value.is_nan() || value <= 0.0 {
-                assert_eq!(depth.overlap.data, plain.overlap.data);
+                assert_eq!(depth.penetration.data, plain.penetration.data);
             }
         }
     }

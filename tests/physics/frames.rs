@@ -27,7 +27,7 @@ fn frame(plan: &Plan) -> Frame {
     let Pressed::Object(number) = scene.pressed else { panic!("drawn from meshes") };
     let window = Window { margin_px: 0, above_mm: 50.0 };
     let object = &plan.sampling.objects[number].clusters;
-    let mut above_mm = depth::capture(object, &scene.pose.placement(), plan.simulator.view(), window, 50.0).overlap;
+    let mut above_mm = depth::capture(object, &scene.pose.placement(), plan.simulator.view(), window, 50.0).penetration;
     for mm in &mut above_mm.data {
         *mm = if *mm == -50.0 { f32::INFINITY } else { 0.0 - *mm };
     }

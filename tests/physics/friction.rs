@@ -234,14 +234,14 @@ fn pressure_and_tractions_are_those_of_dense_matrices() {
         let (margin, size) = (depth.margin_px, 16);
         let answers = Answers::new(&rig, size);
         let place = |k: usize| [k % size, k / size];
-        let overlap = |k: usize| f64::from(depth.overlap.at(margin + k % size, margin + k / size));
-        let mut touching: Vec<usize> = (0..size * size).filter(|k| overlap(*k) > 0.0).collect();
+        let penetration = |k: usize| f64::from(depth.penetration.at(margin + k % size, margin + k / size));
+        let mut touching: Vec<usize> = (0..size * size).filter(|k| penetration(*k) > 0.0).collect();
         let (w, force) = loop {
             let forces: Vec<(usize, usize)> = (0..3).flat_map(|by| touching.iter().map(move |k| (by, *k))).collect();
             let row = |(part, at): &(usize, usize)| {
                 forces.iter().map(|(by, from)| answers.of(*part, place(*at), *by, place(*from))).collect()
             };
-            let wanted = forces.iter().map(|(part, at)| if *part == 0 { overlap(*at) } else { 0.0 }).collect();
+            let wanted = forces.iter().map(|(part, at)| if *part == 0 { penetration(*at) } else { 0.0 }).collect();
             let found = solved(forces.iter().map(row).collect(), wanted);
             let pulling: Vec<usize> = touching.iter().zip(&found).filter(|(_, p)| **p < 0.0).map(|(k, _)| *k).collect();
             let w: Vec<f64> = (0..size * size)
@@ -250,7 +250,7 @@ fn pressure_and_tractions_are_those_of_dense_matrices() {
                     all.map(|((by, from), f)| f * answers.of(0, place(at), *by, place(*from))).sum()
                 })
                 .collect();
-            let missed: Vec<usize> = (0..size * size).filter(|k| w[*k] < overlap(*k) - 1e-9).collect();
+            let missed: Vec<usize> = (0..size * size).filter(|k| w[*k] < penetration(*k) - 1e-9).collect();
             if pulling.is_empty() && missed.iter().all(|k| touching.contains(k)) {
                 break (w, found[..touching.len()].iter().sum::<f64>());
             }

@@ -267,7 +267,7 @@ fn capture_on_a_mesh_is_what_rays_meet() {
                 let from = rest.point_mm - 2.0 * rest.normal;
                 let ray = first_met(&object, &pose, from, rest.normal).map_or(0.4, |t| (t - 2.0).min(0.4));
                 let expected = if geodesics.is_on_gel(at, 0.0) { ray.max(-1.0) } else { 0.4 };
-                let found = f64::from(-depth.overlap.at(x, y));
+                let found = f64::from(-depth.penetration.at(x, y));
                 worst_um = worst_um.max(1e3 * (found - expected).abs());
                 compared += 1;
                 met += usize::from(expected < 0.4);

@@ -17,7 +17,7 @@ fn plan(object: &str, more: &str) -> Plan {
 }
 
 fn forces(grip: &Grip) -> [f64; 2] {
-    grip.fingers.each_ref().map(|finger| finger.impression.contact.whole.total_force_n.expect("an elastic pad"))
+    grip.fingers.each_ref().map(|finger| finger.impression.contact.total.total_force_n.expect("an elastic pad"))
 }
 
 #[test]
@@ -69,9 +69,9 @@ fn the_force_that_a_search_presses_with_is_the_presss_to_the_bit() {
             let simulator = scene.simulator(&plan);
             let press = scene.press(&plan);
             let contact = simulator.press_with(&press).contact;
-            assert_eq!(simulator.total_force_n(&press), contact.whole.total_force_n, "{object} {index}");
-            assert!(contact.whole.total_force_n.is_some());
-            beyond += u32::from(contact.whole.cut_by_view);
+            assert_eq!(simulator.total_force_n(&press), contact.total.total_force_n, "{object} {index}");
+            assert!(contact.total.total_force_n.is_some());
+            beyond += u32::from(contact.total.cut_by_view);
         }
     }
     assert!(beyond > 0, "some go on beyond the view");
@@ -96,7 +96,7 @@ fn grips_of_all_kinds_are_in_balance_and_say_the_torque_that_their_pressures_hav
             for ((finger, [along_x, along_z]), total) in
                 grip.fingers.iter().zip([[1.0, 1.0], [-1.0, -1.0]]).zip([left, right])
             {
-                seen &= !finger.impression.contact.whole.cut_by_view;
+                seen &= !finger.impression.contact.total.cut_by_view;
                 let pressure = finger.impression.contact.pressure.as_ref().expect("contact");
                 // The pressure in the image is that of the solver's grid, sampled: where it acts, but not quite how much it is.
                 let sum: f64 = pressure.data.iter().map(|kpa| f64::from(*kpa)).sum();

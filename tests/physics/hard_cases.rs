@@ -37,7 +37,7 @@ const KINDS: [Kind; 10] = [
     Kind::Graze,
 ];
 
-fn overlap(kind: Kind, size: [usize; 2], margin: usize, seed: u64) -> Vec<f64> {
+fn penetration(kind: Kind, size: [usize; 2], margin: usize, seed: u64) -> Vec<f64> {
     let mut random = Random::new(seed);
     let (width, height) = (size[0] + 2 * margin, size[1] + 2 * margin);
     let bumps: Vec<[f64; 4]> = (0..5)
@@ -128,7 +128,7 @@ fn check(setup: Setup, kind: Kind, deep: f64, seed: u64) -> Result<u32, String> 
     let rig = setup.rig();
     let margin = rig.margin_px();
     let width = setup.resolution_px[0] + 2 * margin;
-    let values = overlap(kind, setup.resolution_px, margin, seed);
+    let values = penetration(kind, setup.resolution_px, margin, seed);
     let depth = rig.depth_at(|x, y| deep * values[y * width + x]);
     let contact = rig.pad.press(&depth);
     let what = || format!("{setup:?}, {kind:?}, deep {deep}, seed {seed}: {:?}", contact.numerics);
@@ -151,7 +151,7 @@ fn check(setup: Setup, kind: Kind, deep: f64, seed: u64) -> Result<u32, String> 
     }
     for (y, row) in contact.surface.data.chunks_exact(contact.surface.width).enumerate() {
         for (x, w) in row.iter().enumerate() {
-            if *w < depth.overlap.at(x + margin - 1, y + margin - 1) {
+            if *w < depth.penetration.at(x + margin - 1, y + margin - 1) {
                 return fails("the object goes through the surface");
             }
         }

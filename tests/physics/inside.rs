@@ -78,7 +78,7 @@ fn pressed(simulator: &Simulator, seen: SeenFrame<'_>, pose: Pose) -> (Impressio
     let depth_mm = seen.depth_mm();
     let shape = seen.pressed(&pose);
     let unseen_px = shape.unseen_px();
-    (simulator.press(&Indenter { shape, pose, depth_mm }), unseen_px)
+    (simulator.press(&Indenter::with_depth_mm(shape, pose, depth_mm)), unseen_px)
 }
 
 /// Levels by which two pictures differ: how many values by more than two, and the most.
@@ -189,12 +189,12 @@ fn what_the_object_hides_is_counted_and_what_the_frame_cuts_takes_the_force_away
         let share = force_n(&found) / force_n(&whole);
         println!("{from_tip_mm} mm from the tip: {unseen_px} px hidden, force {share:.3}");
         assert!(unseen_px > before.0 && share < before.1, "{from_tip_mm}: {unseen_px} px, {share}");
-        assert!(!found.contact.whole.cut_by_view && found.contact.whole.total_force_n.is_none());
+        assert!(!found.contact.total.cut_by_view && found.contact.total.total_force_n.is_none());
         before = (unseen_px, share);
     }
     // The image's lower edge shows the wall here, 36.9 degrees from the axis.
     let (cut, _, _) = look([36.7, 90.0]);
-    assert!(cut.contact.whole.cut_by_view && cut.contact.force_n.is_none() && cut.wrench.is_none());
+    assert!(cut.contact.total.cut_by_view && cut.contact.force_n.is_none() && cut.wrench.is_none());
 }
 
 /// Any values in any frame: a refusal in words, or something finite.

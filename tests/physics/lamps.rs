@@ -6,6 +6,7 @@ use gelsim_core::base::simd::scalar_only;
 use gelsim_core::base::view::View;
 use gelsim_core::effects::{Effect, EffectLog, EffectPolicy};
 use gelsim_core::optics::lamps::{COUNT, Lamp, Shader};
+use gelsim_core::simulator::Stages;
 use gelsim_dataset::content::{Content, content};
 use gelsim_files::sensor::{PRESETS, Sensor};
 use gelsim_job::layers::OutputLayer;

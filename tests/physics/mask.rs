@@ -112,7 +112,7 @@ fn a_scene_in_a_mirror_is_the_mirrored_scene() {
             for (pad, worst) in presses.pads.iter().zip(&mut worst) {
                 let depth = presses.depth(pad);
                 let mut other = depth.clone();
-                other.overlap = mirrored(&depth.overlap);
+                other.penetration = mirrored(&depth.penetration);
                 other.measure();
                 let (own, other) = (pad.press(&depth).surface, mirrored(&pad.press(&other).surface));
                 let apart = own.data.iter().zip(&other.data).map(|(a, b)| 1e3 * (a - b).abs()).fold(0.0, f32::max);

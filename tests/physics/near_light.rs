@@ -4,7 +4,7 @@ use gelsim_core::base::grid::Resolution;
 use gelsim_core::base::view::View;
 use gelsim_core::optics::Model;
 use gelsim_core::optics::led::Led;
-use gelsim_core::optics::phong::{Phong, Shadows, Soft};
+use gelsim_core::optics::phong::{Phong, Shadows, SoftShadows};
 
 use super::support::{Random, camera_of, contact_of, grey, led, light_at, light_of, position, sensor};
 use crate::oracle::ray_tracer::{Dent, Lamp, Light, bounced};
@@ -157,7 +157,7 @@ fn shadows_of_near_leds_are_parallel_and_off_by_what_the_page_says() {
     println!(
         "grey levels, mean / largest / largest where no pixel holds the contact's edge: near LED; LED at infinity"
     );
-    let soft = Shadows::Soft(Soft { resolution: Resolution::Full });
+    let soft = Shadows::Soft(SoftShadows { resolution: Resolution::Full });
     let shallow = Dent::Ball { radius: 4.0, deep: 0.4 };
     let block = Dent::Block { half: 2.0, deep: 0.8 };
     for (dent, allowed) in [(BALL, 0.55), (shallow, 0.35), (block, 8.5)] {

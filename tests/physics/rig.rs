@@ -71,32 +71,32 @@ impl Rig {
 
     /// The depth map of an object that is `overlap(x, y)` mm below the undeformed pad; x and y in mm from the view's
     /// middle.
-    pub fn depth(&self, overlap: impl Fn(f64, f64) -> f64) -> Depth {
+    pub fn depth(&self, penetration: impl Fn(f64, f64) -> f64) -> Depth {
         let Setup { resolution_px, mm_per_px, .. } = self.setup;
         let margin = self.margin_px();
         let place =
             |k: usize, at: usize| (at as f64 + 0.5 - margin as f64 - resolution_px[k] as f64 / 2.0) * mm_per_px[k];
-        self.depth_at(|x, y| overlap(place(0, x), place(1, y)))
+        self.depth_at(|x, y| penetration(place(0, x), place(1, y)))
     }
 
     /// The same, by column and row in the captured window.
-    pub fn depth_at(&self, overlap: impl Fn(usize, usize) -> f64) -> Depth {
+    pub fn depth_at(&self, penetration: impl Fn(usize, usize) -> f64) -> Depth {
         let margin = self.margin_px();
         let [width, height] = self.setup.resolution_px.map(|px| px + 2 * margin);
         let (lowest, highest) = (-self.setup.thickness_mm, self.setup.thickness_mm);
         let mut grid = Grid::new(width, height);
         for y in 0..height {
             for x in 0..width {
-                grid.row_mut(y)[x] = overlap(x, y).clamp(lowest, highest) as f32;
+                grid.row_mut(y)[x] = penetration(x, y).clamp(lowest, highest) as f32;
             }
         }
         let touching = bounding_box(&grid, |mm| mm > 0.0);
         let deepest_mm = grid.inner(margin).data.iter().fold(0.0, |deepest, mm| mm.max(deepest));
-        Depth { overlap: grid, margin_px: margin, touching, deepest_mm, over_thickness_px: 0 }
+        Depth { penetration: grid, margin_px: margin, touching, deepest_mm, over_thickness_px: 0 }
     }
 
-    pub fn press(&self, overlap: impl Fn(f64, f64) -> f64) -> Contact {
-        self.pad.press(&self.depth(overlap))
+    pub fn press(&self, penetration: impl Fn(f64, f64) -> f64) -> Contact {
+        self.pad.press(&self.depth(penetration))
     }
 }
 

@@ -62,7 +62,7 @@ fn the_labels_pose_puts_the_mesh_where_the_depth_map_shows_it() {
 
             // Every pixel of the depth map, from the label and the mesh alone.
             let truth = Scenery::new(&shape, &placement, plan.simulator.view(), sample.impression.depth.margin_px);
-            let depth = &sample.impression.depth.overlap;
+            let depth = &sample.impression.depth.penetration;
             let mut touching = 0;
             for y in (0..depth.height).step_by(3) {
                 for x in (0..depth.width).step_by(2) {
@@ -91,7 +91,7 @@ fn a_known_corner_is_seen_where_the_label_puts_it() {
         let (mut deepest, mut seen) = (0.0, [0.0; 2]);
         for row in 0..72 {
             for column in 0..96 {
-                let mm = sample.impression.depth.overlap.at(column + margin, row + margin);
+                let mm = sample.impression.depth.penetration.at(column + margin, row + margin);
                 if mm > deepest {
                     (deepest, seen) = (mm, position(plan.simulator.view(), column as f64, row as f64));
                 }
@@ -212,7 +212,7 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
             // The pad touches the object only where the object is below the undeformed pad, or as high as it bulges.
             let margin = sample.impression.depth.margin_px;
             let depth =
-                |(column, row)| sample.impression.depth.overlap.at(column as usize + margin, row as usize + margin);
+                |(column, row)| sample.impression.depth.penetration.at(column as usize + margin, row as usize + margin);
             assert!(
                 touching.iter().all(|at| depth(*at) > 0.0 || -depth(*at) <= sample.impression.contact.bulge_mm + 1e-3)
             );

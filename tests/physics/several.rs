@@ -168,7 +168,7 @@ fn lowest_of(scene: &Scene, plan: &Plan, sample: &Sample) -> Vec<u8> {
     let others = scene.others.iter().map(|other| (Arc::clone(&other.clusters), other.pose));
     let alone: Vec<Grid<f32>> = std::iter::once(first)
         .chain(others)
-        .map(|(object, pose)| depth::capture(&object, &pose.placement(), view, window, plan.thickness_mm()).overlap)
+        .map(|(object, pose)| depth::capture(&object, &pose.placement(), view, window, plan.thickness_mm()).penetration)
         .collect();
     let together = sample.impression.depth.below_pad();
     let off = |at: usize| (together.data[at] - alone.iter().map(|alone| alone.data[at]).fold(0.0, f32::max)).abs();

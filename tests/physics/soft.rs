@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use gelsim::{
-    Effect, EffectPolicy, Fidelity, Friction, Indenter, ObjectMaterial, Pose, Press, Sensor, Simulator, Soft,
+    Effect, EffectPolicy, ElasticObject, Fidelity, Friction, Indenter, ObjectMaterial, Pose, Press, Sensor, Simulator,
 };
 use gelsim_core::base::grid::{Grid, Rect, Resolution};
 use gelsim_core::base::view::SURFACE_BORDER;
@@ -37,7 +37,7 @@ fn thick(resolution: Resolution) -> Rig {
 }
 
 fn made_of(youngs_modulus_kpa: f64, poisson_ratio: f64) -> ObjectMaterial {
-    ObjectMaterial { soft: Some(Soft { youngs_modulus_kpa, poisson_ratio }), ..ObjectMaterial::default() }
+    ObjectMaterial { soft: Some(ElasticObject { youngs_modulus_kpa, poisson_ratio }), ..ObjectMaterial::default() }
 }
 
 /// The press of an object that is not rigid, and the shape that it takes.
@@ -174,13 +174,13 @@ fn an_object_gives_way_under_what_presses_beyond_the_view_too() {
         simulator.press_with(&press)
     };
     let (narrow, wide) = (press(40), press(240));
-    assert!(narrow.contact.whole.cut_by_view && !wide.contact.whole.cut_by_view);
+    assert!(narrow.contact.total.cut_by_view && !wide.contact.total.cut_by_view);
     let part = Rect { x0: 100, y0: 100, x1: 140, y1: 140 };
     let surfaces =
         [narrow.contact.surface.inner(SURFACE_BORDER), wide.contact.surface.inner(SURFACE_BORDER).crop(part)];
     let [narrow_mm, wide_mm] = surfaces.each_ref().map(|surface: &Grid<f32>| &surface.data);
     let worst_um = narrow_mm.iter().zip(wide_mm).map(|(a, b)| 1e3 * (a - b).abs()).fold(0.0, f32::max);
-    let total = |impression: &gelsim::Impression| impression.contact.whole.total_force_n.expect("a solved contact");
+    let total = |impression: &gelsim::Impression| impression.contact.total.total_force_n.expect("a solved contact");
     let force = total(&narrow) / total(&wide) - 1.0;
     println!("beyond the view: {worst_um:.1} um, force {force:.1e}");
     assert!(worst_um < 5.0 && force.abs() < 0.01, "{worst_um} um, force {force}");

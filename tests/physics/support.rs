@@ -185,9 +185,9 @@ pub fn in_view(depth: &Depth) -> Grid<f32> {
 }
 
 /// A depth map made by hand.
-pub fn depth_of(overlap: Grid<f32>, margin_px: usize) -> Depth {
-    let touching = bounding_box(&overlap, |mm| mm > 0.0);
-    let mut depth = Depth { overlap, margin_px, touching, deepest_mm: 0.0, over_thickness_px: 0 };
+pub fn depth_of(penetration: Grid<f32>, margin_px: usize) -> Depth {
+    let touching = bounding_box(&penetration, |mm| mm > 0.0);
+    let mut depth = Depth { penetration, margin_px, touching, deepest_mm: 0.0, over_thickness_px: 0 };
     depth.deepest_mm = deepest_in_view(&depth);
     depth
 }

@@ -68,7 +68,7 @@ fn sound(found: &Impression, thickness_mm: f64, at: &str) {
         let length = normal.iter().map(|value| value * value).sum::<f32>();
         assert!((length - 1.0).abs() < 1e-4, "{at}: {normal:?}");
     }
-    let whole = &found.contact.whole;
+    let whole = &found.contact.total;
     let explained = whole.total_force_n.is_some() == whole.force_unknown.is_empty();
     assert!(explained, "{at}: {whole:?}");
     assert!((0.0..=1.0).contains(&whole.in_view_fraction.expect("known")), "{at}");
@@ -170,7 +170,7 @@ fn what_wraps_a_finger_beyond_its_chart_says_that_its_force_is_not_known() {
     let around_ball = press_at(&simulator, 4.0, 0.8, [30.0, 0.0]);
     for (name, found, wraps) in [("ring", &ring, true), ("gutter", &gutter, false), ("ball", &around_ball, false)] {
         sound(found, 2.5, name);
-        let whole = &found.contact.whole;
+        let whole = &found.contact.total;
         println!(
             "{name}: {:.3} N on the chart, total {:?}, {}",
             force_n(found),

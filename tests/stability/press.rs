@@ -4,6 +4,7 @@ use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::light::Light;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::fidelity::Fidelity;
+use gelsim_core::simulator::Stages;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;

@@ -5,6 +5,7 @@ use gelsim_core::depth::rest;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::optics::Model;
 use gelsim_core::optics::led::Led;
+use gelsim_core::simulator::Stages;
 use gelsim_dataset::encode::members;
 use gelsim_job::label::Label;
 use gelsim_job::plan::Plan;

@@ -7,6 +7,7 @@
 //! raised by more than sum p times the most that a pixel's pressure raises another.
 
 use gelsim_core::impression::Impression;
+use gelsim_core::simulator::Stages;
 use std::fmt;
 use std::io::Cursor;
 use std::time::Duration;
@@ -127,7 +128,7 @@ fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String
     let Impression { depth, contact, .. } = &sample.impression;
     let [width, height] = plan.simulator.view().resolution_px;
     let thickness = plan.thickness_mm() as f32;
-    finite("the overlap", &depth.overlap.data)?;
+    finite("the penetration", &depth.penetration.data)?;
     finite("the surface", &contact.surface.data)?;
     ensure!(contact.finite, "the pad says that it is not finite");
     let below = depth.below_pad();
@@ -169,7 +170,7 @@ fn heights(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), St
     figures.highest = f64::from(highest / thickness);
     ensure!(highest <= thickness * (1.0 + 1e-6), "the surface is at {highest} in a pad of {thickness} mm");
 
-    let deepest = depth.overlap.data.iter().fold(0.0_f32, |most, g| most.max(*g));
+    let deepest = depth.penetration.data.iter().fold(0.0_f32, |most, g| most.max(*g));
     let bulge = contact.bulge_mm;
     ensure!(bulge >= 0.0 && bulge.is_finite(), "a bulge of {bulge} mm");
     if deepest > 0.0 {
@@ -191,7 +192,7 @@ fn heights(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), St
     let off = 1e-3 * contact.numerics.residual_um.unwrap_or(0.0);
     let bound = (own * force * (f64::from(deepest) + off)).sqrt().min(f64::from(raised) * force);
     // Sums of 32-bit numbers are off by a little.
-    let bound = 1.001 * (bound + contact.whole.raised_mm) + 1e-5 * f64::from(deepest);
+    let bound = 1.001 * (bound + contact.total.raised_mm) + 1e-5 * f64::from(deepest);
     ensure!(f64::from(bulge) <= bound, "the pad bulges by {bulge} mm, over its bound of {bound} mm");
     if bound > 0.0 {
         figures.bulge_of_bound = f64::from(bulge) / bound;

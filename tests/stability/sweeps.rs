@@ -8,6 +8,7 @@ use gelsim_core::depth;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad;
+use gelsim_core::simulator::Stages;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
 use gelsim_job::scene::Scene;
@@ -138,7 +139,7 @@ fn looks_higher(plan: &Plan) -> bool {
     let mut effects = EffectLog::new(EffectPolicy::WhereNeeded);
     let press = scene.press(plan);
     let (view, drop_mm) = (plan.simulator.view(), plan.simulator.drop_mm());
-    let depth = depth::overlap(
+    let depth = depth::penetration(
         &press.indenter,
         press.texture.as_ref(),
         drop_mm,

@@ -3,6 +3,7 @@
 //! The surface of the elastic pad is solved densely, with the layer's response integrated another way. A rung that
 //! solves on squares of two or four pixels has a twin that does so too, whose pressure is compared; its surface is interpolated.
 
+use gelsim_core::simulator::Stages;
 use std::f64::consts::TAU;
 use std::path::Path;
 

@@ -97,7 +97,7 @@ impl Curved {
         }
         let (radius_mm, curvature_per_mm) = pressed.radius_and_curvature();
         // Of many small contacts each is as wide as it is, whatever they are spread over.
-        let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.view.mm_per_px);
+        let edge = ContactEdge::of(&contact.mask, &depth.penetration, depth.margin_px, self.view.mm_per_px);
         let radius_mm = edge.map_or(radius_mm, |edge| radius_mm.min(WIDEST * edge.area_over_perimeter_mm));
         contact.stiffen(force_on_core(radius_mm, curvature_per_mm, material.thickness_mm, material.poisson_ratio));
         if let Some(error_um) = contact.numerics.model_error_um.as_mut() {

@@ -5,7 +5,7 @@ use crate::base::chart::Chart;
 use crate::base::gel::Site;
 use crate::depth::indenter::Indenter;
 use crate::depth::places::Places;
-use crate::depth::texture::{Laid, Posed, Texture};
+use crate::depth::texture::{Posed, Texture, TexturePlacement};
 use crate::depth::{Depth, Window};
 use crate::gelpad::sliding::over_gel::OverGel;
 use crate::gelpad::sliding::{ObjectStep, Sliding};
@@ -84,7 +84,7 @@ impl MovingObject<'_> {
 
     fn carried_texture(&self, sliding: &Sliding) -> Option<Texture> {
         self.texture.map(|texture| {
-            let laid = texture.laid.unwrap_or_else(|| Laid::over(&self.indenter.pose, self.plane));
+            let laid = texture.laid.unwrap_or_else(|| TexturePlacement::over(&self.indenter.pose, self.plane));
             texture.laid_out(sliding.carried(laid))
         })
     }

@@ -2,7 +2,7 @@
 //! grid of square cells.
 
 use super::indenter::{Indenter, Shape};
-use super::texture::{Laid, Texture};
+use super::texture::{Texture, TexturePlacement};
 use super::{Window, capture};
 use crate::base::grid::Grid;
 use crate::base::view::{SURFACE_BORDER, View};
@@ -151,7 +151,7 @@ impl<'a> Surroundings<'a> {
 
     /// The overlap at the cells' middles, as in the window: with its texture, on a pad that goes on beyond the view as high
     /// as it is at its border. The object is known up to a pad's thickness above it.
-    pub fn overlap(&self, cells: &Cells) -> Grid<f32> {
+    pub fn penetration(&self, cells: &Cells) -> Grid<f32> {
         self.captured(cells, self.thickness_mm)
     }
 
@@ -171,17 +171,18 @@ impl<'a> Surroundings<'a> {
         let view = View { resolution_px: cells.count, mm_per_px: [cells.pitch_mm; 2] };
         let mut depth = capture(self.object, &placement, &view, Window { margin_px: 0, above_mm }, self.thickness_mm);
         if let Some(Texture { relief, sample, laid }) = self.texture {
-            let Laid { origin_mm: [x, y], yaw_deg } = laid.unwrap_or_else(|| Laid::with(self.pose));
+            let TexturePlacement { origin_mm: [x, y], yaw_deg } =
+                laid.unwrap_or_else(|| TexturePlacement::with(self.pose));
             relief.cut(sample, [x - middle[0], y - middle[1]], yaw_deg, &view, above_mm, &mut depth);
         }
         if let Some(drop) = self.drop_mm {
-            self.lower(drop, cells, &mut depth.overlap);
+            self.lower(drop, cells, &mut depth.penetration);
         }
-        depth.overlap
+        depth.penetration
     }
 
     /// Takes the overlap against a curved pad.
-    fn lower(&self, drop: &Grid<f32>, cells: &Cells, overlap: &mut Grid<f32>) {
+    fn lower(&self, drop: &Grid<f32>, cells: &Cells, penetration: &mut Grid<f32>) {
         let floor = 0.0 - self.thickness_mm as f32;
         let nearest = |k: usize, at: usize| {
             let mm = cells.corner_mm[k] + (at as f64 + 0.5) * cells.pitch_mm;
@@ -191,8 +192,8 @@ impl<'a> Surroundings<'a> {
         let columns: Vec<usize> = (0..cells.count[0]).map(|x| nearest(0, x)).collect();
         for y in 0..cells.count[1] {
             let below = drop.row(nearest(1, y));
-            for (overlap, column) in overlap.row_mut(y).iter_mut().zip(&columns) {
-                *overlap = (*overlap - below[*column]).max(floor);
+            for (penetration, column) in penetration.row_mut(y).iter_mut().zip(&columns) {
+                *penetration = (*penetration - below[*column]).max(floor);
             }
         }
     }

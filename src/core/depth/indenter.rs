@@ -11,15 +11,13 @@ use crate::pose::Pose;
 
 /// What is pressed into the pad, and where it is.
 ///
-/// A clone shares the geometry.
+/// Its depth follows from its geometry and its pose, so the three change together: [`Indenter::moved_to`],
+/// [`Indenter::at_depth_mm`]. A clone shares the geometry.
 #[derive(Clone, Debug)]
 pub struct Indenter {
-    /// Its geometry.
-    pub shape: Shape,
-    /// Where a mesh is; of a height map, from where texture is laid out and what motion in the pad's plane turns about.
-    pub pose: Pose,
-    /// How deep its lowest point reaches below the undeformed pad, mm; 0 or less without contact.
-    pub depth_mm: f64,
+    pub(crate) shape: Shape,
+    pub(crate) pose: Pose,
+    pub(crate) depth_mm: f64,
 }
 
 /// The geometry of an indenter.
@@ -77,6 +75,22 @@ pub enum HeightMapError {
 }
 
 impl Indenter {
+    /// Its geometry.
+    pub fn shape(&self) -> &Shape {
+        &self.shape
+    }
+
+    /// Where a mesh is, in the sensor's frame; of a height map, from where texture is laid out and what motion in the pad's
+    /// plane turns about.
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// How deep its lowest point reaches below the undeformed pad, mm; 0 or less without contact.
+    pub fn depth_mm(&self) -> f64 {
+        self.depth_mm
+    }
+
     /// A mesh at a pose. To press it elsewhere, see [`Indenter::moved_to`].
     pub fn mesh(mesh: &Mesh, pose: Pose) -> Self {
         Self::clusters(Arc::new(Clusters::new(mesh)), pose)
@@ -86,6 +100,27 @@ impl Indenter {
     pub fn clusters(clusters: Arc<Clusters>, pose: Pose) -> Self {
         let depth_mm = 0.0 - pose.lowest_mm(&clusters);
         Self { shape: Shape::Mesh(clusters), pose, depth_mm }
+    }
+
+    /// A shape at a pose, of which the depth is known, mm: measured elsewhere than at the lowest point, or by who saw it.
+    pub fn with_depth_mm(shape: Shape, pose: Pose, depth_mm: f64) -> Self {
+        Self { shape, pose, depth_mm }
+    }
+
+    /// The same, raised or lowered until its lowest point is `depth_mm` below the undeformed pad. A height map is raised or
+    /// lowered as a whole.
+    pub fn at_depth_mm(&self, depth_mm: f64) -> Self {
+        match &self.shape {
+            Shape::Mesh(clusters) => self.moved_to(self.pose.lowered(-depth_mm, clusters)),
+            Shape::HeightMap(map) => {
+                let by = (self.depth_mm - depth_mm) as f32;
+                let above_mm = map.above_mm.data.iter().map(|above| above + by).collect();
+                let above_mm = Grid { data: above_mm, ..map.above_mm.clone() };
+                let map = HeightMap { above_mm, unseen_px: map.unseen_px };
+                Self { pose: self.pose, ..Self::heights(map) }
+            }
+            Shape::Seen(_) => Self { depth_mm, ..self.clone() },
+        }
     }
 
     /// Several meshes that are pressed in together, as one rigid body whose pose is the first one's: motion, and how texture is

@@ -30,17 +30,17 @@ pub mod touch;
 use height_map::HeightMap;
 use indenter::{Indenter, Shape};
 use raster::{Canvas, Projection, SAMPLES, Sampled};
-use texture::{Laid, Texture};
+use texture::{Texture, TexturePlacement};
 
 /// The depth map of a press.
 #[derive(Clone, Debug)]
 pub struct Depth {
     /// mm below the undeformed pad surface, in the view and a margin around it. Where the object stays above, minus its
     /// height over the pad, but no less than minus [`Window::above_mm`]; that also where there is no object.
-    pub overlap: Grid<f32>,
+    pub penetration: Grid<f32>,
     /// Pixels around the view on every side.
     pub margin_px: usize,
-    /// The smallest rectangle around all overlap, in `overlap`; empty if the object does not reach the pad.
+    /// The smallest rectangle around all overlap, in `penetration`; empty if the object does not reach the pad.
     pub touching: Rect,
     /// The largest overlap in view, mm.
     pub deepest_mm: f32,
@@ -61,18 +61,19 @@ impl Depth {
     /// That of an object which stays above the pad.
     pub fn clear(view: &View) -> Self {
         let [width, height] = view.resolution_px;
-        let overlap = Grid::new(width, height);
-        Self { overlap, margin_px: 0, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 }
+        let penetration = Grid::new(width, height);
+        Self { penetration, margin_px: 0, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 }
     }
 
     /// Finds the touching rectangle and the largest overlap anew, after the overlap was changed.
     pub fn measure(&mut self) {
-        self.touching = bounding_box(&self.overlap, |mm| mm > 0.0);
-        let view = Rect::whole(self.overlap.width - 2 * self.margin_px, self.overlap.height - 2 * self.margin_px);
+        self.touching = bounding_box(&self.penetration, |mm| mm > 0.0);
+        let view =
+            Rect::whole(self.penetration.width - 2 * self.margin_px, self.penetration.height - 2 * self.margin_px);
         self.deepest_mm = simd_dispatch(
             #[inline(always)]
             || {
-                let row = |y| &self.overlap.row(y + self.margin_px)[self.margin_px..][..view.width()];
+                let row = |y| &self.penetration.row(y + self.margin_px)[self.margin_px..][..view.width()];
                 (0..view.height()).fold(0.0, |deepest: f32, y| deepest.max(largest(row(y).iter().copied())))
             },
         );
@@ -80,10 +81,10 @@ impl Depth {
 
     /// How far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
     pub fn below_pad(&self) -> Grid<f32> {
-        let [width, height] = [self.overlap.width, self.overlap.height].map(|px| px - 2 * self.margin_px);
+        let [width, height] = [self.penetration.width, self.penetration.height].map(|px| px - 2 * self.margin_px);
         let mut data = Vec::with_capacity(width * height);
         for y in 0..height {
-            let row = &self.overlap.row(y + self.margin_px)[self.margin_px..][..width];
+            let row = &self.penetration.row(y + self.margin_px)[self.margin_px..][..width];
             data.extend(row.iter().map(|mm| mm.max(0.0)));
         }
         Grid { width, height, data }
@@ -92,7 +93,7 @@ impl Depth {
 
 /// The overlap of what is pressed with the undeformed pad: captured or given, its texture cut in, the pad's curvature
 /// taken off. `drop_mm` is how far a curved pad lies below its highest point ([`rest::drop_mm`]).
-pub fn overlap(
+pub fn penetration(
     indenter: &Indenter,
     texture: Option<&Texture>,
     drop_mm: Option<&Grid<f32>>,
@@ -109,7 +110,8 @@ pub fn overlap(
 
     effects.run(Effect::Texture, texture_required(texture, &depth), || {
         if let Some(Texture { relief, sample, laid }) = texture {
-            let Laid { origin_mm, yaw_deg } = laid.unwrap_or_else(|| Laid::with(&indenter.pose));
+            let TexturePlacement { origin_mm, yaw_deg } =
+                laid.unwrap_or_else(|| TexturePlacement::with(&indenter.pose));
             relief.cut(sample, origin_mm, yaw_deg, view, window.above_mm, &mut depth);
         }
     });
@@ -162,10 +164,10 @@ pub fn capture(object: &Clusters, placement: &Placement, view: &View, window: Wi
         ceiling: window.above_mm as f32,
     };
     let projection = Projection::new(placement, view, object.centre_mm());
-    let mut overlap = Grid { width: canvas.width, height: canvas.height, data: Vec::new() };
-    overlap.data.resize(canvas.width * canvas.height, canvas.ceiling);
-    raster::raster(object, &projection, canvas, &mut overlap);
-    limited(overlap, margin_px, thickness_mm)
+    let mut penetration = Grid { width: canvas.width, height: canvas.height, data: Vec::new() };
+    penetration.data.resize(canvas.width * canvas.height, canvas.ceiling);
+    raster::raster(object, &projection, canvas, &mut penetration);
+    limited(penetration, margin_px, thickness_mm)
 }
 
 /// Height over the pad, mm, of `object` at samples of pixels in `region` of the view and [`SURFACE_BORDER`] around it; the
@@ -207,10 +209,10 @@ fn framed(map: &HeightMap, window: Window, thickness_mm: f64) -> Depth {
     let Grid { width, height, .. } = map.above_mm;
     let margin_px = window.margin_px;
     let ceiling = window.above_mm as f32;
-    let mut overlap: Grid<f32> = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
-    for y in 0..overlap.height {
+    let mut penetration: Grid<f32> = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
+    for y in 0..penetration.height {
         let from = map.above_mm.row(y.saturating_sub(margin_px).min(height - 1));
-        let row = overlap.row_mut(y);
+        let row = penetration.row_mut(y);
         for (to, above) in row[margin_px..].iter_mut().zip(from) {
             *to = above.min(ceiling);
         }
@@ -218,15 +220,15 @@ fn framed(map: &HeightMap, window: Window, thickness_mm: f64) -> Depth {
         row[..margin_px].fill(first);
         row[margin_px + width..].fill(last);
     }
-    limited(overlap, margin_px, thickness_mm)
+    limited(penetration, margin_px, thickness_mm)
 }
 
 /// A depth map from heights over the pad, limited to a pad of `thickness_mm`.
 fn limited(heights: Grid<f32>, margin_px: usize, thickness_mm: f64) -> Depth {
-    let mut overlap = heights;
-    let (deepest_mm, over_thickness_px) = limit(&mut overlap, margin_px, thickness_mm as f32);
-    let touching = bounding_box(&overlap, |mm| mm > 0.0);
-    Depth { overlap, margin_px, touching, deepest_mm, over_thickness_px }
+    let mut penetration = heights;
+    let (deepest_mm, over_thickness_px) = limit(&mut penetration, margin_px, thickness_mm as f32);
+    let touching = bounding_box(&penetration, |mm| mm > 0.0);
+    Depth { penetration, margin_px, touching, deepest_mm, over_thickness_px }
 }
 
 /// Turns heights over the pad into depths below it, cut at the pad's thickness. The largest depth in view, and how many

@@ -72,22 +72,22 @@ pub fn drop_mm(shape: &RestSurface, view: &View) -> Grid<f32> {
 /// Takes an overlap against a curved pad. Beyond the view the pad goes on as high as it is at the border. Of an object
 /// captured no higher than `above_mm` over the pad nothing falls below minus that: as elsewhere, it stands for no object.
 pub fn lower(depth: &mut Depth, drop: &Grid<f32>, above_mm: f64) {
-    let Depth { overlap, margin_px, .. } = depth;
+    let Depth { penetration, margin_px, .. } = depth;
     // The margin of every pad model holds the surface's border.
     let beyond = margin_px.saturating_sub(SURFACE_BORDER);
-    let inside = drop.width.min(overlap.width);
+    let inside = drop.width.min(penetration.width);
     let floor = 0.0 - above_mm as f32;
-    let mut below = vec![0.0; overlap.width];
+    let mut below = vec![0.0; penetration.width];
     simd_dispatch(
         #[inline(always)]
         || {
-            for y in 0..overlap.height {
+            for y in 0..penetration.height {
                 let row = drop.row(y.saturating_sub(beyond).min(drop.height - 1));
                 below[..beyond].fill(row[0]);
                 below[beyond..beyond + inside].copy_from_slice(&row[..inside]);
                 below[beyond + inside..].fill(row[drop.width - 1]);
-                for (overlap, below) in overlap.row_mut(y).iter_mut().zip(&below) {
-                    *overlap = (*overlap - below).max(floor);
+                for (penetration, below) in penetration.row_mut(y).iter_mut().zip(&below) {
+                    *penetration = (*penetration - below).max(floor);
                 }
             }
         },
@@ -123,15 +123,15 @@ mod tests {
 
     #[test]
     fn a_curved_pad_lies_lower_under_the_object_and_no_object_stays_none() {
-        let overlap = Grid { width: 6, height: 5, data: [0.5, 0.5, 0.0, 0.0, -0.2, -0.2].repeat(5) };
+        let penetration = Grid { width: 6, height: 5, data: [0.5, 0.5, 0.0, 0.0, -0.2, -0.2].repeat(5) };
         let drop = Grid { width: 4, height: 3, data: [0.1, 0.2, 0.3, 0.1].repeat(3) };
         let mut depth =
-            Depth { overlap, margin_px: 2, touching: Rect::default(), deepest_mm: 9.0, over_thickness_px: 0 };
+            Depth { penetration, margin_px: 2, touching: Rect::default(), deepest_mm: 9.0, over_thickness_px: 0 };
         lower(&mut depth, &drop, 0.2);
         let expected = [0.4_f32, 0.4, -0.2, -0.2, -0.2, -0.2];
         for row in 0..5 {
-            for (found, expected) in depth.overlap.row(row).iter().zip(expected) {
-                assert!((found - expected).abs() < 1e-6, "{:?}", depth.overlap.row(row));
+            for (found, expected) in depth.penetration.row(row).iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-6, "{:?}", depth.penetration.row(row));
             }
         }
         assert_eq!(depth.touching, Rect { x0: 0, y0: 0, x1: 2, y1: 5 });

@@ -26,19 +26,19 @@ pub struct Texture {
     /// How it lies on the object in this press.
     pub sample: TextureSample,
     /// Where the pattern's origin is; `None`: at the object's, turned with it. The two differ where an object rolls.
-    pub laid: Option<Laid>,
+    pub laid: Option<TexturePlacement>,
 }
 
 /// Where a pattern lies in the pad's plane; on a gel that is not flat, in the plane that the object is posed over.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Laid {
+pub struct TexturePlacement {
     /// Its origin, mm.
     pub origin_mm: [f64; 2],
     /// Its turn, degrees from x towards y.
     pub yaw_deg: f64,
 }
 
-impl Laid {
+impl TexturePlacement {
     /// At an object's own origin.
     pub fn with(pose: &Pose) -> Self {
         Self::over(pose, &PadPlane::default())
@@ -53,7 +53,7 @@ impl Laid {
 
 impl Texture {
     /// The same with its origin elsewhere.
-    pub fn laid_out(&self, laid: Laid) -> Self {
+    pub fn laid_out(&self, laid: TexturePlacement) -> Self {
         Self { laid: Some(laid), ..self.clone() }
     }
 }
@@ -91,7 +91,7 @@ impl Relief {
             let floor = 0.0 - above_mm as f32;
             simd_dispatch(
                 #[inline(always)]
-                || lower(level, &path, amplitude, floor, &mut depth.overlap),
+                || lower(level, &path, amplitude, floor, &mut depth.penetration),
             );
             depth.measure();
         }
@@ -107,14 +107,15 @@ impl Texture {
         if !cuts {
             return;
         }
-        let Laid { origin_mm, yaw_deg } = laid.unwrap_or_else(|| Laid::over(posed.pose, posed.plane));
+        let TexturePlacement { origin_mm, yaw_deg } =
+            laid.unwrap_or_else(|| TexturePlacement::over(posed.pose, posed.plane));
         let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
         let level = relief.level(cut.scale_mm, places.pitch_mm[0].max(places.pitch_mm[1]));
         let tile_mm = relief.tile_mm(cut.scale_mm);
         let (sin, cos) = sin_cos_deg(yaw_deg + cut.angle_deg);
         let floor = 0.0 - above_mm as f32;
-        for y in 0..depth.overlap.height {
-            for (x, value) in depth.overlap.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
+        for y in 0..depth.penetration.height {
+            for (x, value) in depth.penetration.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
                 let rest = places.chart.rest((places.place)([x, y]));
                 let on_object = rest.point_mm - f64::from(*value) * rest.normal;
                 let at = posed.plane.seen_from(on_object);
@@ -174,12 +175,12 @@ impl Path {
 }
 
 #[inline(always)]
-fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, overlap: &mut Grid<f32>) {
+fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, penetration: &mut Grid<f32>) {
     let step = path.per_column.map(repeating);
     let mut valleys = [0.0; BLOCK];
-    for y in 0..overlap.height {
+    for y in 0..penetration.height {
         let start = path.row(y);
-        let row = overlap.row_mut(y);
+        let row = penetration.row_mut(y);
         let Some(first) = row.iter().position(|mm| *mm > floor) else { continue };
         let last = row.iter().rposition(|mm| *mm > floor).unwrap_or(first);
         for (block, part) in row[first..=last].chunks_mut(BLOCK).enumerate() {
@@ -218,14 +219,14 @@ mod tests {
 
     fn plate(view: &View) -> Depth {
         let [width, height] = view.resolution_px;
-        let overlap = Grid { width, height, data: vec![1.0; width * height] };
-        Depth { overlap, margin_px: 0, touching: Rect::whole(width, height), deepest_mm: 1.0, over_thickness_px: 0 }
+        let penetration = Grid { width, height, data: vec![1.0; width * height] };
+        Depth { penetration, margin_px: 0, touching: Rect::whole(width, height), deepest_mm: 1.0, over_thickness_px: 0 }
     }
 
     fn textured(relief: &Relief, cut: &TextureSample, origin_mm: [f64; 2], yaw_deg: f64, view: &View) -> Grid<f32> {
         let mut depth = plate(view);
         relief.cut(cut, origin_mm, yaw_deg, view, 0.1, &mut depth);
-        depth.overlap
+        depth.penetration
     }
 
     /// Standard deviation.
@@ -238,15 +239,15 @@ mod tests {
     /// Heights between -0.1 and 0.5 mm with holes at -0.1 mm, and a margin of two pixels.
     fn rough() -> Depth {
         let mut random = stream(3, "relief", 0);
-        let mut overlap = Grid::new(100, 68);
-        for value in &mut overlap.data {
+        let mut penetration = Grid::new(100, 68);
+        for value in &mut penetration.data {
             *value = (0.6 * random.unit().min(0.8) as f32 + 0.02).min(0.45) - 0.1;
             if random.unit() < 0.3 {
                 *value = -0.1;
             }
         }
-        overlap.row_mut(5).fill(-0.1);
-        Depth { overlap, margin_px: 2, touching: Rect::whole(100, 68), deepest_mm: 0.5, over_thickness_px: 17 }
+        penetration.row_mut(5).fill(-0.1);
+        Depth { penetration, margin_px: 2, touching: Rect::whole(100, 68), deepest_mm: 0.5, over_thickness_px: 17 }
     }
 
     #[test]
@@ -255,7 +256,7 @@ mod tests {
         for amplitude_mm in [0.0, -1.0, f64::NAN] {
             let mut depth = rough();
             relief.cut(&TextureSample { amplitude_mm, ..texture(0.3) }, [0.1, 0.2], 5.0, &CAMERA, 0.1, &mut depth);
-            assert!(depth.overlap == rough().overlap, "{amplitude_mm}");
+            assert!(depth.penetration == rough().penetration, "{amplitude_mm}");
             assert_eq!(depth.deepest_mm, 0.5);
         }
     }
@@ -268,19 +269,19 @@ mod tests {
                 let (before, mut after) = (rough(), rough());
                 let cut = texture(scale_mm);
                 relief.cut(&cut, [0.1, 0.2], 5.0, &CAMERA, 0.1, &mut after);
-                for (old, new) in before.overlap.data.iter().zip(&after.overlap.data) {
+                for (old, new) in before.penetration.data.iter().zip(&after.penetration.data) {
                     let lowest = (old - cut.amplitude_mm as f32).max(-0.1);
                     assert!((lowest..=*old).contains(new), "{new} from {old}, {:?}", pattern);
                 }
-                assert!(before.overlap != after.overlap);
-                let view = after.overlap.inner(2);
+                assert!(before.penetration != after.penetration);
+                let view = after.penetration.inner(2);
                 assert_eq!(after.deepest_mm, view.data.iter().copied().fold(0.0, f32::max));
-                assert_eq!(after.touching, bounding_box(&after.overlap, |mm| mm > 0.0));
+                assert_eq!(after.touching, bounding_box(&after.penetration, |mm| mm > 0.0));
                 assert_eq!(after.over_thickness_px, 17);
 
                 let mut same = rough();
                 scalar_only(|| relief.cut(&cut, [0.1, 0.2], 5.0, &CAMERA, 0.1, &mut same));
-                assert!(same.overlap == after.overlap, "other bits without AVX2");
+                assert!(same.penetration == after.penetration, "other bits without AVX2");
             }
         }
     }
@@ -319,12 +320,12 @@ mod tests {
         let relief = Relief::from_heights(heights);
         let cut = TextureSample { offset: [0.25, 0.0], ..texture(0.7) };
         let (sin, cos) = sin_cos_deg(30.0 + cut.angle_deg);
-        let overlap = textured(&relief, &cut, [0.2, -0.1], 30.0, &CAMERA);
+        let penetration = textured(&relief, &cut, [0.2, -0.1], 30.0, &CAMERA);
         for y in 0..64 {
             for x in 0..96 {
                 let (px, py) = ((x as f64 - 47.5) * 0.03 - 0.2, (y as f64 - 31.5) * 0.04 + 0.1);
                 let expected = 1.0 - cut.amplitude_mm * (1.0 - wave((px * cos + py * sin) / 0.7 + 0.25));
-                let found = f64::from(overlap.at(x, y));
+                let found = f64::from(penetration.at(x, y));
                 assert!((found - expected).abs() < 0.01 * cut.amplitude_mm, "{found} for {expected} at {x}, {y}");
             }
         }
@@ -358,9 +359,9 @@ mod tests {
         for pattern in PATTERNS {
             let regular = matches!(pattern, Procedural::Knurled | Procedural::Woven | Procedural::Dimples);
             let scale_mm = if regular { 0.02 } else { 0.0004 };
-            let overlap = textured(&relief(pattern), &texture(scale_mm), [0.0, 0.0], 0.0, &SQUARE);
-            assert!(spread(&overlap.data) < 0.02 * 0.25, "{:?} {}", pattern, spread(&overlap.data));
-            assert!((0.76..0.99).contains(&overlap.at(0, 0)), "{}", overlap.at(0, 0));
+            let penetration = textured(&relief(pattern), &texture(scale_mm), [0.0, 0.0], 0.0, &SQUARE);
+            assert!(spread(&penetration.data) < 0.02 * 0.25, "{:?} {}", pattern, spread(&penetration.data));
+            assert!((0.76..0.99).contains(&penetration.at(0, 0)), "{}", penetration.at(0, 0));
         }
     }
 
@@ -412,8 +413,8 @@ mod tests {
             for other in values {
                 for view in [&tiny, &CAMERA] {
                     let cut = TextureSample { amplitude_mm: value, scale_mm: other, angle_deg: value, ..texture(1.0) };
-                    let overlap = textured(&relief, &cut, [other, -value], value, view);
-                    assert!(overlap.data.iter().all(|mm| (-0.1..=1.0).contains(mm)), "{value} {other}");
+                    let penetration = textured(&relief, &cut, [other, -value], value, view);
+                    assert!(penetration.data.iter().all(|mm| (-0.1..=1.0).contains(mm)), "{value} {other}");
                 }
             }
         }

@@ -40,20 +40,20 @@ impl Gaussian {
 /// Presses the object into the pad.
 pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
     let margin = depth.margin_px;
-    let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
+    let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
     let mut contact = untouched(width, height, None, Numerics::DIRECT);
-    let area = depth.touching.grown(gaussian.reach_px(), depth.overlap.width, depth.overlap.height);
+    let area = depth.touching.grown(gaussian.reach_px(), depth.penetration.width, depth.penetration.height);
     let corner = margin.saturating_sub(SURFACE_BORDER);
     contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
         return contact;
     }
-    let overlap = depth.overlap.crop(area);
-    let mut surface = overlap.clone();
+    let penetration = depth.penetration.crop(area);
+    let mut surface = penetration.clone();
     let mut spare = Grid::new(surface.width, surface.height);
     for kernel_px in &gaussian.kernels_px {
         blur(&mut surface, &mut spare, *kernel_px);
-        for (surface, object) in surface.data.iter_mut().zip(&overlap.data) {
+        for (surface, object) in surface.data.iter_mut().zip(&penetration.data) {
             *surface = if *object > 0.0 { *object } else { *surface };
         }
     }
@@ -63,9 +63,9 @@ pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
         Rect { x0: corner, y0: corner, x1: corner + contact.surface.width, y1: corner + contact.surface.height };
     contact.surface.paste(&surface, area, window);
     for y in 0..height {
-        let object = &depth.overlap.row(margin + y)[margin..margin + width];
-        for (mask, overlap) in contact.mask.row_mut(y).iter_mut().zip(object) {
-            *mask = if *overlap > 0.0 { 255 } else { 0 };
+        let object = &depth.penetration.row(margin + y)[margin..margin + width];
+        for (mask, penetration) in contact.mask.row_mut(y).iter_mut().zip(object) {
+            *mask = if *penetration > 0.0 { 255 } else { 0 };
         }
     }
     contact

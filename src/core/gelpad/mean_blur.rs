@@ -41,11 +41,11 @@ impl MeanBlur {
 /// Presses the object into the pad.
 pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     let margin = depth.margin_px;
-    let overlap = &depth.overlap;
-    let (width, height) = (overlap.width - 2 * margin, overlap.height - 2 * margin);
+    let penetration = &depth.penetration;
+    let (width, height) = (penetration.width - 2 * margin, penetration.height - 2 * margin);
     let touching = depth.touching;
     let mut contact = untouched(width, height, None, Numerics::DIRECT);
-    let area = touching.grown(blur.reach_px(), overlap.width, overlap.height);
+    let area = touching.grown(blur.reach_px(), penetration.width, penetration.height);
     let corner = margin.saturating_sub(SURFACE_BORDER);
     contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
@@ -54,7 +54,7 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     simd_dispatch(
         #[inline(always)]
         || {
-            let blurred = mean_blur(overlap, area, blur.kernel_px as usize, blur.passes as usize);
+            let blurred = mean_blur(penetration, area, blur.kernel_px as usize, blur.passes as usize);
             join(&blurred, area, depth, &mut contact);
         },
     );
@@ -73,7 +73,7 @@ fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
     for y in region.y0..region.y1 {
         let columns = corner + region.x0 - area.x0..corner + region.x1 - area.x0;
         let hanging = &blurred.row(corner + y - area.y0)[columns];
-        let object = &depth.overlap.row(corner + y)[corner + region.x0..corner + region.x1];
+        let object = &depth.penetration.row(corner + y)[corner + region.x0..corner + region.x1];
         let surface = &mut contact.surface.row_mut(y)[region.x0..region.x1];
         let mut not_finite = 0_u32;
         for ((surface, hanging), object) in surface.iter_mut().zip(hanging).zip(object) {
@@ -86,7 +86,7 @@ fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
     let view = depth.touching.seen_from(depth.margin_px, depth.margin_px, width, height);
     for y in view.y0..view.y1 {
         let surface = &contact.surface.row(y + SURFACE_BORDER)[SURFACE_BORDER + view.x0..SURFACE_BORDER + view.x1];
-        let object = &depth.overlap.row(y + depth.margin_px)[depth.margin_px + view.x0..depth.margin_px + view.x1];
+        let object = &depth.penetration.row(y + depth.margin_px)[depth.margin_px + view.x0..depth.margin_px + view.x1];
         let mask = &mut contact.mask.row_mut(y)[view.x0..view.x1];
         for ((mask, surface), object) in mask.iter_mut().zip(surface).zip(object) {
             *mask = if (*object > 0.0) & (surface - object <= TOUCHING_MM) { 255 } else { 0 };
@@ -273,21 +273,21 @@ mod tests {
     #[test]
     fn the_surface_meets_the_object_without_a_step_and_never_lies_above_it() {
         let (size, margin) = (120, 36);
-        let mut overlap = Grid::<f32>::new(size + 2 * margin, size + 2 * margin);
-        for y in 0..overlap.height {
-            for x in 0..overlap.width {
+        let mut penetration = Grid::<f32>::new(size + 2 * margin, size + 2 * margin);
+        for y in 0..penetration.height {
+            for x in 0..penetration.width {
                 let (dx, dy) = (x as f32 - 96.0, y as f32 - 96.0);
-                overlap.row_mut(y)[x] = (1.0 - (dx * dx + dy * dy) / 900.0).max(0.0);
+                penetration.row_mut(y)[x] = (1.0 - (dx * dx + dy * dy) / 900.0).max(0.0);
             }
         }
-        let touching = bounding_box(&overlap, |mm| mm > 0.0);
-        let depth = Depth { overlap, margin_px: margin, touching, deepest_mm: 1.0, over_thickness_px: 0 };
+        let touching = bounding_box(&penetration, |mm| mm > 0.0);
+        let depth = Depth { penetration, margin_px: margin, touching, deepest_mm: 1.0, over_thickness_px: 0 };
         let contact = press(&MeanBlur::default(), &depth);
         let mut largest_step = 0.0_f32;
         for y in 0..size {
             for x in 0..size {
                 let surface = contact.surface.at(x + 1, y + 1);
-                let object = depth.overlap.at(x + margin, y + margin);
+                let object = depth.penetration.at(x + margin, y + margin);
                 assert!(surface >= object);
                 assert_eq!(contact.mask.at(x, y) == 255, object > 0.0 && surface - object <= TOUCHING_MM);
                 largest_step = largest_step.max((contact.surface.at(x + 2, y + 1) - surface).abs());

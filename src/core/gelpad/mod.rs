@@ -19,7 +19,7 @@ pub mod planar;
 pub mod sliding;
 pub mod subpixel;
 pub mod tangential;
-pub mod whole;
+pub mod total_contact;
 
 use crate::base::simd::{largest, simd_dispatch};
 use elastic::friction::Drag;
@@ -35,7 +35,7 @@ use none::NoDeformation;
 use object::ObjectMaterial;
 use subpixel::Subpixel;
 use tangential::TangentialMotion;
-use whole::{Beyond, Whole};
+use total_contact::{Beyond, TotalContact};
 
 /// Shares of a pad's thickness that presses usually go in: seen well, and within linear theory.
 pub const USUAL_DEPTHS: [f64; 2] = [0.05, 0.3];
@@ -285,7 +285,7 @@ pub struct Contact {
     /// Normal force on the part in view, N, if the model knows it, and all of the object that decides it.
     pub force_n: Option<f64>,
     /// How the contact in view is part of a whole; set by [`crate::simulator::Simulator`].
-    pub whole: Whole,
+    pub total: TotalContact,
     /// By what factor pressures and forces are larger than [`Contact::load`] has them: friction and a curved core, as finite
     /// elements have them.
     pub stiffened: f64,
@@ -363,7 +363,7 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
         tangential: None,
         pressure: None,
         force_n,
-        whole: Whole::default(),
+        total: TotalContact::default(),
         stiffened: 1.0,
         peak_pressure_kpa: force_n,
         subpixel: None,

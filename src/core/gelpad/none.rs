@@ -16,23 +16,23 @@ pub struct NoDeformation {}
 /// Presses the object into the pad.
 pub fn press(depth: &Depth) -> Contact {
     let margin = depth.margin_px;
-    let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
+    let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
     let mut contact = untouched(width, height, None, Numerics::DIRECT);
     let corner = margin.saturating_sub(SURFACE_BORDER);
     let (surface, mask) = (&mut contact.surface, &mut contact.mask);
     contact.region = depth.touching.seen_from(corner, corner, surface.width, surface.height);
     for y in contact.region.y0..contact.region.y1 {
         let columns = contact.region.x0..contact.region.x1;
-        let object = &depth.overlap.row(corner + y)[corner + columns.start..corner + columns.end];
-        for (surface, overlap) in surface.row_mut(y)[columns].iter_mut().zip(object) {
-            *surface = overlap.max(0.0);
+        let object = &depth.penetration.row(corner + y)[corner + columns.start..corner + columns.end];
+        for (surface, penetration) in surface.row_mut(y)[columns].iter_mut().zip(object) {
+            *surface = penetration.max(0.0);
         }
     }
     let view = depth.touching.seen_from(margin, margin, width, height);
     for y in view.y0..view.y1 {
-        let object = &depth.overlap.row(margin + y)[margin + view.x0..margin + view.x1];
-        for (mask, overlap) in mask.row_mut(y)[view.x0..view.x1].iter_mut().zip(object) {
-            *mask = if *overlap > 0.0 { 255 } else { 0 };
+        let object = &depth.penetration.row(margin + y)[margin + view.x0..margin + view.x1];
+        for (mask, penetration) in mask.row_mut(y)[view.x0..view.x1].iter_mut().zip(object) {
+            *mask = if *penetration > 0.0 { 255 } else { 0 };
         }
     }
     contact

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::elastic::friction::Drag;
-use super::elastic::history::{Contacting, History, Moved, Normal, Step};
+use super::elastic::history::{History, Moved, Normal, Step, StickSlip};
 use super::elastic::inplane::{Field, InPlane, Load};
 use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::Friction;
@@ -21,7 +21,7 @@ use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
 use crate::base::view::{SURFACE_BORDER, View};
 use crate::depth::height_map::HeightMap;
 use crate::depth::indenter::{Indenter, Shape};
-use crate::depth::texture::{Laid, Texture};
+use crate::depth::texture::{Texture, TexturePlacement};
 use crate::depth::{self, Depth};
 use crate::effects::{EffectLog, EffectPolicy};
 use crate::pose::Pose;
@@ -38,6 +38,19 @@ pub struct ObjectStep {
     pub depth_mm: f64,
     /// The motion.
     pub motion: PlanarMotion,
+}
+
+impl ObjectStep {
+    /// A step that leads to where an indenter is.
+    pub fn to(indenter: &Indenter, motion: PlanarMotion) -> Self {
+        Self { pose: indenter.pose, depth_mm: indenter.depth_mm, motion }
+    }
+
+    pub(crate) fn is_finite(&self) -> bool {
+        let Self { pose, depth_mm, motion: PlanarMotion { shift_mm: [x, y], turn_rad, about_mm: [u, v] } } = self;
+        let in_place = pose.rotation.is_finite() && pose.translation_mm.is_finite() && depth_mm.is_finite();
+        in_place && [x, y, turn_rad, u, v].iter().all(|number| number.is_finite())
+    }
 }
 
 /// Force and moment of the object on the pad, in the sensor's frame, about the middle of the image on the undeformed pad.
@@ -164,7 +177,19 @@ pub struct Sliding {
     slip: Slip,
 }
 
+impl std::fmt::Debug for Sliding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Sliding").field("frame", &self.frame).field("slip", &self.slip).finish_non_exhaustive()
+    }
+}
+
 impl Sliding {
+    /// True if it goes over such a pad.
+    pub(crate) fn is_over(&self, pad: &FramePad) -> bool {
+        (self.view, self.thickness_mm, self.youngs_modulus_kpa)
+            == (pad.view, pad.material.thickness_mm, pad.material.youngs_modulus_kpa)
+    }
+
     /// Without contact.
     pub(crate) fn new(pad: &FramePad, friction: Friction) -> Self {
         let FramePad { view, pad, material, tolerance_mm } = pad.clone();
@@ -185,20 +210,15 @@ impl Sliding {
         }
     }
 
-    /// Where the frame that goes with the object is: what lies on the object lies in it.
-    pub(crate) fn frame(&self) -> PlanarFrame {
-        self.frame
-    }
-
     /// What friction did in the last frame.
     pub(crate) fn slip(&self) -> Slip {
         self.slip
     }
 
     /// A texture where it now lies, if it lay at `laid` at the start.
-    pub(crate) fn carried(&self, laid: Laid) -> Laid {
+    pub(crate) fn carried(&self, laid: TexturePlacement) -> TexturePlacement {
         let yaw_deg = laid.yaw_deg + self.way.angle_rad.to_degrees();
-        Laid { origin_mm: self.way.axes().to_sensor(laid.origin_mm), yaw_deg }
+        TexturePlacement { origin_mm: self.way.axes().to_sensor(laid.origin_mm), yaw_deg }
     }
 
     /// Goes through the steps of a frame, under an indenter of which only the shape counts. The texture is as it lay at the
@@ -268,8 +288,9 @@ impl Sliding {
         };
         let there = Indenter { shape, pose, depth_mm };
         let texture = ground.texture.map(|texture| {
-            let Laid { origin_mm, yaw_deg } = texture.laid.unwrap_or_else(|| Laid::with(&indenter.pose));
-            texture.laid_out(Laid { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
+            let TexturePlacement { origin_mm, yaw_deg } =
+                texture.laid.unwrap_or_else(|| TexturePlacement::with(&indenter.pose));
+            texture.laid_out(TexturePlacement { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
         });
         self.solved(depth_mm, middle_mm, |window| {
             let mut effects = EffectLog::new(EffectPolicy::default());
@@ -296,7 +317,7 @@ impl Sliding {
                 Some(higher) => window = higher,
                 None => {
                     let Rect { x0, y0, x1, y1 } = depth.touching;
-                    let cut = x0 == 0 || y0 == 0 || x1 == depth.overlap.width || y1 == depth.overlap.height;
+                    let cut = x0 == 0 || y0 == 0 || x1 == depth.penetration.width || y1 == depth.penetration.height;
                     let origin_mm = |load: &Load| [0, 1].map(|k| load.origin_mm[k] + middle_mm[k]);
                     return (contact.load.map(|load| Load { origin_mm: origin_mm(&load), ..load }), cut);
                 }
@@ -332,7 +353,7 @@ impl Sliding {
         window: depth::Window,
         effects: &mut EffectLog,
     ) -> Depth {
-        depth::overlap(there, texture, None, self.thickness_mm, &self.view, window, effects)
+        depth::penetration(there, texture, None, self.thickness_mm, &self.view, window, effects)
     }
 
     /// A height map of the camera's view, in the object's frame; beyond the view its border goes on.
@@ -357,13 +378,13 @@ impl Sliding {
         let floor = 0.0 - above_mm as f32;
         let margin = depth.margin_px as f64;
         let axes = self.frame.axes();
-        for y in 0..depth.overlap.height {
-            for x in 0..depth.overlap.width {
+        for y in 0..depth.penetration.height {
+            for x in 0..depth.penetration.width {
                 let px = [x as f64 + 0.5 - margin, y as f64 + 0.5 - margin];
                 let mm = self.view.point_mm(px);
                 let there = camera.point_px(axes.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
                 let below = between(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64), f32::INFINITY);
-                let value = &mut depth.overlap.row_mut(y)[x];
+                let value = &mut depth.penetration.row_mut(y)[x];
                 *value = if *value > floor { (*value - below).max(floor) } else { *value };
             }
         }
@@ -432,7 +453,7 @@ impl Sliding {
     }
 
     /// Of the pixels of a view that touch, what the pad does there.
-    pub(crate) fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<Contacting> {
+    pub(crate) fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<StickSlip> {
         let part = bounding_box(mask, |value| value > 0);
         let mut states = Grid::new(mask.width, mask.height);
         let axes = self.frame.axes();
@@ -446,7 +467,7 @@ impl Sliding {
                         [0, 1].map(|k| start[k] + column * (right[k] - start[k]) + row * (down[k] - start[k]));
                     states.row_mut(y)[x] = match self.history.state_at(place_mm) {
                         // The camera's pixels are finer than the tractions': at the rim of the contact.
-                        Contacting::Apart => Contacting::Slips,
+                        StickSlip::Apart => StickSlip::Slips,
                         state => state,
                     };
                 }

@@ -336,14 +336,14 @@ impl Scene<'_> {
             // Of the pixel and those around it: the pad's surface, and the object's.
             let (mut pads, mut objects) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
             for (row, y) in rows.into_iter().enumerate() {
-                let (pad, object) = (surface.row(y), depth.overlap.row(y + margin));
+                let (pad, object) = (surface.row(y), depth.penetration.row(y + margin));
                 for (column, x) in columns.into_iter().enumerate() {
                     (pads[row][column], objects[row][column]) = (pad[x], object[x + margin]);
                 }
             }
             // Texture and curvature are those of the centre.
             let retouch = centres.map_or(0.0, |centres| objects[1][1] + centres.at(x, y));
-            let overlap = heights.map(|height| retouch - height);
+            let penetration = heights.map(|height| retouch - height);
             let (mut all, mut joined, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES], [0.0; SAMPLES]);
             for beside in [[false, false], [true, false], [false, true], [true, true]] {
                 let at = |k: usize, side: [usize; SAMPLES], sample: usize| if beside[k] { side[sample] } else { 1 };
@@ -358,7 +358,7 @@ impl Scene<'_> {
                     let (w, g) = (w[sample], g[sample]);
                     all[sample] += weight * w;
                     let off = (w - g) * (1.0 / CLEAR_MM);
-                    let level = 2.0 - (g - overlap[sample]).abs() * per_step;
+                    let level = 2.0 - (g - penetration[sample]).abs() * per_step;
                     let most = if off > level { off } else { level };
                     let weight = weight * most.clamp(0.0, 1.0);
                     joined[sample] += weight * w;
@@ -367,7 +367,7 @@ impl Scene<'_> {
             }
             for sample in 0..SAMPLES {
                 let pad = (joined[sample] + LEAST * all[sample]) / (weights[sample] + LEAST);
-                heights[sample] = if overlap[sample] > pad { overlap[sample] } else { pad };
+                heights[sample] = if penetration[sample] > pad { penetration[sample] } else { pad };
             }
         }
     }

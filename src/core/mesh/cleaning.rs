@@ -24,7 +24,7 @@ pub const LARGEST_MM: f64 = 1e7;
 
 /// What cleaning removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Cleaned {
+pub struct CleanupReport {
     /// Vertices with a NaN or infinite coordinate; triangles that used them went too.
     pub non_finite_vertices: usize,
     /// Triangles without area: two equal corners, or three on a line.
@@ -46,7 +46,7 @@ impl Mesh {
     ///
     /// No vertex or triangle, before or after cleaning; an index without a vertex; more than u32 can count; an object
     /// larger than [`LARGEST_MM`].
-    pub fn new(vertices_mm: Vec<[f64; 3]>, mut triangles: Vec<[u32; 3]>) -> Result<(Mesh, Cleaned), MeshError> {
+    pub fn new(vertices_mm: Vec<[f64; 3]>, mut triangles: Vec<[u32; 3]>) -> Result<(Mesh, CleanupReport), MeshError> {
         let count = vertices_mm.len();
         for (what, count) in [("vertices", count), ("triangles", triangles.len())] {
             if count >= NONE as usize {
@@ -62,9 +62,9 @@ impl Mesh {
         if let Some(&index) = triangles.as_flattened().iter().find(|&&index| index as usize >= count) {
             return Err(MeshError::NoSuchVertex { index: index.into(), count, note: ", counted from 0" });
         }
-        let mut cleaned = Cleaned {
+        let mut cleaned = CleanupReport {
             non_finite_vertices: vertices_mm.iter().filter(|vertex| !is_finite(vertex)).count(),
-            ..Cleaned::default()
+            ..CleanupReport::default()
         };
         if cleaned.non_finite_vertices == count {
             return Err(MeshError::NoFiniteVertex);
@@ -142,7 +142,7 @@ impl Mesh {
     }
 }
 
-impl Cleaned {
+impl CleanupReport {
     /// What went, in words for a warning, such as `dropped 3 triangles without area and 12 duplicates`;
     /// `None` if nothing did.
     pub fn warning(&self) -> Option<String> {
@@ -306,7 +306,7 @@ mod tests {
         assert_eq!(mesh.centre_mm, [1.0, 1.0, 0.0]);
         assert_eq!(mesh.vertices, [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]);
         assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
-        assert_eq!(cleaned, Cleaned::default());
+        assert_eq!(cleaned, CleanupReport::default());
         assert_eq!(cleaned.warning(), None);
     }
 
@@ -335,7 +335,7 @@ mod tests {
         let triangles = vec![[0, 1, 4], [0, 1, 2], [5, 1, 2], [0, 6, 2]];
         let (mesh, cleaned) = Mesh::new(vertices, triangles).unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2]]);
-        assert_eq!(cleaned, Cleaned { non_finite_vertices: 3, ..Cleaned::default() });
+        assert_eq!(cleaned, CleanupReport { non_finite_vertices: 3, ..CleanupReport::default() });
         assert_eq!(cleaned.warning().unwrap(), "dropped 3 vertices that are not finite (and their triangles)");
     }
 
@@ -374,9 +374,9 @@ mod tests {
 
     #[test]
     fn the_warning_counts_in_plain_words() {
-        let cleaned = Cleaned { non_finite_vertices: 0, zero_area: 3, duplicates: 12 };
+        let cleaned = CleanupReport { non_finite_vertices: 0, zero_area: 3, duplicates: 12 };
         assert_eq!(cleaned.warning().unwrap(), "dropped 3 triangles without area and 12 duplicates");
-        let cleaned = Cleaned { non_finite_vertices: 1, zero_area: 1, duplicates: 1 };
+        let cleaned = CleanupReport { non_finite_vertices: 1, zero_area: 1, duplicates: 1 };
         assert_eq!(
             cleaned.warning().unwrap(),
             "dropped 1 vertex that is not finite (and its triangles), 1 triangle without area and 1 duplicate"
@@ -417,7 +417,7 @@ mod tests {
             match Mesh::new(vertices, triangles) {
                 Err(_) => prop_assert!(expected.is_empty()),
                 Ok((mesh, cleaned)) => {
-                    prop_assert_eq!(cleaned, Cleaned { non_finite_vertices: 0, zero_area, duplicates });
+                    prop_assert_eq!(cleaned, CleanupReport { non_finite_vertices: 0, zero_area, duplicates });
                     let got: Vec<_> = mesh
                         .triangles
                         .iter()

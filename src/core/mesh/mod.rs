@@ -5,7 +5,7 @@ pub mod cleaning;
 pub mod clusters;
 pub mod nearest;
 
-pub use cleaning::{Cleaned, Mesh};
+pub use cleaning::{CleanupReport, Mesh};
 
 /// Why vertices and triangles make no mesh.
 #[derive(Debug, thiserror::Error)]
@@ -22,7 +22,7 @@ pub enum MeshError {
     NoTriangle,
     /// There were triangles, but cleaning dropped all of them.
     #[error("no triangle left: {}", .0.warning().unwrap_or_default())]
-    NothingLeft(Cleaned),
+    NothingLeft(CleanupReport),
     /// A face refers to a vertex that is not there.
     #[error("face refers to vertex {index}, but the file has {count}{note}")]
     NoSuchVertex {

@@ -51,7 +51,7 @@ impl Default for Phong {
             shininess: 5.0,
             darkening: None,
             equation: Equation::Relative,
-            shadows: Shadows::Soft(Soft::default()),
+            shadows: Shadows::Soft(SoftShadows::default()),
         }
     }
 }
@@ -75,19 +75,19 @@ pub enum Shadows {
     /// None.
     None,
     /// Of every LED, as soft as its angular size makes them.
-    Soft(Soft),
+    Soft(SoftShadows),
 }
 
 /// Parameters of soft shadows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
-pub struct Soft {
+pub struct SoftShadows {
     /// Grid on which shadows are found; in between they are interpolated.
     pub resolution: Resolution,
 }
 
-impl Default for Soft {
+impl Default for SoftShadows {
     fn default() -> Self {
         Self { resolution: Resolution::Half }
     }

@@ -2,7 +2,7 @@
 
 use crate::base::clock::Clock;
 use crate::curved::sequence::MovingObject;
-use crate::depth::texture::{Laid, Texture};
+use crate::depth::texture::{Texture, TexturePlacement};
 use crate::effects::{Effect, EffectPolicy};
 use crate::gelpad;
 use crate::gelpad::elastic::shear::Friction;
@@ -10,18 +10,17 @@ use crate::gelpad::sliding::{FramePad, Ground, ObjectStep, Sliding};
 use crate::impression::Impression;
 use crate::pose::Pose;
 
-use super::{Press, Simulator};
+use super::{Press, PressError, Simulator};
 
 impl Simulator {
     /// An object that is to slide, turn and roll on the pad; `None` if the model of the gelpad knows no tractions.
     pub fn sliding(&self, friction: Friction) -> Option<Sliding> {
-        match &self.models.gelpad {
-            gelpad::Model::Elastic(elastic) => {
-                let pad = || FramePad::new(elastic, &self.sensor.gelpad, &self.view);
-                Some(Sliding::new(self.frame_pad.get_or_init(pad), friction))
-            }
-            _ => None,
-        }
+        self.frame_pad().map(|pad| Sliding::new(pad, friction))
+    }
+
+    fn frame_pad(&self) -> Option<&FramePad> {
+        let gelpad::Model::Elastic(elastic) = &self.models.gelpad else { return None };
+        Some(self.frame_pad.get_or_init(|| FramePad::new(elastic, &self.sensor.gelpad, &self.view)))
     }
 
     /// The next frame of a sequence: the object goes through `steps`, the last of which leads to where `press` has it, and
@@ -30,15 +29,40 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a shape.
+    /// Where [`Simulator::try_press_next`] gives an error.
     pub fn press_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
+        self.try_press_next(press, steps, sliding).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// The next frame of a sequence, as [`Simulator::press_next`]. After an error `sliding` is as it was.
+    ///
+    /// # Errors
+    ///
+    /// As [`Simulator::try_press`]; also if a step is not finite, or if `sliding` was begun on another sensor.
+    pub fn try_press_next(
+        &self,
+        press: &Press,
+        steps: &[ObjectStep],
+        sliding: &mut Sliding,
+    ) -> Result<Impression, PressError> {
+        self.check_press(press)?;
+        if !self.frame_pad().is_some_and(|pad| sliding.is_over(pad)) {
+            return Err(PressError::OtherSensor);
+        }
+        if !steps.iter().all(ObjectStep::is_finite) {
+            return Err(PressError::NotFinite("step"));
+        }
+        Ok(self.pressed_next(press, steps, sliding))
+    }
+
+    fn pressed_next(&self, press: &Press, steps: &[ObjectStep], sliding: &mut Sliding) -> Impression {
         let mut clock = Clock::start();
         match &self.curved {
             Some(curved) => curved.advance(sliding, steps, &self.moving(press)),
             None => sliding.advance(steps, &press.indenter, self.ground(press)),
         }
         let carried = |texture: &Texture| {
-            let laid = texture.laid.unwrap_or_else(|| Laid::over(&press.indenter.pose, &press.plane));
+            let laid = texture.laid.unwrap_or_else(|| TexturePlacement::over(&press.indenter.pose, &press.plane));
             texture.laid_out(sliding.carried(laid))
         };
         let press = Press { texture: press.texture.as_ref().map(carried), shear: None, ..press.clone() };

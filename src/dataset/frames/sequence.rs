@@ -10,7 +10,7 @@ use gelsim_core::base::gel::Site;
 use gelsim_core::base::view::View;
 use gelsim_core::camera::CameraParams;
 use gelsim_core::depth::height_map::HeightMap;
-use gelsim_core::depth::texture::Laid;
+use gelsim_core::depth::texture::TexturePlacement;
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
@@ -37,7 +37,7 @@ pub struct Follower {
     frame_rate_hz: f64,
     last: Option<Pose>,
     /// Where its texture lay in the first frame.
-    laid: Option<Laid>,
+    laid: Option<TexturePlacement>,
 }
 
 /// A frame of a sequence.
@@ -92,7 +92,7 @@ impl Follower {
         let noise_key = drawn.camera.noise_key;
         let scene = Scene { index, pressed, pose, indentation_depth_mm, plane, ..first.clone() };
         let scene = Scene { camera: CameraParams { noise_key, ..scene.camera }, ..scene };
-        let laid = *self.laid.get_or_insert_with(|| Laid::with(&pose));
+        let laid = *self.laid.get_or_insert_with(|| TexturePlacement::with(&pose));
         let mut press = scene.press(plan);
         press.texture = press.texture.map(|texture| texture.laid_out(laid));
         let step = ObjectStep { pose, depth_mm, motion };

@@ -33,7 +33,7 @@ use serde::Serialize;
 
 use super::hash::sha256;
 use super::input;
-use gelsim_core::mesh::{Cleaned, Mesh};
+use gelsim_core::mesh::{CleanupReport, Mesh};
 
 use detect::Detected;
 pub use error::{HEIGHT_MAP, MeshFileError, MeshFileProblem};
@@ -75,7 +75,7 @@ pub struct Loaded {
     /// The mesh, in mm.
     pub mesh: Mesh,
     /// What cleaning removed.
-    pub cleaned: Cleaned,
+    pub cleaned: CleanupReport,
     /// SHA-256 of the file's bytes, in lower-case hexadecimal digits. Of a file that names others (buffers, a robot's
     /// meshes) that of a list of its own hash and theirs, so that it changes with any of them.
     pub sha256: String,
@@ -136,7 +136,7 @@ pub fn load_parts<'a>(path: &Path, reading: impl Into<Reading<'a>>) -> Result<Ve
 /// # Errors
 ///
 /// As [`load`], without the path.
-pub fn parse(bytes: &[u8], format: Format, mm_per_unit: f64) -> Result<(Mesh, Cleaned), MeshFileError> {
+pub fn parse(bytes: &[u8], format: Format, mm_per_unit: f64) -> Result<(Mesh, CleanupReport), MeshFileError> {
     let (_, raw) = read(bytes, format, UrdfShapes::default(), &mut Others::none())?;
     raw.mesh(mm_per_unit)
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 use super::{MeshFileError, MeshFileProblem, Raw};
 use crate::{hash, heights, input};
 use gelsim_core::base::grid::Grid;
-use gelsim_core::mesh::{Cleaned, Mesh};
+use gelsim_core::mesh::{CleanupReport, Mesh};
 
 /// Samples of a height map at most: each becomes two triangles.
 const MOST_PX: usize = 2_000_000;
@@ -37,7 +37,7 @@ pub fn is_height_map(path: &Path) -> bool {
 /// # Errors
 ///
 /// As [`super::load`]; also what makes a file no height map.
-pub fn load_plate(path: &Path, size: PlateSize) -> Result<(Mesh, Cleaned, String), MeshFileError> {
+pub fn load_plate(path: &Path, size: PlateSize) -> Result<(Mesh, CleanupReport, String), MeshFileError> {
     let in_file = |error: MeshFileError| error.in_file(path);
     let bytes = input::read(path, input::MOST_IMAGE_BYTES)
         .map_err(|error| in_file(MeshFileProblem::unreadable(error).into()))?;

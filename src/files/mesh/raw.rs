@@ -11,7 +11,7 @@ use crate::figures::figure;
 use crate::length::Unit;
 use crate::unpack;
 use gelsim_core::mesh::cleaning::LARGEST_MM;
-use gelsim_core::mesh::{Cleaned, Mesh, MeshError};
+use gelsim_core::mesh::{CleanupReport, Mesh, MeshError};
 
 /// What a reader finds in a file, in the file's unit.
 #[derive(Clone, Debug, Default)]
@@ -39,7 +39,7 @@ impl Raw {
     }
 
     /// All of it as one mesh.
-    pub(super) fn mesh(mut self, mm_per_unit: f64) -> Result<(Mesh, Cleaned), MeshFileError> {
+    pub(super) fn mesh(mut self, mm_per_unit: f64) -> Result<(Mesh, CleanupReport), MeshFileError> {
         for coordinate in self.vertices.as_flattened_mut() {
             *coordinate *= mm_per_unit;
         }

@@ -222,7 +222,7 @@ fn one_cube_is_the_same_mesh_in_every_format() {
     for (i, (format, bytes)) in cubes().into_iter().enumerate() {
         let (mesh, cleaned) = parse(&bytes, format, 2.0).unwrap();
         assert_eq!(mesh, expected, "{i}");
-        assert_eq!(cleaned, Cleaned::default());
+        assert_eq!(cleaned, CleanupReport::default());
     }
 }
 

@@ -105,7 +105,7 @@ pub fn render(plan: &Plan, index: u64, attempt: u32) -> Grip {
         sample::press_with(pair.plans[k], &scene, Arc::clone(&pair.simulators[k]))
     });
     let mut clock = Clock::start();
-    let forces_n = fingers.each_ref().map(|finger| finger.impression.contact.whole.total_force_n);
+    let forces_n = fingers.each_ref().map(|finger| finger.impression.contact.total.total_force_n);
     hold.balanced &= forces_n.iter().all(Option::is_some);
     let reason = hold.missed.take().or_else(|| unbalanced(&hold, forces_n));
     fingers.iter_mut().for_each(|finger| not_healthy(&mut finger.label, reason.as_deref()));
@@ -168,7 +168,7 @@ fn moment(contact: &Contact, modulus_kpa: f64) -> Option<[f64; 2]> {
     }
     // kPa mm^2 are mN.
     let newtons = 1e-3 * contact.stiffened * modulus_kpa * load.mm_per_px[0] * load.mm_per_px[1];
-    let whole = contact.whole.total_force_n?;
+    let whole = contact.total.total_force_n?;
     let captured = (newtons * sums[2] - whole).abs() <= 1e-3 * whole;
     captured.then(|| [newtons * sums[0], newtons * sums[1]])
 }

@@ -19,7 +19,7 @@ use crate::sequence::timeline::{End, Timeline};
 use crate::sequence::{Accepted, Drawer, ROLLING_PX, Shown, accept_by, pressed};
 use gelsim_core::base::clock::{Clock, Seconds};
 use gelsim_core::base::rng;
-use gelsim_core::depth::texture::Laid;
+use gelsim_core::depth::texture::TexturePlacement;
 use gelsim_core::effects::{Effect, PerEffect};
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
@@ -50,7 +50,7 @@ struct UnderWay<'a> {
     pair: Fingers<'a>,
     sliding: [Sliding; 2],
     /// Where the texture lay at the start.
-    laid: [Laid; 2],
+    laid: [TexturePlacement; 2],
     last: Option<Last>,
     /// The object touched beyond a view, or a pad is not flat: another place may be another force.
     place_counts: bool,
@@ -119,7 +119,7 @@ pub fn render<E>(
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
     let mover = Mover::new(&object, pair.scenes[0].side, start, about_mm, 0.0, longest_mm / ROLLING_PX);
     let uneven = pair.simulators.iter().any(|simulator| simulator.drop_mm().is_some());
-    let laid = pair.scenes.each_ref().map(|scene| Laid::with(&scene.over_plane));
+    let laid = pair.scenes.each_ref().map(|scene| TexturePlacement::with(&scene.over_plane));
     let mut under_way = UnderWay { pair, sliding, laid, last: None, place_counts: uneven };
 
     let rate = sequence.frame_rate_hz;
@@ -173,7 +173,7 @@ pub fn render<E>(
             let seconds = Seconds { label: clock.lap(), ..impression.seconds };
             Sample { simulator, impression, numbered: None, label, seconds }
         });
-        under_way.place_counts = uneven || samples.iter().any(|finger| finger.impression.contact.whole.cut_by_view);
+        under_way.place_counts = uneven || samples.iter().any(|finger| finger.impression.contact.total.cut_by_view);
         let frame = described(&under_way, of_frame, &timeline, number, samples, rate);
         let (frame, samples) = frame;
         for finger in &samples {

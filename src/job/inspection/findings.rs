@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::sides::{MOST_ROWS, Side};
 use super::{LARGEST_MM, MeshSize, SensorPad};
-use gelsim_core::mesh::Cleaned;
+use gelsim_core::mesh::CleanupReport;
 use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::{Diagnostic, Severity};
 use gelsim_files::figures::{counted, figure};
@@ -154,7 +154,7 @@ pub fn remark(remark: &Remark) -> Finding {
 }
 
 /// What is to be known of the mesh itself: its size against the pad, and what was dropped of it.
-pub fn of_mesh(size: &MeshSize, cleaned: &Cleaned, pad: &SensorPad) -> Vec<Finding> {
+pub fn of_mesh(size: &MeshSize, cleaned: &CleanupReport, pad: &SensorPad) -> Vec<Finding> {
     [against_view(size, pad), not_finite(cleaned), far(size, pad)].into_iter().flatten().collect()
 }
 
@@ -218,7 +218,7 @@ impl MeshSize {
 }
 
 /// What cleaning dropped because it is no number. What else it drops changes no image.
-fn not_finite(cleaned: &Cleaned) -> Option<Finding> {
+fn not_finite(cleaned: &CleanupReport) -> Option<Finding> {
     (cleaned.non_finite_vertices > 0).then(|| {
         let (one, many) =
             ("vertex that is not finite, with its triangles", "vertices that are not finite, with their triangles");

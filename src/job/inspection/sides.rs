@@ -190,7 +190,7 @@ impl SideStats {
         let nothing = -above_mm as f32;
         let (mut least, mut largest) = (f32::INFINITY, f32::NEG_INFINITY);
         for y in 0..height {
-            let row = &depth.overlap.row(margin_px + FINER * y + FINER / 2)[margin_px..];
+            let row = &depth.penetration.row(margin_px + FINER * y + FINER / 2)[margin_px..];
             for below in row.iter().skip(FINER / 2).step_by(FINER).take(width) {
                 stats.covered_px += usize::from(*below > nothing);
                 stats.touching_px += usize::from(*below > 0.0);
@@ -217,9 +217,9 @@ pub fn capture_finely(object: &Clusters, pose: &Pose, above_mm: f64, pad: &Senso
 
 /// Fraction of what touches in view, on the fine grid, that the opening takes off; 0 if nothing touches.
 pub fn thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
-    let (width, height, margin) = (depth.overlap.width, depth.overlap.height, depth.margin_px);
+    let (width, height, margin) = (depth.penetration.width, depth.penetration.height, depth.margin_px);
     let part = depth.touching.grown(2 * REACH, width, height);
-    let mut pressed = depth.overlap.crop(part);
+    let mut pressed = depth.penetration.crop(part);
     pressed.data.iter_mut().for_each(|below| *below = below.max(0.0));
     let least = |a: f32, b: f32| if b < a { b } else { a };
     let largest = |a: f32, b: f32| if b > a { b } else { a };

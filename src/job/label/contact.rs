@@ -1,5 +1,6 @@
 //! What a label says of the contact, of the markers that it moved and of how well it was solved.
 
+use gelsim_core::simulator::Stages;
 use std::f64::consts::PI;
 
 use schemars::JsonSchema;
@@ -114,10 +115,10 @@ impl ContactLabel {
             bbox_px: whole.bbox_px,
             max_depth_mm: if whole.pixels > 0 { f64::from(impression.depth.deepest_mm) } else { 0.0 },
             force_n: contact.force_n,
-            total_force_n: contact.whole.total_force_n,
-            force_unknown: contact.whole.force_unknown.to_owned(),
-            cut_by_view: contact.whole.cut_by_view,
-            in_view_fraction: contact.whole.in_view_fraction,
+            total_force_n: contact.total.total_force_n,
+            force_unknown: contact.total.force_unknown.to_owned(),
+            cut_by_view: contact.total.cut_by_view,
+            in_view_fraction: contact.total.in_view_fraction,
             peak_pressure_kpa: contact.peak_pressure_kpa,
             force_vector_n: impression.wrench.iter().flat_map(|wrench| wrench.force_n).collect(),
             torque_nmm: impression.wrench.iter().flat_map(|wrench| wrench.torque_nmm).collect(),

@@ -157,7 +157,7 @@ fn shares(impression: &Impression, view: &View, numbered: &Grid<u8>, objects: us
     for y in 0..numbered.height {
         for (x, number) in numbered.row(y).iter().enumerate().filter(|(_, number)| **number > 0) {
             let of = usize::from(*number) - 1;
-            deepest_mm[of] = deepest_mm[of].max(impression.overlap_mm(x, y));
+            deepest_mm[of] = deepest_mm[of].max(impression.penetration_mm(x, y));
             pressed[of] += contact.pressure.as_ref().map_or(0.0, |pressure| f64::from(pressure.at(x, y)));
         }
     }

@@ -40,12 +40,12 @@ pub fn relief_beside(side: Side, object: &Clusters, reach_mm: f64) -> Option<Sid
 
 /// The change of the slope from point to point, each at most 1, summed over all points of a side within reach.
 fn bend(side: Side, object: &Clusters, reach_mm: f64) -> f64 {
-    let (overlap, pitch) = seen(side, object, reach_mm);
+    let (penetration, pitch) = seen(side, object, reach_mm);
     let per_mm = 1.0 / pitch as f32;
     let mut sum = 0.0;
-    for y in 1..overlap.height - 1 {
-        let [above, row, below] = [y - 1, y, y + 1].map(|y| overlap.row(y));
-        for x in 1..overlap.width - 1 {
+    for y in 1..penetration.height - 1 {
+        let [above, row, below] = [y - 1, y, y + 1].map(|y| penetration.row(y));
+        for x in 1..penetration.width - 1 {
             if row[x] > 0.0 {
                 let bends = [row[x - 1] + row[x + 1] - 2.0 * row[x], above[x] + below[x] - 2.0 * row[x]];
                 sum += bends.map(|bend| f64::from((bend.abs() * per_mm).min(1.0))).iter().sum::<f64>();
@@ -69,7 +69,7 @@ fn seen(side: Side, object: &Clusters, reach_mm: f64) -> (Grid<f32>, f64) {
     let resolution_px = [0, 1].map(|k| (size[k] / pitch) as usize + 5);
     let view = View { resolution_px, mm_per_px: [pitch; 2] };
     let window = Window { margin_px: 0, above_mm: 0.0 };
-    (capture(object, &pose.placement(), &view, window, reach_mm).overlap, pitch)
+    (capture(object, &pose.placement(), &view, window, reach_mm).penetration, pitch)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use super::object_notes::Facets;
 use crate::config::object::{Object, Parts};
 use crate::inspection::{MeshSize, SensorPad, sides};
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::mesh::{Cleaned, Mesh};
+use gelsim_core::mesh::{CleanupReport, Mesh};
 use gelsim_files::mesh::{self, Loaded, MeshFileError, Remark};
 
 /// A file that an `[[object]]` names.
@@ -46,7 +46,7 @@ pub struct Part {
     /// Its facets.
     pub facets: Facets,
     /// What cleaning removed.
-    pub cleaned: Cleaned,
+    pub cleaned: CleanupReport,
     /// How large it is, and where.
     pub size: MeshSize,
     /// Rows of the sensor's pixels that its triangles fill in a capture.
@@ -70,7 +70,7 @@ impl Part {
     }
 
     /// A mesh in millimetres that is all of its file.
-    fn of(mesh: &Mesh, cleaned: Cleaned, sha256: String, size: MeshSize, pad: &SensorPad) -> Self {
+    fn of(mesh: &Mesh, cleaned: CleanupReport, sha256: String, size: MeshSize, pad: &SensorPad) -> Self {
         let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::of(mesh));
         Self {
             name: None,

@@ -19,7 +19,7 @@ use crate::inspection::findings::{self, Finding};
 use crate::layout::Split;
 use gelsim_core::base::rng::stream;
 use gelsim_core::depth::relief::Relief;
-use gelsim_core::mesh::Cleaned;
+use gelsim_core::mesh::CleanupReport;
 use gelsim_core::mesh::cleaning::LARGEST_MM;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Side;
@@ -183,7 +183,7 @@ pub fn load(check: &mut Check<'_>, job: &mut Job, notes: &mut Diagnostics) -> Fo
             let Part { name, clusters, .. } = part;
             let of_part = |text: &str| name.as_ref().map_or(text.to_owned(), |name| format!("{text}/{name}"));
             let shown = of_part(&path.to_string_lossy());
-            if let Some(left_out) = (Cleaned { non_finite_vertices: 0, ..part.cleaned }).warning() {
+            if let Some(left_out) = (CleanupReport { non_finite_vertices: 0, ..part.cleaned }).warning() {
                 let info = Diagnostic::info(format!("{shown}: {left_out}")).at(place(*i));
                 notes.push(info.of(format!("{shown} ({left_out})"), "meshes have triangles that were left out"));
             }

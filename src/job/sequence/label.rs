@@ -11,7 +11,7 @@ use crate::layout::Split;
 use crate::steps::Steps;
 use gelsim_core::camera::CameraParams;
 use gelsim_core::effects::{Effect, Note, PerEffect};
-use gelsim_core::impression::Slid;
+use gelsim_core::impression::SlidingState;
 
 /// What is known about a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -184,7 +184,7 @@ pub enum SlipState {
 const RIM: f64 = 0.05;
 
 impl SlipLabel {
-    fn new(slid: &Slid) -> Self {
+    fn new(slid: &SlidingState) -> Self {
         let slip = slid.slip;
         let state = match (slip.touches, slip.gross) {
             (false, _) => SlipState::None,
@@ -205,7 +205,7 @@ impl SlipLabel {
 
 impl FrameLabel {
     /// Of what a press of it would be labelled, and what friction did.
-    pub fn new(index: u32, t_s: f64, phase: &str, press: Label, slid: Option<&Slid>) -> Self {
+    pub fn new(index: u32, t_s: f64, phase: &str, press: Label, slid: Option<&SlidingState>) -> Self {
         let Label { pose, indentation_depth_mm, contact, markers, mut numerics, mut health, effects, .. } = press;
         if let Some(slid) = slid.filter(|slid| !slid.slip.converged) {
             numerics.converged = false;

@@ -11,7 +11,7 @@ use crate::sample::{MOST_ATTEMPTS, Sample, Unfit};
 use crate::scene::Scene;
 use gelsim_core::base::clock::{Clock, Seconds};
 use gelsim_core::base::rng;
-use gelsim_core::depth::texture::Laid;
+use gelsim_core::depth::texture::TexturePlacement;
 use gelsim_core::effects::{Effect, PerEffect};
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::mesh::clusters::Clusters;
@@ -168,7 +168,7 @@ pub fn render<E>(
     let simulator = drawn.scene.simulator(plan);
     let mut sliding = simulator.sliding(drawn.friction).expect("a model that knows tractions");
     let (plane, start) = (drawn.scene.plane, drawn.scene.over_plane);
-    let laid = Laid::with(&start);
+    let laid = TexturePlacement::with(&start);
     let noise_key = drawn.scene.camera.noise_key;
     let view = simulator.view();
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
@@ -234,7 +234,7 @@ pub fn render<E>(
 }
 
 /// A frame's press, with the texture where it lay at the start.
-pub(crate) fn pressed(plan: &Plan, scene: &Scene, laid: Laid) -> Press {
+pub(crate) fn pressed(plan: &Plan, scene: &Scene, laid: TexturePlacement) -> Press {
     let mut press = scene.press(plan);
     press.texture = press.texture.map(|texture| texture.laid_out(laid));
     press

@@ -3,6 +3,7 @@
 use gelsim_core::camera::CameraParams;
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
+use gelsim_core::simulator::Stages;
 use std::path::Path;
 
 use image::RgbImage;

@@ -76,11 +76,11 @@ impl Ball {
         let window = pad.window(depth_mm);
         let margin = window.margin_px;
         let [width, height] = camera.resolution_px.map(|size| size + 2 * margin);
-        let mut overlap = Grid::new(width, height);
+        let mut penetration = Grid::new(width, height);
         let away = |at: usize, k: usize| (at as f64 - margin as f64 - centre_px[k]) * camera.mm_per_px[k];
         for y in 0..height {
             let down = away(y, 1);
-            for (x, value) in overlap.row_mut(y).iter_mut().enumerate() {
+            for (x, value) in penetration.row_mut(y).iter_mut().enumerate() {
                 let across = away(x, 0);
                 let below = self.radius_mm * self.radius_mm - across * across - down * down;
                 let reach = if below > 0.0 { depth_mm - self.radius_mm + libm::sqrt(below) } else { f64::NEG_INFINITY };
@@ -88,7 +88,7 @@ impl Ball {
             }
         }
         let mut depth =
-            Depth { overlap, margin_px: margin, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
+            Depth { penetration, margin_px: margin, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
         depth.measure();
         pad.press(&depth)
     }

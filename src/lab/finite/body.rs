@@ -129,11 +129,11 @@ fn reach(object: &Clusters, pose: &Pose) -> f64 {
 /// Heights over the object's lowest point in a view.
 fn heights(object: &Clusters, pose: &Pose, view: &View, depth_mm: f64, thickness_mm: f64) -> Grid<f64> {
     let window = Window { margin_px: 0, above_mm: thickness_mm };
-    let overlap = capture(object, &pose.placement(), view, window, 2.0 * depth_mm + thickness_mm).overlap;
+    let penetration = capture(object, &pose.placement(), view, window, 2.0 * depth_mm + thickness_mm).penetration;
     Grid {
-        width: overlap.width,
-        height: overlap.height,
-        data: overlap.data.iter().map(|mm| depth_mm - f64::from(*mm)).collect(),
+        width: penetration.width,
+        height: penetration.height,
+        data: penetration.data.iter().map(|mm| depth_mm - f64::from(*mm)).collect(),
     }
 }
 

@@ -48,16 +48,16 @@ pub fn press(sensor: &Sensor, object: &Profile, depth_mm: f64, radius_mm: f64) -
 fn captured(object: &Profile, depth_mm: f64, view: &View, window: Window) -> Depth {
     let margin = window.margin_px;
     let [width, height] = view.resolution_px.map(|px| px + 2 * margin);
-    let mut overlap = Grid::new(width, height);
+    let mut penetration = Grid::new(width, height);
     for y in 0..height {
         for x in 0..width {
             let centre = |at: usize| at as f64 + 0.5 - margin as f64;
             let [along, across] = view.point_mm([centre(x), centre(y)]);
             let mm = depth_mm - object.height(libm::hypot(along, across));
-            overlap.row_mut(y)[x] = mm.max(-window.above_mm) as f32;
+            penetration.row_mut(y)[x] = mm.max(-window.above_mm) as f32;
         }
     }
-    Depth { overlap, margin_px: margin, ..Depth::clear(view) }
+    Depth { penetration, margin_px: margin, ..Depth::clear(view) }
 }
 
 /// Values at the pixels of a surface in a view, from those at radii.

@@ -169,7 +169,8 @@ fn chosen(plan: &Plan, object: &str, scene: &Scene) -> Result<Chosen, LeftOut> {
     if matches!(sensor.rest_surface, Some(RestSurface::HeightMap { .. })) {
         return Err(left_out(None, String::from("the pad is neither flat nor a dome")));
     }
-    let Shape::Mesh(clusters) = &scene.indenter(plan).shape else {
+    let indenter = scene.indenter(plan);
+    let Shape::Mesh(clusters) = indenter.shape() else {
         return Err(left_out(None, String::from("no mesh of it is known")));
     };
     let (depth_mm, thickness_mm) = (scene.indentation_depth_mm, sensor.gelpad.thickness_mm);

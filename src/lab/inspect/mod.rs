@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::inspect::surface::{Surface, survey};
-use gelsim_core::mesh::Cleaned;
+use gelsim_core::mesh::CleanupReport;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_files::diagnostic::Severity;
 use gelsim_files::length::{Unit, is_plausible};
@@ -73,7 +73,7 @@ pub struct MeshFacts {
     /// Triangles after cleaning.
     pub triangles: usize,
     /// What cleaning dropped.
-    pub cleaned: Cleaned,
+    pub cleaned: CleanupReport,
     /// How the triangles hang together.
     pub surface: Surface,
     /// Rows of the sensor's pixels that its triangles fill, summed up, in the mean capture of a side: time goes with it.

@@ -194,7 +194,7 @@ impl Measured {
         for index in indices {
             let mut sample = render(plan, *index);
             // Large and compared by nobody.
-            (sample.impression.depth.overlap, sample.impression.contact.pressure) = (Grid::default(), None);
+            (sample.impression.depth.penetration, sample.impression.contact.pressure) = (Grid::default(), None);
             // The quicker of two runs: the first one may have found caches cold.
             let again = render(plan, *index).seconds;
             // Nor is what is known of its sensor.

@@ -15,7 +15,7 @@ use super::{BULGE, Elastic, Pad};
 use crate::base::grid::{Grid, Rect, Resolution};
 use crate::base::simd::simd_dispatch;
 use crate::depth::beyond::{Area, Cells, Surroundings};
-use crate::gelpad::whole::Beyond;
+use crate::gelpad::total_contact::Beyond;
 
 /// How far the first grid reaches beyond the window, thicknesses.
 const FIRST: f64 = 4.0;
@@ -92,18 +92,18 @@ impl Pad {
         for Level { inner, outer, cells, size } in
             self.levels(window, around.below(BULGE * around.depth_mm())).iter().rev()
         {
-            let mut overlap = around.overlap(cells);
+            let mut penetration = around.penetration(cells);
             for field in field.iter().chain(&gives) {
                 let given = field.at(cells.corner_mm, [cells.pitch_mm; 2], cells.count);
-                overlap.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
+                penetration.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
             }
-            let deepest = overlap.largest(|g| g);
+            let deepest = penetration.largest(|g| g);
             let pad = self.on_cells(*size, cells.pitch_mm, f64::from(deepest));
             let both = self.object().map(|object| pad.softened(object, [MOST; 2]));
-            let solution = both.as_ref().unwrap_or(&pad).solve(&overlap, &mut [], Rect::default(), None);
+            let solution = both.as_ref().unwrap_or(&pad).solve(&penetration, &mut [], Rect::default(), None);
             solved &= solution.converged;
-            let whole = Rect::whole(overlap.width, overlap.height);
-            let mut pressure = Grid::new(overlap.width, overlap.height);
+            let whole = Rect::whole(penetration.width, penetration.height);
+            let mut pressure = Grid::new(penetration.width, penetration.height);
             pressure.paste(&solution.pressure, solution.contact_box, whole);
             let area = cells.pitch_mm * cells.pitch_mm;
             for y in 0..pressure.height {

@@ -112,7 +112,7 @@ impl Pad {
             let coupling = self.layer.coupling(q);
             coupling * coupling / (self.layer.normal(q) * self.layer.tangential(q))
         };
-        let deepest = depth.overlap.largest(|g| g);
+        let deepest = depth.penetration.largest(|g| g);
         (0..=STEPS).map(share).fold(0.0, f64::max) * f64::from(deepest)
     }
 
@@ -138,7 +138,7 @@ impl Pad {
 
     /// The solver's grid over a captured window.
     pub(super) fn placed(&self, depth: &Depth, lattice: Lattice) -> Placed {
-        let fine = [depth.overlap.width, depth.overlap.height];
+        let fine = [depth.penetration.width, depth.penetration.height];
         let origin_mm = std::array::from_fn(|k| self.centre_mm(lattice, 0, fine[k], k));
         Placed { origin_mm, mm_per_px: self.coarse_mm_per_px }
     }
@@ -148,17 +148,17 @@ impl Pad {
         let lattice = self.lattice(depth);
         let placed = self.placed(depth, lattice);
         let tolerance_mm = self.unseen_mm() as f32;
-        let Thinned { overlap: mut undisplaced, mut cut } = self.thinned(depth, lattice);
+        let Thinned { penetration: mut undisplaced, mut cut } = self.thinned(depth, lattice);
         if lattice.factor == 1 {
-            undisplaced.clone_from(&depth.overlap);
+            undisplaced.clone_from(&depth.penetration);
         }
         Given { beyond, drag: None }.add_to(&mut undisplaced, placed, lattice, [0; 2], -1.0);
         let window = Rect::whole(undisplaced.width, undisplaced.height);
-        let mut overlap = undisplaced.clone();
+        let mut penetration = undisplaced.clone();
         let mut held: Option<Held> = None;
         let mut solution: Option<Solution> = None;
         for turn in 0..MOST_TURNS {
-            let next = self.solve(&overlap, &mut cut, Rect::default(), solution.as_ref());
+            let next = self.solve(&penetration, &mut cut, Rect::default(), solution.as_ref());
             let part = bounding_box(&next.pressure, |p| p > 0.0);
             if part.is_empty() {
                 return None;
@@ -183,8 +183,8 @@ impl Pad {
             if step <= tolerance_mm || turn + 1 == MOST_TURNS {
                 return Some(now.drag);
             }
-            overlap.clone_from(&undisplaced);
-            now.drag.add_to(&mut overlap, placed, [0; 2], -1.0);
+            penetration.clone_from(&undisplaced);
+            now.drag.add_to(&mut penetration, placed, [0; 2], -1.0);
             (held, solution) = (Some(now), Some(next));
         }
         None

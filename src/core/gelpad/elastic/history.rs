@@ -166,20 +166,20 @@ impl History {
     }
 
     /// What the pad does at a place in the frame.
-    pub fn state_at(&self, place_mm: [f64; 2]) -> Contacting {
-        let Some(held) = &self.held else { return Contacting::Apart };
+    pub fn state_at(&self, place_mm: [f64; 2]) -> StickSlip {
+        let Some(held) = &self.held else { return StickSlip::Apart };
         let pixel: [f64; 2] =
             std::array::from_fn(|k| libm::round((place_mm[k] - held.grip.origin_mm[k]) / held.grip.mm_per_px[k]));
         if (0..2).any(|k| pixel[k] < 0.0 || pixel[k] >= held.grip.size[k] as f64) {
-            return Contacting::Apart;
+            return StickSlip::Apart;
         }
         let [x, y] = pixel.map(|at| at as usize);
         let p = held.pressure.at(x, y);
         let limit = (self.coefficient * f64::from(p)) as f32;
         match p > 0.0 {
-            false => Contacting::Apart,
-            true if sticks(held.tractions.at(x, y), limit) => Contacting::Sticks,
-            true => Contacting::Slips,
+            false => StickSlip::Apart,
+            true if sticks(held.tractions.at(x, y), limit) => StickSlip::Sticks,
+            true => StickSlip::Slips,
         }
     }
 
@@ -270,7 +270,7 @@ impl History {
 
 /// What the pad does in a place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Contacting {
+pub enum StickSlip {
     /// Nothing touches it.
     #[default]
     Apart,

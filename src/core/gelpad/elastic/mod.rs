@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::whole::Beyond;
+use super::total_contact::Beyond;
 use super::{Contact, Numerics, untouched};
 use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
 use crate::base::simd::{count, simd_dispatch};
@@ -214,7 +214,7 @@ impl Pad {
     /// Presses the object into a pad that is displaced already.
     pub fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
         let margin = depth.margin_px;
-        let (width, height) = (depth.overlap.width - 2 * margin, depth.overlap.height - 2 * margin);
+        let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
         let solved =
             Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), model_error_unknown: "", ..Numerics::DIRECT };
         let mut contact = untouched(width, height, Some(0.0), solved);
@@ -227,8 +227,8 @@ impl Pad {
 
     fn press_in(&self, depth: &Depth, given: Given<'_>, contact: &mut Contact) {
         let lattice = self.lattice(depth);
-        let Thinned { overlap, cut } = &mut self.thinned(depth, lattice);
-        let object = if lattice.factor == 1 { &depth.overlap } else { &*overlap };
+        let Thinned { penetration, cut } = &mut self.thinned(depth, lattice);
+        let object = if lattice.factor == 1 { &depth.penetration } else { &*penetration };
         // The pressure has to do what is not done yet.
         let mut left = Cow::Borrowed(object);
         if !given.is_nothing() {
@@ -247,7 +247,7 @@ impl Pad {
         }
         contact.bulge_mm = solution.displacement.largest(|w| -w);
         self.fill(&solution, depth, (object, cut), seen, lattice, contact);
-        let edge = ContactEdge::of(&contact.mask, &depth.overlap, depth.margin_px, self.mm_per_px);
+        let edge = ContactEdge::of(&contact.mask, &depth.penetration, depth.margin_px, self.mm_per_px);
         let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
         let error_mm =
             edge.map_or(Ok(0.0), |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
@@ -271,12 +271,12 @@ impl Pad {
 
     /// The points on which the solver works.
     fn lattice(&self, depth: &Depth) -> Lattice {
-        Lattice::new(self.elastic.resolution, [depth.overlap.width, depth.overlap.height])
+        Lattice::new(self.elastic.resolution, [depth.penetration.width, depth.penetration.height])
     }
 
     /// The solution's pressure, and where it acts. `None` without contact.
     fn load(&self, solution: &mut Solution, depth: &Depth, lattice: Lattice) -> Option<Load> {
-        let (fine, corner) = ([depth.overlap.width, depth.overlap.height], solution.contact_box);
+        let (fine, corner) = ([depth.penetration.width, depth.penetration.height], solution.contact_box);
         let centre_mm = |coarse: usize, k: usize| self.centre_mm(lattice, coarse, fine[k], k);
         let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
         touches.then(|| Load {
@@ -291,12 +291,12 @@ impl Pad {
         (lattice.centre(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
     }
 
-    /// Solves for the contact within `overlap`, some of whose pixels are cut by walls, and for the displacement in
+    /// Solves for the contact within `penetration`, some of whose pixels are cut by walls, and for the displacement in
     /// `seen` at least, beginning with the pressure of `like`, if there is one.
-    fn solve(&self, overlap: &Grid<f32>, cut: &mut [CutPixel], seen: Rect, like: Option<&Solution>) -> Solution {
+    fn solve(&self, penetration: &Grid<f32>, cut: &mut [CutPixel], seen: Rect, like: Option<&Solution>) -> Solution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
-        let whole = Rect::whole(overlap.width, overlap.height);
-        let mut touching = bounding_box(overlap, |g| g > 0.0);
+        let whole = Rect::whole(penetration.width, penetration.height);
+        let mut touching = bounding_box(penetration, |g| g > 0.0);
         let mut solution = Solution {
             contact_box: Rect::default(),
             pressure: Grid::default(),
@@ -312,11 +312,11 @@ impl Pad {
             return solution;
         }
         // A press shallower than the tolerance would be solved before it began, whatever its pressure.
-        let deepest = overlap.largest(|g| g);
+        let deepest = penetration.largest(|g| g);
         let goal = tolerance.min(SHALLOW * deepest);
         let touching_px = simd_dispatch(
             #[inline(always)]
-            || count(overlap.data.iter().map(|g| *g > 0.0)),
+            || count(penetration.data.iter().map(|g| *g > 0.0)),
         );
         let area = f64::from(touching_px) * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
         let cutoff = std::f64::consts::PI / libm::sqrt(area);
@@ -332,7 +332,7 @@ impl Pad {
             let mut problem = ContactProblem {
                 operator: &operator,
                 softest: self.response.softest() as f32,
-                overlap: overlap.crop(contact_box),
+                penetration: penetration.crop(contact_box),
                 cut: Vec::new(),
                 own: self.response.kernel().at(0, 0),
                 tolerance_mm: goal,
@@ -347,7 +347,7 @@ impl Pad {
             } else if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
-                pressure = coarser.guess(overlap, contact_box);
+                pressure = coarser.guess(penetration, contact_box);
                 problem.refine(&mut pressure);
             } else if round == 0 {
                 problem.guess(&mut pressure);
@@ -371,7 +371,7 @@ impl Pad {
                 operator.prepare(&mut memory);
                 operator.displace(&solution.pressure, &mut memory, &mut solution.displacement);
             }
-            let missed = solution.check(overlap, cut, 2.0 * tolerance);
+            let missed = solution.check(penetration, cut, 2.0 * tolerance);
             // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
             let solved = residual_mm <= tolerance && solution.residual_mm <= 2.0 * tolerance;
             solution.converged = solved && missed.is_empty();
@@ -386,8 +386,8 @@ impl Pad {
     /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
     fn guess(&self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
-        let overlap = lattice.thin_out(fine, self.mm_per_px);
-        let solution = self.solve(&overlap, &mut [], Rect::default(), None);
+        let penetration = lattice.thin_out(fine, self.mm_per_px);
+        let solution = self.solve(&penetration, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape, out| lattice.enlarge(values, solution.contact_box, part, shape, out);

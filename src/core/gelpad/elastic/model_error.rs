@@ -70,10 +70,10 @@ pub struct ContactEdge {
 }
 
 impl ContactEdge {
-    /// That of a contact mask. `overlap` has `margin_px` more on every side. `None` if no pixel in view is at the edge.
-    pub fn of(mask: &Grid<u8>, overlap: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
+    /// That of a contact mask. `penetration` has `margin_px` more on every side. `None` if no pixel in view is at the edge.
+    pub fn of(mask: &Grid<u8>, penetration: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
         let per_px = mm_per_px.map(|pitch| (1.0 / pitch) as f32);
-        let object = |y: usize| &overlap.row(y + margin_px)[margin_px..][..mask.width];
+        let object = |y: usize| &penetration.row(y + margin_px)[margin_px..][..mask.width];
         let (mut slope, mut touching_px, mut sides) = (0.0_f32, 0_u64, [0_u64; 2]);
         let nothing = vec![0; mask.width];
         for y in 0..mask.height {
@@ -245,18 +245,18 @@ mod tests {
             [0.0, 0.1, -0.1, 0.0, 0.0],
             [0.0, 0.0, 0.0, 0.0, 0.0],
         ];
-        let mut overlap = Grid::new(5, 5);
-        overlap.data = rows.as_flattened().to_vec();
+        let mut penetration = Grid::new(5, 5);
+        penetration.data = rows.as_flattened().to_vec();
         let mut mask = Grid::new(3, 3);
         mask.data = vec![255, 255, 0, 255, 255, 0, 0, 0, 0];
-        let edge = ContactEdge::of(&mask, &overlap, 1, [0.1, 0.2]).expect("an edge");
+        let edge = ContactEdge::of(&mask, &penetration, 1, [0.1, 0.2]).expect("an edge");
         // 0.4 mm over 0.2 mm down, 0.1 mm over 0.1 mm to the right.
         assert!((edge.slope - 2.0).abs() < 1e-6, "{edge:?}");
         // Four pixels of 0.1 mm x 0.2 mm, two sides of 0.2 mm and two of 0.1 mm.
         assert!((edge.area_over_perimeter_mm - 0.08 / (0.6 * std::f64::consts::FRAC_PI_4)).abs() < 1e-9, "{edge:?}");
         for without in [255, 0] {
             mask.data.fill(without);
-            assert_eq!(ContactEdge::of(&mask, &overlap, 1, [0.1, 0.2]), None);
+            assert_eq!(ContactEdge::of(&mask, &penetration, 1, [0.1, 0.2]), None);
         }
     }
 

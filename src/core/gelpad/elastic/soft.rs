@@ -14,19 +14,19 @@ use super::walls::Thinned;
 use super::{Elastic, Given, Pad};
 use crate::base::grid::{Grid, Rect};
 use crate::depth::{Depth, Window};
-use crate::gelpad::whole::Beyond;
+use crate::gelpad::total_contact::Beyond;
 
 /// What an object is made of that is not rigid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Soft {
+pub struct ElasticObject {
     /// Young's modulus, kPa, above 0.
     pub youngs_modulus_kpa: f64,
     /// Poisson ratio, 0 to 0.5.
     pub poisson_ratio: f64,
 }
 
-impl Soft {
+impl ElasticObject {
     /// What a displacement is times frequency, under pressure 1 in units of a pad's Young's modulus.
     fn half_space(self, pad_youngs_modulus_kpa: f64) -> f64 {
         2.0 * (1.0 - self.poisson_ratio * self.poisson_ratio) * pad_youngs_modulus_kpa / self.youngs_modulus_kpa
@@ -43,7 +43,7 @@ pub struct Yielded {
 
 impl Pad {
     /// The same pad under an object of its own material. Friction is the object's where there is any.
-    pub fn under(&self, friction: Option<Friction>, soft: Option<Soft>) -> Self {
+    pub fn under(&self, friction: Option<Friction>, soft: Option<ElasticObject>) -> Self {
         let friction = self.elastic.friction.map(|held| friction.unwrap_or(held));
         let elastic = Elastic { friction, ..self.elastic };
         Self { elastic, object: soft.map(|soft| soft.half_space(self.youngs_modulus_kpa)), ..self.clone() }
@@ -75,13 +75,13 @@ impl Pad {
         let [width, height] = lattice.size();
         // A coarser grid may have a pixel more.
         let both = self.softened(half_space, [width + 2, height + 2]);
-        let Thinned { mut overlap, mut cut } = both.thinned(depth, lattice);
+        let Thinned { mut penetration, mut cut } = both.thinned(depth, lattice);
         if lattice.factor == 1 {
-            overlap.clone_from(&depth.overlap);
+            penetration.clone_from(&depth.penetration);
         }
         let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
-        Given { beyond, drag: None }.add_to(&mut overlap, self.placed(depth, lattice), lattice, [0; 2], -1.0);
-        let solution = both.solve(&overlap, &mut cut, Rect::default(), None);
+        Given { beyond, drag: None }.add_to(&mut penetration, self.placed(depth, lattice), lattice, [0; 2], -1.0);
+        let solution = both.solve(&penetration, &mut cut, Rect::default(), None);
         if !solution.contact_box.is_empty() {
             let alone = self.response.object_alone(half_space, [width, height]);
             let whole = Rect::whole(width, height);
@@ -90,7 +90,7 @@ impl Pad {
             operator.prepare(&mut memory);
             operator.displace(&solution.pressure, &mut memory, &mut gives);
             if lattice.factor > 1 {
-                let fine = Rect::whole(depth.overlap.width, depth.overlap.height);
+                let fine = Rect::whole(depth.penetration.width, depth.penetration.height);
                 let coarse = std::mem::take(&mut gives);
                 lattice.enlarge(&coarse, whole, fine, Shape::Cubic, &mut gives);
             }
@@ -112,8 +112,8 @@ impl Pad {
 /// Takes off what an object gives. What was not captured stays so.
 fn lower(depth: &mut Depth, gives: &Grid<f32>, window: Window) {
     let ceiling = 0.0 - window.above_mm as f32;
-    for (overlap, gives) in depth.overlap.data.iter_mut().zip(&gives.data) {
-        *overlap = (*overlap - gives).max(ceiling);
+    for (penetration, gives) in depth.penetration.data.iter_mut().zip(&gives.data) {
+        *penetration = (*penetration - gives).max(ceiling);
     }
 }
 

@@ -57,20 +57,20 @@ impl Given<'_> {
 
 impl Solution {
     /// Where walls cut pixels that give way no more, the displacement at their centres.
-    pub fn settle(&mut self, overlap: &Grid<f32>, cut: &[CutPixel]) {
+    pub fn settle(&mut self, penetration: &Grid<f32>, cut: &[CutPixel]) {
         let (part, seen) = (self.contact_box, self.seen);
         for pixel in cut.iter().filter(|pixel| pixel.stopped && part.holds(pixel.at) && seen.holds(pixel.at)) {
             let [x, y] = pixel.at;
             let pressure = self.pressure.at(x - part.x0, y - part.y0);
             if pressure > 0.0 {
-                self.displacement.row_mut(y - seen.y0)[x - seen.x0] = overlap.at(x, y) - pixel.settles(pressure);
+                self.displacement.row_mut(y - seen.y0)[x - seen.x0] = penetration.at(x, y) - pixel.settles(pressure);
             }
         }
     }
 
     /// Notes the largest violation of the contact conditions, where pixels that a wall cuts may give way; where,
     /// outside the contact's box, the object reaches through the surface by more than `accepted`.
-    pub fn check(&mut self, overlap: &Grid<f32>, cut: &[CutPixel], accepted: f32) -> Rect {
+    pub fn check(&mut self, penetration: &Grid<f32>, cut: &[CutPixel], accepted: f32) -> Rect {
         let Rect { x0, x1, .. } = self.seen;
         let mut missed = Rect::default();
         let mut touching = vec![0.0; x1 - x0];
@@ -92,7 +92,7 @@ impl Solution {
                     }
                 }
             }
-            let (w, g) = (self.displacement.row(y - self.seen.y0), &overlap.row(y)[x0..x1]);
+            let (w, g) = (self.displacement.row(y - self.seen.y0), &penetration.row(y)[x0..x1]);
             let (worst, through) = simd_dispatch(
                 #[inline(always)]
                 || {

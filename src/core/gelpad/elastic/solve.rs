@@ -20,7 +20,7 @@ pub struct ContactProblem<'a> {
     /// The largest G, mm: what a first guess of the pressure is scaled with.
     pub softest: f32,
     /// Overlap, mm, over the box.
-    pub overlap: Grid<f32>,
+    pub penetration: Grid<f32>,
     /// Pixels of the box that give way beside the pad's own displacement.
     pub cut: Vec<CutPixel>,
     /// Displacement of a pixel under its own pressure, mm.
@@ -57,7 +57,7 @@ pub struct Scratch {
 impl ContactProblem<'_> {
     /// A first guess of the pressure: what each pixel would need on a soft spring of its own.
     pub fn guess(&self, pressure: &mut Grid<f32>) {
-        pressure.clone_from(&self.overlap);
+        pressure.clone_from(&self.penetration);
         for value in &mut pressure.data {
             *value = value.max(0.0) / self.softest;
         }
@@ -84,7 +84,7 @@ impl ContactProblem<'_> {
     /// after.
     fn undo(&self, residual: &mut Grid<f32>, memory: &mut Memory, step: &mut Grid<f32>) {
         let balance = |pixel: &CutPixel| 1.0 / (1.0 + pixel.compliance / self.own).sqrt();
-        let index = |pixel: &CutPixel| pixel.at[1] * self.overlap.width + pixel.at[0];
+        let index = |pixel: &CutPixel| pixel.at[1] * self.penetration.width + pixel.at[0];
         let kept: Vec<f32> = self.cut.iter().map(|pixel| residual.data[index(pixel)]).collect();
         self.cut.iter().for_each(|pixel| residual.data[index(pixel)] *= balance(pixel));
         self.operator.undo(residual, memory, step);
@@ -101,7 +101,7 @@ impl ContactProblem<'_> {
             let mut pixel = *pixel;
             pixel.at = at;
             if pixel.stopped {
-                self.overlap.row_mut(at[1])[at[0]] -= pixel.gives_way(0.0);
+                self.penetration.row_mut(at[1])[at[0]] -= pixel.gives_way(0.0);
                 pixel.compliance = 0.0;
             }
             self.cut.push(pixel);
@@ -143,7 +143,7 @@ impl ContactProblem<'_> {
         for pixel in &mut self.cut {
             let [x, y] = pixel.at;
             if pixel.stop(pressure.at(x, y)) {
-                self.overlap.row_mut(y)[x] -= pixel.gives_way(0.0);
+                self.penetration.row_mut(y)[x] -= pixel.gives_way(0.0);
                 pixel.compliance = 0.0;
                 any = true;
             }
@@ -162,10 +162,10 @@ impl ContactProblem<'_> {
         let (mut last_product, mut keeps_direction) = (1.0, false);
         let mut free = Vec::<CutPixel>::new();
         loop {
-            outcome.residual_mm = violation(pressure, displacement, &self.overlap, residual);
+            outcome.residual_mm = violation(pressure, displacement, &self.penetration, residual);
             if outcome.residual_mm <= NEARLY * self.tolerance_mm && self.stop(pressure) {
                 self.displace(pressure, memory, displacement);
-                outcome.residual_mm = violation(pressure, displacement, &self.overlap, residual);
+                outcome.residual_mm = violation(pressure, displacement, &self.penetration, residual);
                 keeps_direction = false;
             }
             if outcome.residual_mm <= self.tolerance_mm || outcome.iterations == self.max_iterations {
@@ -187,7 +187,7 @@ impl ContactProblem<'_> {
             let length = if curvature > 0.0 { (dot(residual, direction) / curvature) as f32 } else { 0.0 };
             free.clear();
             free.extend(self.cut.iter().copied().filter(|pixel| pressure.at(pixel.at[0], pixel.at[1]) <= 0.0));
-            let changes = advance(pressure, direction, displacement, &self.overlap, length, 1.0 / self.softest);
+            let changes = advance(pressure, direction, displacement, &self.penetration, length, 1.0 / self.softest);
             // A guess for a stiff pixel takes one that gives way far beyond the object: it would leave and join for ever.
             for pixel in &free {
                 pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.of_the_rest(pixel);
@@ -206,13 +206,13 @@ impl ContactProblem<'_> {
 }
 
 /// Writes w - g of the contact's pixels to `residual`, 0 elsewhere; the largest violation of the conditions.
-fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, overlap: &Grid<f32>, residual: &mut Grid<f32>) -> f32 {
+fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, penetration: &Grid<f32>, residual: &mut Grid<f32>) -> f32 {
     // Floats from 0 up are ordered like their bits, and whole numbers are compared eight at a time; NaN comes out on top.
     let worst = simd_dispatch(
         #[inline(always)]
         || {
             let mut worst = 0;
-            let rows = pressure.data.iter().zip(&displacement.data).zip(&overlap.data).zip(&mut residual.data);
+            let rows = pressure.data.iter().zip(&displacement.data).zip(&penetration.data).zip(&mut residual.data);
             for (((p, w), g), r) in rows {
                 let gap = w - g;
                 let touches = *p > 0.0;
@@ -277,7 +277,7 @@ fn advance(
     pressure: &mut Grid<f32>,
     direction: &Grid<f32>,
     displacement: &Grid<f32>,
-    overlap: &Grid<f32>,
+    penetration: &Grid<f32>,
     length: f32,
     stiffness: f32,
 ) -> Changes {
@@ -285,7 +285,7 @@ fn advance(
         #[inline(always)]
         move || {
             let (mut joined, mut left) = (0_u32, 0_u32);
-            let rows = direction.data.iter().zip(&displacement.data).zip(&overlap.data);
+            let rows = direction.data.iter().zip(&displacement.data).zip(&penetration.data);
             for (p, ((t, w), g)) in pressure.data.iter_mut().zip(rows) {
                 let touches = *p > 0.0;
                 let moved = *p - length * t;

@@ -64,7 +64,7 @@ impl Pad {
             || {
                 let (mut force, mut peak, mut not_finite) = (0.0, 0.0_f32, 0_u32);
                 for y in 0..height {
-                    let object = &depth.overlap.row(seen.y0 + y)[seen.x0..seen.x1];
+                    let object = &depth.penetration.row(seen.y0 + y)[seen.x0..seen.x1];
                     let surface = contact.surface.row_mut(y);
                     touching.fill(0);
                     if !on_object {
@@ -128,7 +128,7 @@ impl Pad {
         let Touched { solution, depth, coarse, cut, area, highest } = *touched;
         let stiffness = (2.0 / self.layer.half_space()) as f32;
         let inside =
-            edge::inside_mm(solution, coarse, (&depth.overlap, lattice), self.coarse_mm_per_px, stiffness, highest);
+            edge::inside_mm(solution, coarse, (&depth.penetration, lattice), self.coarse_mm_per_px, stiffness, highest);
         let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
         if visible.is_empty() {
             let mut pressure = Grid::default();
@@ -169,7 +169,7 @@ impl Pad {
                     if y < rows.y0 || y >= rows.y1 {
                         continue;
                     }
-                    let object = &depth.overlap.row(y)[columns.clone()];
+                    let object = &depth.penetration.row(y)[columns.clone()];
                     let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
                     let to = &mut to[in_area.clone()];
                     let around = [&mut inside, &mut straight, &mut touching].map(|rows| rows.around(y - area.y0).0);

@@ -96,7 +96,7 @@ impl CutPixel {
 /// The object on the solver's grid.
 pub struct Thinned {
     /// The overlap, mm; where a wall leaves a part of a pixel but not its centre, that part's. Empty on the camera's own grid.
-    pub overlap: Grid<f32>,
+    pub penetration: Grid<f32>,
     /// The pixels that a wall cuts.
     pub cut: Vec<CutPixel>,
 }
@@ -106,24 +106,24 @@ impl Thinned {
     /// pixels under pressure 1 on itself, mm.
     pub fn new(lattice: Lattice, depth: &Depth, mm_per_px: [f64; 2], own: f32) -> Self {
         if lattice.factor == 1 {
-            return Self { overlap: Grid::default(), cut: Vec::new() };
+            return Self { penetration: Grid::default(), cut: Vec::new() };
         }
-        let mut thinned = Self { overlap: lattice.thin_out(&depth.overlap, mm_per_px), cut: Vec::new() };
+        let mut thinned = Self { penetration: lattice.thin_out(&depth.penetration, mm_per_px), cut: Vec::new() };
         if depth.touching.is_empty() {
             return thinned;
         }
-        let cells = Cells { lattice, fine: &depth.overlap, step_mm: mm_per_px.map(|mm| WALL * mm as f32) };
+        let cells = Cells { lattice, fine: &depth.penetration, step_mm: mm_per_px.map(|mm| WALL * mm as f32) };
         let around = lattice.box_around(depth.touching);
-        let mut spans = [vec![0.0_f32; depth.overlap.width], vec![0.0_f32; depth.overlap.width]];
+        let mut spans = [vec![0.0_f32; depth.penetration.width], vec![0.0_f32; depth.penetration.width]];
         for y in around.y0..around.y1 {
             cells.spans(y, around, &mut spans);
             for x in around.x0..around.x1 {
                 if !cells.may_be_cut(x, &spans) {
                     continue;
                 }
-                if let Some((pixel, overlap)) = cells.cut([x, y], own / SQUARE) {
+                if let Some((pixel, penetration)) = cells.cut([x, y], own / SQUARE) {
                     thinned.cut.push(pixel);
-                    thinned.overlap.row_mut(y)[x] = overlap;
+                    thinned.penetration.row_mut(y)[x] = penetration;
                 }
             }
         }
@@ -254,11 +254,11 @@ impl Cells<'_> {
         let compliance = wall * unit * (ridge + goes_on * (edge - ridge));
         // As deep as its covered part, that at the centre first. What is less than a wall, less of it.
         let beside_mm = wall * (sums[0] / sums[1] - centre);
-        let overlap = centre + beside_mm;
-        let most_mm = (overlap - mean / whole).max(0.0);
+        let penetration = centre + beside_mm;
+        let most_mm = (penetration - mean / whole).max(0.0);
         let centre_covered = 1.0 - wall * (1.0 - central_face / count);
         let pixel = CutPixel { at, compliance, most_mm, beside_mm, centre_covered, stopped: false };
-        Some((pixel, overlap))
+        Some((pixel, penetration))
     }
 
     /// How far the object's face goes on in the pixels beside one that lie where its covered part does: from 0 to 1.

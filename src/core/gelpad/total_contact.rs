@@ -12,7 +12,7 @@ use crate::depth::indenter::Shape;
 /// What touches the pad beyond the captured window.
 #[derive(Clone, Debug)]
 pub struct Beyond {
-    /// Displacement that its pressure causes, mm, on the grid of [`Depth::overlap`], if the model knows it.
+    /// Displacement that its pressure causes, mm, on the grid of [`Depth::penetration`], if the model knows it.
     pub displacement: Option<Grid<f32>>,
     /// How far an object that is not rigid gives way there under that pressure, mm, on the same grid.
     pub object_gives: Option<Grid<f32>>,
@@ -54,7 +54,7 @@ impl Beyond {
 
 /// How the contact in view is part of a whole.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Whole {
+pub struct TotalContact {
     /// Normal force of the whole object, N, if it is known.
     pub total_force_n: Option<f64>,
     /// The object touches the pad beyond the view, too.
@@ -67,7 +67,7 @@ pub struct Whole {
     pub force_unknown: &'static str,
 }
 
-impl Whole {
+impl TotalContact {
     /// That of a contact in `view`, with what touches beyond the captured window. A force in view that what is not known
     /// decides is taken from the contact.
     pub fn of(
@@ -160,11 +160,11 @@ fn pressed_around(load: &Load, view: &View) -> (f64, f64) {
 
 /// Pixels around the view in which the object reaches below the undeformed pad.
 fn overlapped_around(depth: &Depth) -> u64 {
-    let Depth { overlap, margin_px, touching, .. } = depth;
-    let [x1, y1] = [overlap.width, overlap.height].map(|size| size - margin_px);
+    let Depth { penetration, margin_px, touching, .. } = depth;
+    let [x1, y1] = [penetration.width, penetration.height].map(|size| size - margin_px);
     let mut count = 0;
     for y in touching.y0..touching.y1 {
-        let row = overlap.row(y);
+        let row = penetration.row(y);
         let sides = if (*margin_px..y1).contains(&y) { [&row[..*margin_px], &row[x1..]] } else { [row, &[]] };
         count += sides.into_iter().flatten().map(|mm| u64::from(*mm > 0.0)).sum::<u64>();
     }
