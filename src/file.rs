@@ -96,17 +96,44 @@ pub trait MeshExt: Sized {
     fn load_with_unit(path: impl AsRef<Path>, mm_per_unit: f64) -> Result<Self, MeshFileError>;
 }
 
+/// Why a file gives no mesh.
 #[cfg(feature = "files")]
-pub use gelsim_files::mesh::MeshFileError;
+#[derive(Debug)]
+pub struct MeshFileError(mesh::MeshFileError);
+
+#[cfg(feature = "files")]
+impl MeshFileError {
+    /// The line, in a format that is text.
+    pub fn line(&self) -> Option<usize> {
+        self.0.line
+    }
+
+    /// What to do.
+    pub fn help(&self) -> String {
+        self.0.help()
+    }
+}
+
+#[cfg(feature = "files")]
+impl std::fmt::Display for MeshFileError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+#[cfg(feature = "files")]
+impl std::error::Error for MeshFileError {}
 
 #[cfg(feature = "files")]
 impl MeshExt for Mesh {
     fn load(path: impl AsRef<Path>) -> Result<Self, MeshFileError> {
-        mesh::load(path.as_ref(), mesh::Reading::default()).map(|loaded| loaded.mesh)
+        let loaded = mesh::load(path.as_ref(), mesh::Reading::default()).map_err(MeshFileError)?;
+        Ok(loaded.mesh)
     }
 
     fn load_with_unit(path: impl AsRef<Path>, mm_per_unit: f64) -> Result<Self, MeshFileError> {
-        mesh::load(path.as_ref(), mm_per_unit).map(|loaded| loaded.mesh)
+        let loaded = mesh::load(path.as_ref(), mm_per_unit).map_err(MeshFileError)?;
+        Ok(loaded.mesh)
     }
 }
 

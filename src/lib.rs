@@ -43,7 +43,7 @@ pub use gelsim_core::effects::{Effect, EffectLog, EffectPolicy, Note as EffectNo
 #[doc(inline)]
 pub use gelsim_core::fidelity::{Fidelity, Models};
 #[doc(inline)]
-pub use gelsim_core::mesh::clusters::Clusters;
+pub use gelsim_core::mesh::clusters::{Clusters, Part as ClusterPart};
 #[doc(inline)]
 pub use gelsim_core::mesh::{CleanupReport, Mesh, MeshError};
 #[doc(inline)]
@@ -55,6 +55,10 @@ pub use gelsim_core::simulator::{Press, PressError, Simulator};
 #[doc(inline)]
 pub use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
 #[doc(inline)]
+pub use gelsim_core::base::site::Site;
+#[doc(inline)]
+pub use gelsim_core::base::surface::{Hole as GelHole, Surface as GelMesh, SurfaceError as GelMeshError};
+#[doc(inline)]
 pub use gelsim_core::base::view::View;
 #[doc(inline)]
 pub use gelsim_core::camera::CameraParams;
@@ -63,7 +67,7 @@ pub use gelsim_core::camera::markers::{MarkerPattern, MarkerPrint};
 #[doc(inline)]
 pub use gelsim_core::camera::pins::{Along as PinDirection, MountRing, Pins};
 #[doc(inline)]
-pub use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole};
+pub use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
 #[doc(inline)]
 pub use gelsim_core::depth::rest::{Grain, RestSurface};
 #[doc(inline)]
@@ -73,7 +77,12 @@ pub use gelsim_core::optics::LightSource;
 #[doc(inline)]
 pub use gelsim_core::optics::background::{BackgroundImage, Pattern as BackgroundPattern, RenderedBackground};
 #[doc(inline)]
-pub use gelsim_core::optics::calibrated::Table as CalibrationTable;
+pub use gelsim_core::optics::calibrated::beyond::{Beyond as CalibrationExtrapolation, Range as CalibrationRange};
+#[doc(inline)]
+pub use gelsim_core::optics::calibrated::{
+    Colors as CalibrationColors, Table as CalibrationTable, response::Response as CalibrationResponse,
+    taxim::Taxim as TaximCalibration,
+};
 #[doc(inline)]
 pub use gelsim_core::optics::lamps::Lamp;
 #[doc(inline)]
@@ -111,15 +120,33 @@ pub use gelsim_core::gelpad::tangential::Shear;
 
 // The models that a fidelity level chooses.
 #[doc(inline)]
+pub use gelsim_core::base::grid::Resolution;
+#[doc(inline)]
 pub use gelsim_core::gelpad::Model as GelpadModel;
 #[doc(inline)]
+pub use gelsim_core::gelpad::elastic::Elastic;
+#[doc(inline)]
+pub use gelsim_core::gelpad::gaussian::Gaussian;
+#[doc(inline)]
+pub use gelsim_core::gelpad::mean_blur::MeanBlur;
+#[doc(inline)]
+pub use gelsim_core::gelpad::none::NoDeformation;
+#[doc(inline)]
 pub use gelsim_core::optics::Model as OpticsModel;
+#[doc(inline)]
+pub use gelsim_core::optics::calibrated::Calibrated as CalibratedOptics;
+#[doc(inline)]
+pub use gelsim_core::optics::lamps::Lamps as LampOptics;
+#[doc(inline)]
+pub use gelsim_core::optics::phong::{Equation as PhongEquation, Phong, Shadows, SoftShadows};
 
 // What comes out.
 #[doc(inline)]
 pub use gelsim_core::base::clock::Seconds;
 #[doc(inline)]
 pub use gelsim_core::base::grid::{Grid, Rect};
+#[doc(inline)]
+pub use gelsim_core::base::light::Light;
 #[doc(inline)]
 pub use gelsim_core::camera::Image;
 #[doc(inline)]
@@ -135,7 +162,13 @@ pub use gelsim_core::depth::Depth;
 #[doc(inline)]
 pub use gelsim_core::gelpad::elastic::history::StickSlip;
 #[doc(inline)]
+pub use gelsim_core::gelpad::elastic::inplane::{Field, Load};
+#[doc(inline)]
+pub use gelsim_core::gelpad::elastic::shear::Outcome as ShearOutcome;
+#[doc(inline)]
 pub use gelsim_core::gelpad::sliding::{Slip, Wrench};
+#[doc(inline)]
+pub use gelsim_core::gelpad::subpixel::{SampledPixel, Subpixel};
 #[doc(inline)]
 pub use gelsim_core::gelpad::tangential::TangentialMotion;
 #[doc(inline)]

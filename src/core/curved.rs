@@ -237,7 +237,7 @@ impl Curved {
                     |node: [usize; 2]| self.view.point_mm(node.map(|at| at as f64 + 0.5 - window.margin_px as f64));
                 let places = Places { chart, place: &place, pitch_mm: self.view.mm_per_px };
                 let posed = Posed { pose: &indenter.pose, plane };
-                texture.cut_along_normals(&posed, &places, window.above_mm, &mut depth);
+                crate::depth::texture::cut_along_normals(texture, &posed, &places, window.above_mm, &mut depth);
             }
         });
         depth

@@ -19,7 +19,7 @@ use crate::optics::residual::LightResidual;
 
 /// A camera-based tactile sensor.
 ///
-/// `Sensor::preset` gives one that is known; every field may be changed before [`crate::Simulator::new`] checks the whole.
+/// Every field may be changed before [`Simulator::new`](crate::simulator::Simulator::new) checks all of them.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Sensor {

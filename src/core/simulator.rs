@@ -26,7 +26,7 @@ use crate::gelpad::elastic::shear::{Friction, Motion};
 use crate::gelpad::object::ObjectMaterial;
 use crate::gelpad::sliding::{FramePad, Sliding};
 use crate::gelpad::tangential::{Shear, tangential};
-use crate::gelpad::total_contact::TotalContact;
+use crate::gelpad::total_contact::total_contact;
 use crate::gelpad::{self, Contact, Pad, subpixel};
 use crate::impression::{Impression, SlidingState};
 use crate::optics::background::BackgroundImage;
@@ -274,7 +274,7 @@ impl Simulator {
             contact.numerics.converged &= shaped;
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
             let (shape, beyond) = (&indenter.shape, beyond.as_ref());
-            contact.total = TotalContact::of(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
+            contact.total = total_contact(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
             seconds.gelpad += clock.lap();
             match pad.higher(window, &contact) {
                 Some(higher) => window = higher,

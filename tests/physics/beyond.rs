@@ -10,7 +10,7 @@ use gelsim_core::depth::beyond::Surroundings;
 use gelsim_core::depth::indenter::Indenter;
 use gelsim_core::depth::{self, Window};
 use gelsim_core::gelpad::Contact;
-use gelsim_core::gelpad::total_contact::{Beyond, TotalContact};
+use gelsim_core::gelpad::total_contact::{Beyond, TotalContact, total_contact};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, Pose, Side};
 
@@ -66,7 +66,7 @@ fn press(rig: &Rig, indenter: &Indenter, with_all: bool) -> Pressed {
     let beyond = around.map(|around| rig.pad.beyond(&around));
     let mut contact = rig.pad.press_with(&depth, beyond.as_ref());
     assert!(contact.finite && contact.numerics.converged, "{:?}", contact.numerics);
-    let total = TotalContact::of(indenter.shape(), &depth, beyond.as_ref(), &mut contact, youngs_modulus_kpa, &view);
+    let total = total_contact(indenter.shape(), &depth, beyond.as_ref(), &mut contact, youngs_modulus_kpa, &view);
     Pressed { contact, beyond, total }
 }
 

@@ -56,7 +56,13 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
         let mut cut = plain.clone();
         let place = |node: [usize; 2]| view.point_mm(node.map(|at| at as f64 + 0.5 - 3.0));
         let places = Places { chart: &chart, place: &place, pitch_mm: view.mm_per_px };
-        texture.cut_along_normals(&Posed { pose: &pose, plane: &plane }, &places, window.above_mm, &mut cut);
+        gelsim_core::depth::texture::cut_along_normals(
+            &texture,
+            &Posed { pose: &pose, plane: &plane },
+            &places,
+            window.above_mm,
+            &mut cut,
+        );
         let (mut compared, mut most) = (0, 0.0_f32);
         for y in 0..46 {
             for x in 0..56 {
@@ -97,7 +103,13 @@ fn what_no_relief_cuts_stays_as_it_is() {
             let sample = TextureSample { amplitude_mm: value, scale_mm: other, angle_deg: other, offset: [other, 0.5] };
             let texture = Texture { relief: Arc::new(Relief::procedural(Procedural::Noise)), sample, laid: None };
             let mut depth = plain.clone();
-            texture.cut_along_normals(&Posed { pose: &pose, plane: &plane }, &places, 0.5, &mut depth);
+            gelsim_core::depth::texture::cut_along_normals(
+                &texture,
+                &Posed { pose: &pose, plane: &plane },
+                &places,
+                0.5,
+                &mut depth,
+            );
             assert!(depth.penetration.data.iter().all(|mm| (-0.5..=1.0).contains(mm)), "{value} {other}");
             if value.is_nan() || value <= 0.0 {
                 assert_eq!(depth.penetration.data, plain.penetration.data);

@@ -15,7 +15,6 @@ use std::time::Duration;
 use exr::prelude::{ReadChannels, ReadLayers};
 use gelsim_core::base::grid::{Rect, bounding_box};
 use gelsim_core::base::view::SURFACE_BORDER;
-use gelsim_core::camera::CameraParams;
 use gelsim_core::gelpad::{Model, Pad};
 use gelsim_core::optics::normals::normals;
 use gelsim_dataset::archive::Member;
@@ -313,7 +312,8 @@ fn decodes(member: &Member, plan: &Plan, sample: &Sample) -> Result<(), String> 
         "json" => {
             // A number that is not finite becomes null, and null is none of a label's numbers.
             let read: Label = serde_json::from_slice(&bytes).map_err(|error| text(&error))?;
-            let camera = CameraParams { noise_key: read.camera.noise_key, ..sample.label.camera };
+            let mut camera = sample.label.camera;
+            camera.noise_key = read.camera.noise_key;
             ensure!(read == Label { camera, ..sample.label.clone() }, "another label was read");
         }
         "markers.json" => {

@@ -256,7 +256,9 @@ pub fn light(plan: &Plan, sample: &Sample) -> Vec<f32> {
 
 /// The pad of a sample without what was sampled between its pixels' centres.
 fn at_centres(sample: &Sample) -> Contact {
-    Contact { subpixel: None, ..sample.impression.contact.clone() }
+    let mut contact = sample.impression.contact.clone();
+    contact.subpixel = None;
+    contact
 }
 
 /// The image of that.

@@ -52,12 +52,12 @@ impl Latitude {
     pub const STEP: f64 = 0.2;
 
     /// How many there are on a gel.
-    pub fn count(shape: &GelShape) -> usize {
+    pub(crate) fn count(shape: &GelShape) -> usize {
         libm::round(shape.length_over_mm() / (shape.radius_mm() * Self::STEP)) as usize + 1
     }
 
     /// Its number, from the tip on.
-    pub fn number(self) -> usize {
+    pub(crate) fn number(self) -> usize {
         self.0
     }
 }
@@ -102,13 +102,14 @@ impl Chart {
 
     /// That of a round gel from which those of a latitude come by [`Chart::turn`]: around a dome's tip, or on the meridian through x
     /// of a capsule.
-    pub fn before_turn(shape: &GelShape, latitude: usize) -> Self {
+    pub(crate) fn before_turn(shape: &GelShape, latitude: usize) -> Self {
         let tip = Self::at_tip(shape);
         if tip.walled { tip.on_meridian(Latitude(latitude), 0.0) } else { tip }
     }
 
     /// That of a capsule around each of its latitudes, on the meridian through x.
-    pub fn of_latitudes(shape: &GelShape) -> impl Iterator<Item = Self> {
+    #[cfg(test)]
+    pub(crate) fn of_latitudes(shape: &GelShape) -> impl Iterator<Item = Self> {
         let tip = Self::at_tip(shape);
         (0..Latitude::count(shape)).map(move |number| tip.on_meridian(Latitude(number), 0.0))
     }
@@ -120,7 +121,7 @@ impl Chart {
     }
 
     /// From the chart's axes to the sensor's.
-    pub fn axes(&self) -> DMat3 {
+    pub(crate) fn axes(&self) -> DMat3 {
         self.axes
     }
 
@@ -131,7 +132,7 @@ impl Chart {
 
     /// Charts of a dome differ only in their axes, those of one latitude of a capsule by a turn about z: that which takes the
     /// chart around the tip, or on the meridian through x, to this one.
-    pub fn turn(&self) -> DMat3 {
+    pub(crate) fn turn(&self) -> DMat3 {
         match self.walled {
             false => self.axes,
             // Its y goes around the sensor's axis.
@@ -140,7 +141,7 @@ impl Chart {
     }
 
     /// Radius of the gel, mm.
-    pub fn radius_mm(&self) -> f64 {
+    pub(crate) fn radius_mm(&self) -> f64 {
         self.radius_mm
     }
 
@@ -193,12 +194,12 @@ impl Chart {
     }
 
     /// The point of the gel's surface at a point of the chart, in the sensor's frame, mm.
-    pub fn point_mm(&self, at: [f64; 2]) -> DVec3 {
+    pub(crate) fn point_mm(&self, at: [f64; 2]) -> DVec3 {
         self.rest(at).point_mm
     }
 
     /// The gel at a point of the chart, and the area on it of a mm^2 of the chart.
-    pub fn rest_and_area(&self, at: [f64; 2]) -> (Rest, f64) {
+    pub(crate) fn rest_and_area(&self, at: [f64; 2]) -> (Rest, f64) {
         if !self.walled {
             return (self.rest(at), self.area(at));
         }
@@ -207,7 +208,7 @@ impl Chart {
     }
 
     /// The gel at a point of the chart, and what slopes of 1 along x and along y of the chart are there: slopes on the gel.
-    pub fn rest_with_gradients(&self, at: [f64; 2]) -> (Rest, [DVec3; 2]) {
+    pub(crate) fn rest_with_gradients(&self, at: [f64; 2]) -> (Rest, [DVec3; 2]) {
         let (rest, area) = self.rest_and_area(at);
         let [x, y] = rest.tangents;
         let outwards = DVec2::from_array(at).normalize_or(DVec2::X);
@@ -262,7 +263,7 @@ impl Chart {
     }
 
     /// Area on the gel of a mm^2 of the chart.
-    pub fn area(&self, at: [f64; 2]) -> f64 {
+    pub(crate) fn area(&self, at: [f64; 2]) -> f64 {
         if let Some(unrolled) = &self.unrolled {
             return unrolled.area(at);
         }

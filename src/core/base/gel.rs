@@ -61,7 +61,7 @@ impl GelShape {
     }
 
     /// Its tip.
-    pub fn tip(&self) -> Site {
+    pub(crate) fn tip(&self) -> Site {
         match self {
             Self::Mesh(surface) => Site { normal: surface.tip_normal(), below_mm: 0.0, point_mm: DVec3::ZERO },
             Self::Dome(_) | Self::Capsule(_) => self.site(DVec3::Z, 0.0),
@@ -122,7 +122,7 @@ impl GelShape {
 
     /// Where a line leaves the gel; `None` if it passes the gel by or leaves through its base. Of a mesh where a ray first goes
     /// out of it.
-    pub fn left_by(&self, from: DVec3, direction: DVec3) -> Option<Site> {
+    pub(crate) fn left_by(&self, from: DVec3, direction: DVec3) -> Option<Site> {
         if let Self::Mesh(surface) = self {
             return surface.left_by(from, direction).map(on_mesh);
         }

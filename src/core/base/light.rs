@@ -22,7 +22,7 @@ pub enum LazyLight<'a> {
 
 impl LazyLight<'_> {
     /// Part of the view that it is the light of.
-    pub fn region(&self) -> Rect {
+    pub(crate) fn region(&self) -> Rect {
         match self {
             Self::Known(light) => light.region,
             Self::Pending(region, _) => *region,

@@ -28,7 +28,7 @@ pub struct Rest {
 
 impl Rest {
     /// The same as a point of the gel.
-    pub fn site(&self) -> Site {
+    pub(crate) fn site(&self) -> Site {
         Site { normal: self.normal, below_mm: self.below_mm, point_mm: self.point_mm }
     }
 }

@@ -63,7 +63,7 @@ impl Shows {
 
 impl GelView {
     /// Of a gel whose charts have the nodes of `view`.
-    pub fn new(shape: GelShape, camera: Projection, view: View) -> Self {
+    pub(crate) fn new(shape: GelShape, camera: Projection, view: View) -> Self {
         let [width, height] = view.resolution_px;
         let centre = |at: usize| [(at % width) as f64 + 0.5, (at / width) as f64 + 0.5];
         let sites: Vec<Option<Site>> = (0..width * height).map(|at| camera.site(&shape, centre(at))).collect();
@@ -79,12 +79,12 @@ impl GelView {
     }
 
     /// What the image's pixels show of the gel, row by row.
-    pub fn sites(&self) -> &[Option<Site>] {
+    pub(crate) fn sites(&self) -> &[Option<Site>] {
         &self.sites
     }
 
     /// Unit normals of the untouched gel towards its inside, a plane per component; (0, 0, -1) where there is no gel.
-    pub fn inwards(&self) -> [&[f32]; 3] {
+    pub(crate) fn inwards(&self) -> [&[f32]; 3] {
         self.inwards.each_ref().map(|plane| &plane[..])
     }
 
@@ -128,7 +128,7 @@ pub struct PressedPart {
 
 impl GelMap {
     /// Of a chart. But for a dome's only a part is looked for: outside of it there is nothing to be shown.
-    pub fn new(gel: &Arc<GelView>, chart: &Chart, part: Rect) -> Self {
+    pub(crate) fn new(gel: &Arc<GelView>, chart: &Chart, part: Rect) -> Self {
         let lattice = OnceLock::new();
         let GelView { shape, view, sites, .. } = &**gel;
         let over_mm = CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
@@ -153,12 +153,12 @@ impl GelMap {
     }
 
     /// A layer of the chart as the image shows it, bilinear: 0 where there is no gel, and beyond the chart.
-    pub fn plane(&self, from: &Grid<f32>) -> Grid<f32> {
+    pub(crate) fn plane(&self, from: &Grid<f32>) -> Grid<f32> {
         self.layer(|at| bilinear(from, at).unwrap_or(0.0))
     }
 
     /// A mask of the chart as the image shows it: the nearest node's value, 0 where there is no gel.
-    pub fn mask(&self, from: &Grid<u8>) -> Grid<u8> {
+    pub(crate) fn mask(&self, from: &Grid<u8>) -> Grid<u8> {
         self.layer(|[x, y]| match x >= 0.0 && y >= 0.0 {
             true if (x as usize) < from.width && (y as usize) < from.height => from.at(x as usize, y as usize),
             _ => 0,
@@ -171,7 +171,7 @@ impl GelMap {
     }
 
     /// The smallest rectangle around the image's pixels that show a part of the chart, or are next to one that does.
-    pub fn around(&self, part: Rect) -> Rect {
+    pub(crate) fn around(&self, part: Rect) -> Rect {
         let [left, top, right, bottom] = [part.x0, part.y0, part.x1, part.y1].map(|side| side as f32);
         if part.is_empty() {
             return Rect::default();
@@ -197,26 +197,26 @@ impl GelMap {
     }
 
     /// A point of the gel in the sensor's frame, mm, where it is pressed in by `down_mm` at a point of the chart.
-    pub fn pressed_point_mm(&self, at: [f64; 2], down_mm: f64) -> DVec3 {
+    pub(crate) fn pressed_point_mm(&self, at: [f64; 2], down_mm: f64) -> DVec3 {
         let Rest { point_mm, normal, .. } = self.chart.rest(at);
         point_mm - down_mm * normal
     }
 
     /// The image's size.
-    pub fn size_px(&self) -> [usize; 2] {
+    pub(crate) fn size_px(&self) -> [usize; 2] {
         self.gel.view.resolution_px
     }
 
     /// Unit normals of a pressed gel whose displacement on the chart is `surface`, nothing outside of `touched`, as the image shows
     /// them: towards the inside of the gel, in the sensor's frame; (0, 0, -1) where there is no gel.
-    pub fn normals(&self, surface: &Grid<f32>, touched: Rect) -> Vec<[f32; 3]> {
+    pub(crate) fn normals(&self, surface: &Grid<f32>, touched: Rect) -> Vec<[f32; 3]> {
         let [width, height] = self.size_px();
         let [x, y, z] = self.pressed(&self.skin(surface, touched), Rect::whole(width, height)).normals;
         x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
     }
 
     /// Points of such a gel as the image shows them, in the sensor's frame, mm; 0, 0, 0 where there is no gel.
-    pub fn points_mm(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
+    pub(crate) fn points_mm(&self, surface: &Grid<f32>) -> Vec<[f32; 3]> {
         let down = self.plane(&surface.inner(SURFACE_BORDER));
         let point = |(site, down): (&Option<Site>, &f32)| {
             let pressed = |site: Site| site.point_mm - f64::from(*down) * site.normal;
@@ -226,7 +226,7 @@ impl GelMap {
     }
 
     /// Such a gel as a part of the image shows it.
-    pub fn pressed(&self, skin: &SkinAt<'_>, part: Rect) -> PressedPart {
+    pub(crate) fn pressed(&self, skin: &SkinAt<'_>, part: Rect) -> PressedPart {
         let GelView { view, inwards, .. } = &*self.gel;
         let [width, _] = view.resolution_px;
         let mut normals = [(); 3].map(|()| Vec::with_capacity(part.area()));
@@ -248,7 +248,7 @@ impl GelMap {
 
     /// The pixels of a part within which such a gel bends, and its normals at [`OFFSETS`] from their centres; `pressed` is what the
     /// part shows, in which nothing is pressed but `within` another one.
-    pub fn bent(&self, skin: &SkinAt<'_>, (part, within): (Rect, Rect), pressed: &PressedPart) -> Vec<BentSkin> {
+    pub(crate) fn bent(&self, skin: &SkinAt<'_>, (part, within): (Rect, Rect), pressed: &PressedPart) -> Vec<BentSkin> {
         let width = self.gel.view.resolution_px[0];
         let (columns, rows) = (within.width(), within.height());
         let in_part = |x: usize, y: usize| (within.y0 + y - part.y0) * part.width() + within.x0 + x - part.x0;
@@ -314,7 +314,7 @@ impl GelMap {
     }
 
     /// A layer of a part of the chart, `there`, as a part of the image shows it, bilinear, row by row; `beyond` elsewhere.
-    pub fn layer_of_part(&self, from: &Grid<f32>, there: Rect, part: Rect, beyond: f32) -> Vec<f32> {
+    pub(crate) fn layer_of_part(&self, from: &Grid<f32>, there: Rect, part: Rect, beyond: f32) -> Vec<f32> {
         let width = self.gel.view.resolution_px[0];
         let origin = [there.x0 as f32, there.y0 as f32];
         let pixels = (part.y0..part.y1).flat_map(|y| &self.at[y * width + part.x0..y * width + part.x1]);
@@ -322,14 +322,14 @@ impl GelMap {
     }
 
     /// A gel whose displacement on the chart is `surface`, nothing outside of `touched`, between the chart's nodes.
-    pub fn skin(&self, surface: &Grid<f32>, touched: Rect) -> SkinAt<'_> {
+    pub(crate) fn skin(&self, surface: &Grid<f32>, touched: Rect) -> SkinAt<'_> {
         let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
         SkinAt::new(&self.gel, self.chart.radius_mm(), (lattice, *turn), surface, touched)
     }
 
     /// Motions along the x and y of the chart as the image shows them, along the sensor's x and y as the smallest turn that takes z to
     /// the gel's normal takes them there; 0 where there is no gel, and beyond the chart.
-    pub fn along_gel(&self, planes: &[Grid<f32>; 2]) -> Vec<[f32; 2]> {
+    pub(crate) fn along_gel(&self, planes: &[Grid<f32>; 2]) -> Vec<[f32; 2]> {
         let (lattice, turn) = self.lattice.get_or_init(|| self.gel.lattice(&self.chart));
         let motion = |(site, at): (&Option<Site>, &[f32; 2])| {
             let site = site.as_ref().filter(|_| at[0].is_finite())?;

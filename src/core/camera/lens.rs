@@ -44,12 +44,13 @@ fn slope(k1: f64, k2: f64, square: f64) -> f64 {
 
 impl Lens {
     /// Where on the undistorted view the point `pixel` of the picture looks.
-    pub fn source(&self, pixel: [f64; 2]) -> [f64; 2] {
+    #[cfg(test)]
+    pub(crate) fn source(&self, pixel: [f64; 2]) -> [f64; 2] {
         self.moved(pixel, |r| self.stretched(r))
     }
 
     /// Where in the picture the point `point` of the undistorted view is seen: the inverse of [`Self::source`].
-    pub fn image(&self, point: [f64; 2]) -> [f64; 2] {
+    pub(crate) fn image(&self, point: [f64; 2]) -> [f64; 2] {
         self.moved(point, |r| self.shrunk(r))
     }
 
@@ -105,7 +106,7 @@ impl Lens {
     }
 
     /// How many columns and rows along the border are also seen mirrored, because pixels look beyond it; 0 if none does.
-    pub fn mirrored_px(&self) -> [f64; 2] {
+    pub(crate) fn mirrored_px(&self) -> [f64; 2] {
         let stretch = |square: f64| square * (self.k1 + square * self.k2);
         // A parabola is highest at its end or at its turn.
         let turn = (-0.5 * self.k1 / self.k2).clamp(0.0, 1.0);
@@ -117,7 +118,7 @@ impl Lens {
 
     /// The pixels of the picture that can show anything of `rect`, a part of the undistorted view, and perhaps a few
     /// more; default (empty) if there are none.
-    pub fn image_of(&self, rect: Rect) -> Rect {
+    pub(crate) fn image_of(&self, rect: Rect) -> Rect {
         if rect.is_empty() {
             return Rect::default();
         }
@@ -150,7 +151,7 @@ impl Lens {
 
     /// The part `here` of the picture of light `from`, given on the part `there` of the undistorted view and 0 outside
     /// it; bilinear.
-    pub fn warp(&self, from: &[Vec<f32>; 3], there: Rect, here: Rect) -> [Vec<f32>; 3] {
+    pub(crate) fn warp(&self, from: &[Vec<f32>; 3], there: Rect, here: Rect) -> [Vec<f32>; 3] {
         let pixels = Surrounded::new(from, there);
         let mut planes = [(); 3].map(|()| vec![0.0; here.area()]);
         let mut line = Line::new(here.width());
@@ -168,7 +169,7 @@ impl Lens {
     }
 
     /// The whole picture of light `from`, given on the whole undistorted view and mirrored at its edge; bilinear.
-    pub fn warp_whole(&self, from: &[Vec<f32>; 3]) -> [Vec<f32>; 3] {
+    pub(crate) fn warp_whole(&self, from: &[Vec<f32>; 3]) -> [Vec<f32>; 3] {
         let whole = Rect::whole(self.width, self.height);
         let pixels = Surrounded::new(from, whole);
         let mut planes = [(); 3].map(|()| vec![0.0; whole.area()]);

@@ -31,8 +31,13 @@ pub struct MarkerPattern {
 }
 
 impl MarkerPrint {
-    /// The dots of a pattern that the camera may see, carried along by the pad.
-    pub fn positions(&self, pattern: &MarkerPattern, moved_by: Option<&Field>, view: &View) -> MarkerPositions {
+    /// The dots of a pattern that the camera may see, on the untouched pad.
+    pub fn at_rest(&self, pattern: &MarkerPattern, view: &View) -> MarkerPositions {
+        self.positions(pattern, None, view)
+    }
+
+    /// The same, carried along by the pad.
+    pub(crate) fn positions(&self, pattern: &MarkerPattern, moved_by: Option<&Field>, view: &View) -> MarkerPositions {
         let field_of_view_mm: [f64; 2] = std::array::from_fn(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
         // As far as any dot moves, and its own size.
         let margin_mm = MOTION_MM + pattern.diameter_mm;

@@ -14,6 +14,7 @@ use crate::effects::{Effect, EffectPolicy};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "Shot"))]
+#[non_exhaustive]
 pub struct CameraParams {
     /// Radial distortion k1 and k2.
     pub distortion: [f64; 2],

@@ -107,7 +107,7 @@ pub struct SkinMotion {
 impl SkinMotion {
     /// Of a press on a chart with the nodes of `view`. Points of the skin move along `direction`, or along their own normal
     /// without one.
-    pub fn new(contact: &Contact, chart: &Chart, view: &View, direction: Option<DVec3>, pins: &Pins) -> Self {
+    pub(crate) fn new(contact: &Contact, chart: &Chart, view: &View, direction: Option<DVec3>, pins: &Pins) -> Self {
         let smoothing_mm = pins.skin_smoothing_mm;
         let factor = view.mm_per_px.map(|pitch| ((smoothing_mm / (2.0 * pitch)) as usize).max(1));
         let [width, height] = [0, 1].map(|k| view.resolution_px[k].div_ceil(factor[k]));
@@ -160,7 +160,7 @@ impl SkinMotion {
 
 impl Pins {
     /// Where they stand on the untouched gel's outside.
-    pub fn sites(&self, shape: &GelShape) -> Vec<Site> {
+    pub(crate) fn sites(&self, shape: &GelShape) -> Vec<Site> {
         let chart = Chart::at_tip(shape);
         self.at_mm.iter().map(|at| chart.rest(*at).site()).collect()
     }
@@ -171,7 +171,7 @@ impl Pins {
     }
 
     /// Their tips under a press, of pins that stand on these points of the gel.
-    pub fn moved(&self, sites: &[Site], motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
+    pub(crate) fn moved(&self, sites: &[Site], motion: &SkinMotion, camera: &Projection) -> Vec<Tip> {
         let tip = |site: &Site| {
             let at = motion.chart.at(*site);
             // What lies beyond a mesh's chart stays where it is.
@@ -188,7 +188,7 @@ impl Pins {
 
     /// The same moved a little in their planes, and what factor each one's size has; of a unit of the sensor that `random`
     /// draws.
-    pub fn jittered(&self, tips: &[Tip], camera: &Projection, random: &mut Stream) -> (Vec<Tip>, Vec<f64>) {
+    pub(crate) fn jittered(&self, tips: &[Tip], camera: &Projection, random: &mut Stream) -> (Vec<Tip>, Vec<f64>) {
         tips.iter()
             .map(|tip| {
                 let [x, y, size] = [(); 3].map(|()| random.normal());
@@ -201,7 +201,14 @@ impl Pins {
     }
 
     /// The light of tips whose sizes have these factors, over the ring's.
-    pub fn light(&self, tips: &[Tip], sizes: &[f64], camera: &Projection, dark: [f64; 3], ring: &Grid<f32>) -> Light {
+    pub(crate) fn light(
+        &self,
+        tips: &[Tip],
+        sizes: &[f64],
+        camera: &Projection,
+        dark: [f64; 3],
+        ring: &Grid<f32>,
+    ) -> Light {
         let mut cover = ring.clone();
         for (k, tip) in tips.iter().enumerate() {
             let size = sizes.get(k).copied().unwrap_or(1.0);
@@ -215,7 +222,7 @@ impl Pins {
     }
 
     /// How much of each pixel the mount's ring covers.
-    pub fn ring(&self, camera: &Projection, [width, height]: [usize; 2]) -> Grid<f32> {
+    pub(crate) fn ring(&self, camera: &Projection, [width, height]: [usize; 2]) -> Grid<f32> {
         let mut cover = Grid::new(width, height);
         let Some(MountRing { radius_mm, width_mm, below_tip_mm }) = self.mount else { return cover };
         let from_axis = |px: [f64; 2]| {

@@ -189,7 +189,7 @@ impl Projection {
     }
 
     /// The image with pixels as large as they are at the gel's tip; `None` if the camera does not see it.
-    pub fn view_at_tip(&self) -> Option<View> {
+    pub(crate) fn view_at_tip(&self) -> Option<View> {
         const STEP_MM: f64 = 1e-3;
         let px = |x: f64, y: f64| self.point_px(DVec3::new(x, y, 0.0)).map(DVec2::from_array);
         let steps = [(STEP_MM, 0.0), (0.0, STEP_MM)];

@@ -65,7 +65,13 @@ impl Curved {
     ) -> Depth {
         let mut depth = self.nodes.capture_at(places, size, moving.mesh(), pose, window, moving.thickness_mm);
         if let Some(texture) = texture {
-            texture.cut_along_normals(&Posed { pose, plane: moving.plane }, places, window.above_mm, &mut depth);
+            crate::depth::texture::cut_along_normals(
+                texture,
+                &Posed { pose, plane: moving.plane },
+                places,
+                window.above_mm,
+                &mut depth,
+            );
         }
         depth
     }

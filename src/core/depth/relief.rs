@@ -114,7 +114,7 @@ impl Level {
     /// How far below the highest point it is at points of a line, 0 to 1 (and what rounding adds), in `valleys`. The
     /// tile's side is 2^32 in `start` and `step`, so that it repeats by itself.
     #[inline(always)]
-    pub fn along(&self, start: [u32; 2], step: [u32; 2], valleys: &mut [f32; BLOCK]) {
+    pub(crate) fn along(&self, start: [u32; 2], step: [u32; 2], valleys: &mut [f32; BLOCK]) {
         let width = self.valleys.width as u32;
         let half = 0x8000_0000 / self.size as u32;
         let mut corner = [0_u32; BLOCK];
@@ -136,7 +136,7 @@ impl Level {
     }
 
     /// The same at a point.
-    pub fn at(&self, place: [u32; 2]) -> f32 {
+    pub(crate) fn at(&self, place: [u32; 2]) -> f32 {
         let half = 0x8000_0000 / self.size as u32;
         let ((column, x), (row, y)) = (self.knot(place[0], half), self.knot(place[1], half));
         let line = |below: u32| {
@@ -157,7 +157,7 @@ impl Level {
     }
 }
 
-/// A coordinate in tiles as [`Level::along`] takes it; 0 if it is not finite.
+/// A coordinate in tiles as `Level::along` takes it; 0 if it is not finite.
 pub fn repeating(tiles: f64) -> u32 {
     ((tiles - tiles.floor()) * 4_294_967_296.0 + 0.5) as u64 as u32
 }

@@ -98,35 +98,33 @@ impl Relief {
     }
 }
 
-impl Texture {
-    /// Cuts it into an object captured along the normals of a gel that is not flat, at the nodes of a chart; see
-    /// [`Relief::cut`]. The pattern is laid out in the plane that the object is posed over, and lies on the object's own surface.
-    pub fn cut_along_normals(&self, posed: &Posed<'_>, places: &Places<'_>, above_mm: f64, depth: &mut Depth) {
-        let Self { relief, sample: cut, laid } = self;
-        let cuts = cut.amplitude_mm > 0.0;
-        if !cuts {
-            return;
-        }
-        let TexturePlacement { origin_mm, yaw_deg } =
-            laid.unwrap_or_else(|| TexturePlacement::over(posed.pose, posed.plane));
-        let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
-        let level = relief.level(cut.scale_mm, places.pitch_mm[0].max(places.pitch_mm[1]));
-        let tile_mm = relief.tile_mm(cut.scale_mm);
-        let (sin, cos) = sin_cos_deg(yaw_deg + cut.angle_deg);
-        let floor = 0.0 - above_mm as f32;
-        for y in 0..depth.penetration.height {
-            for (x, value) in depth.penetration.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
-                let rest = places.chart.rest((places.place)([x, y]));
-                let on_object = rest.point_mm - f64::from(*value) * rest.normal;
-                let at = posed.plane.seen_from(on_object);
-                let (x, y) = (at.x - origin_mm[0], at.y - origin_mm[1]);
-                let on_tile = [(x * cos + y * sin) / tile_mm[0], (y * cos - x * sin) / tile_mm[1]];
-                let valley = level.at([0, 1].map(|k| repeating(on_tile[k] + cut.offset[k])));
-                *value = (*value - amplitude * valley.min(1.0)).max(floor);
-            }
-        }
-        depth.measure();
+/// Cuts a texture into an object captured along the normals of a gel that is not flat, at the nodes of a chart; see
+/// [`Relief::cut`]. The pattern is laid out in the plane that the object is posed over, and lies on the object's own surface.
+pub fn cut_along_normals(texture: &Texture, posed: &Posed<'_>, places: &Places<'_>, above_mm: f64, depth: &mut Depth) {
+    let Texture { relief, sample: cut, laid } = texture;
+    let cuts = cut.amplitude_mm > 0.0;
+    if !cuts {
+        return;
     }
+    let TexturePlacement { origin_mm, yaw_deg } =
+        laid.unwrap_or_else(|| TexturePlacement::over(posed.pose, posed.plane));
+    let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
+    let level = relief.level(cut.scale_mm, places.pitch_mm[0].max(places.pitch_mm[1]));
+    let tile_mm = relief.tile_mm(cut.scale_mm);
+    let (sin, cos) = sin_cos_deg(yaw_deg + cut.angle_deg);
+    let floor = 0.0 - above_mm as f32;
+    for y in 0..depth.penetration.height {
+        for (x, value) in depth.penetration.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
+            let rest = places.chart.rest((places.place)([x, y]));
+            let on_object = rest.point_mm - f64::from(*value) * rest.normal;
+            let at = posed.plane.seen_from(on_object);
+            let (x, y) = (at.x - origin_mm[0], at.y - origin_mm[1]);
+            let on_tile = [(x * cos + y * sin) / tile_mm[0], (y * cos - x * sin) / tile_mm[1]];
+            let valley = level.at([0, 1].map(|k| repeating(on_tile[k] + cut.offset[k])));
+            *value = (*value - amplitude * valley.min(1.0)).max(floor);
+        }
+    }
+    depth.measure();
 }
 
 /// An object as it is posed over a plane.

@@ -90,7 +90,7 @@ impl Model {
         }
     }
 
-    /// True if the model knows what moves the pad in its own plane: where [`Pad::in_plane`] gives something.
+    /// True if the model knows what moves the pad in its own plane.
     pub fn knows_tractions(&self) -> bool {
         match self {
             Self::Elastic(_) => true,
@@ -123,7 +123,7 @@ impl Pad {
     }
 
     /// The same pad of another Young's modulus, kPa: displacements stay, pressures are in proportion.
-    pub fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
+    pub(crate) fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
         match self {
             Self::None => Self::None,
             Self::MeanBlur(blur) => Self::MeanBlur(*blur),
@@ -133,7 +133,7 @@ impl Pad {
     }
 
     /// The same pad under an object of its own material, if that makes any difference to the model.
-    pub fn under(&self, object: &ObjectMaterial) -> Option<Self> {
+    pub(crate) fn under(&self, object: &ObjectMaterial) -> Option<Self> {
         match self {
             Self::Elastic(pad) => (*object != ObjectMaterial::default())
                 .then(|| Self::Elastic(Box::new(pad.under(object.friction, object.soft)))),
@@ -142,7 +142,7 @@ impl Pad {
     }
 
     /// The shape that an object takes under its load, captured in `window`; `None` if it keeps its own.
-    pub fn yielded(&self, depth: &Depth, beyond: Option<&Beyond>, window: Window) -> Option<Yielded> {
+    pub(crate) fn yielded(&self, depth: &Depth, beyond: Option<&Beyond>, window: Window) -> Option<Yielded> {
         match self {
             Self::Elastic(pad) => pad.yielded(depth, beyond, window),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
@@ -168,7 +168,7 @@ impl Pad {
     }
 
     /// In-plane motion of the pad, if the model knows the pressures that cause it.
-    pub fn in_plane(&self, material: &Material, field_of_view_mm: [f64; 2], view: &View) -> Option<InPlane> {
+    pub(crate) fn in_plane(&self, material: &Material, field_of_view_mm: [f64; 2], view: &View) -> Option<InPlane> {
         match self {
             Self::Elastic(_) => Some(InPlane::new(ElasticLayer::new(material), field_of_view_mm, view.mm_per_px)),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
@@ -176,7 +176,7 @@ impl Pad {
     }
 
     /// What touches beyond the window.
-    pub fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
+    pub(crate) fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
         match self {
             Self::Elastic(pad) => pad.beyond(around),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => {
@@ -191,7 +191,7 @@ impl Pad {
     }
 
     /// The same with what touches beyond the window.
-    pub fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
+    pub(crate) fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
         match self {
             Self::None => none::press(depth),
             Self::MeanBlur(blur) => mean_blur::press(blur, depth),
@@ -264,6 +264,7 @@ pub fn deform(
 
 /// The pad after the press.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Contact {
     /// Displacement of the surface, mm, positive into the pad, in the view and [`SURFACE_BORDER`] around it.
     pub surface: Grid<f32>,
@@ -327,6 +328,7 @@ impl Contact {
 
 /// Honest numbers about a solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Numerics {
     /// The model reached its tolerance; true for models without iteration.
     pub converged: bool,

@@ -77,13 +77,13 @@ impl Subpixel {
 
     /// The surface at each offset of a pixel, mm.
     #[inline(always)]
-    pub fn heights_mm(&self, pixel: &SampledPixel) -> [f32; SAMPLES] {
+    pub(crate) fn heights_mm(&self, pixel: &SampledPixel) -> [f32; SAMPLES] {
         self.heights_mm[pixel.numbers[1] as usize]
     }
 
     /// Its fall there, along the row and down.
     #[inline(always)]
-    pub fn falls(&self, pixel: &SampledPixel) -> [[f32; SAMPLES]; 2] {
+    pub(crate) fn falls(&self, pixel: &SampledPixel) -> [[f32; SAMPLES]; 2] {
         let [above, here, below] = pixel.numbers.map(|number| number as usize);
         let [per_x, per_y] = self.per_fall;
         let fall = |before: usize, after: usize, per_fall: f32| {
@@ -94,7 +94,7 @@ impl Subpixel {
     }
 
     /// The fall of a relief under a pixel in row `y` of the view, on the grid of [`Contact::surface`], and its height, mm.
-    pub fn of_relief(&self, pixel: &SampledPixel, y: usize, relief: &Grid<f32>) -> ([f32; 2], f32) {
+    pub(crate) fn of_relief(&self, pixel: &SampledPixel, y: usize, relief: &Grid<f32>) -> ([f32; 2], f32) {
         let [x, y] = [pixel.x as usize, y].map(|at| at + SURFACE_BORDER);
         let fall_x = (relief.at(x - 1, y) - relief.at(x + 1, y)) * self.per_fall[0];
         let fall_y = (relief.at(x, y - 1) - relief.at(x, y + 1)) * self.per_fall[1];

@@ -30,7 +30,7 @@ const CELLS: f64 = 256.0;
 impl Beyond {
     /// Where an object reaches below the undeformed pad beyond `margin_px` around the view, for a model that knows no
     /// pressure.
-    pub fn of_overlap(around: &Surroundings<'_>, margin_px: usize) -> Self {
+    pub(crate) fn of_overlap(around: &Surroundings<'_>, margin_px: usize) -> Self {
         let touching = around.below(0.0);
         let pitch_mm = touching.longest().max(f64::from(f32::MIN_POSITIVE)) / CELLS;
         let cells = Cells::over(touching, pitch_mm, 0);
@@ -67,63 +67,63 @@ pub struct TotalContact {
     pub force_unknown: &'static str,
 }
 
-impl TotalContact {
-    /// That of a contact in `view`, with what touches beyond the captured window. A force in view that what is not known
-    /// decides is taken from the contact.
-    pub fn of(
-        shape: &Shape,
-        depth: &Depth,
-        beyond: Option<&Beyond>,
-        contact: &mut Contact,
-        youngs_modulus_kpa: f64,
-        view: &View,
-    ) -> Self {
-        if let Shape::HeightMap(_) = shape {
-            let Grid { width, height, .. } = contact.mask;
-            let touches = |y: usize| contact.mask.row(y).iter().any(|value| *value > 0);
-            let ends = |y: usize| contact.mask.at(0, y) > 0 || contact.mask.at(width - 1, y) > 0;
-            let cut_by_view = touches(0) || touches(height - 1) || (0..height).any(ends);
-            return Self::framed(contact, cut_by_view);
-        }
-        let [dx, dy] = view.mm_per_px;
-        let touching = simd_dispatch(
-            #[inline(always)]
-            || count(contact.mask.data.iter().map(|touches| *touches > 0)),
-        );
-        let in_view_mm2 = f64::from(touching) * dx * dy;
-        // Around the view, as far as the object was captured.
-        let (force, mut area_mm2) = match (&contact.load, contact.force_n) {
-            (Some(load), Some(_)) => pressed_around(load, view),
-            (None, Some(_)) => (0.0, 0.0),
-            (_, None) => (0.0, overlapped_around(depth) as f64 * dx * dy),
-        };
-        // kPa mm^2 are mN.
-        let force_n = contact.stiffened * force * youngs_modulus_kpa * 1e-3;
-        let solved = beyond.is_none_or(|beyond| beyond.solved);
-        area_mm2 += beyond.map_or(0.0, |beyond| beyond.area_mm2);
-        let force_unknown = match (contact.force_n, solved) {
-            (None, _) => "the gelpad model knows no force",
-            (_, false) => "the contact beyond the view is not solved",
-            _ => "",
-        };
-        if !solved {
-            contact.force_n = None;
-        }
-        let all_mm2 = in_view_mm2 + area_mm2;
-        Self {
-            total_force_n: contact.force_n.map(|in_view| match area_mm2 > 0.0 {
-                true => in_view + force_n + contact.stiffened * beyond.and_then(|beyond| beyond.force_n).unwrap_or(0.0),
-                false => in_view,
-            }),
-            cut_by_view: area_mm2 > 0.0,
-            raised_mm: beyond.map_or(0.0, Beyond::raised_mm),
-            in_view_fraction: Some(if all_mm2 > 0.0 { in_view_mm2 / all_mm2 } else { 0.0 }),
-            force_unknown,
-        }
+/// The total contact of one in `view`, with what touches beyond the captured window. A force in view that what is not known
+/// decides is taken from the contact.
+pub fn total_contact(
+    shape: &Shape,
+    depth: &Depth,
+    beyond: Option<&Beyond>,
+    contact: &mut Contact,
+    youngs_modulus_kpa: f64,
+    view: &View,
+) -> TotalContact {
+    if let Shape::HeightMap(_) = shape {
+        let Grid { width, height, .. } = contact.mask;
+        let touches = |y: usize| contact.mask.row(y).iter().any(|value| *value > 0);
+        let ends = |y: usize| contact.mask.at(0, y) > 0 || contact.mask.at(width - 1, y) > 0;
+        let cut_by_view = touches(0) || touches(height - 1) || (0..height).any(ends);
+        return TotalContact::framed(contact, cut_by_view);
     }
+    let [dx, dy] = view.mm_per_px;
+    let touching = simd_dispatch(
+        #[inline(always)]
+        || count(contact.mask.data.iter().map(|touches| *touches > 0)),
+    );
+    let in_view_mm2 = f64::from(touching) * dx * dy;
+    // Around the view, as far as the object was captured.
+    let (force, mut area_mm2) = match (&contact.load, contact.force_n) {
+        (Some(load), Some(_)) => pressed_around(load, view),
+        (None, Some(_)) => (0.0, 0.0),
+        (_, None) => (0.0, overlapped_around(depth) as f64 * dx * dy),
+    };
+    // kPa mm^2 are mN.
+    let force_n = contact.stiffened * force * youngs_modulus_kpa * 1e-3;
+    let solved = beyond.is_none_or(|beyond| beyond.solved);
+    area_mm2 += beyond.map_or(0.0, |beyond| beyond.area_mm2);
+    let force_unknown = match (contact.force_n, solved) {
+        (None, _) => "the gelpad model knows no force",
+        (_, false) => "the contact beyond the view is not solved",
+        _ => "",
+    };
+    if !solved {
+        contact.force_n = None;
+    }
+    let all_mm2 = in_view_mm2 + area_mm2;
+    TotalContact {
+        total_force_n: contact.force_n.map(|in_view| match area_mm2 > 0.0 {
+            true => in_view + force_n + contact.stiffened * beyond.and_then(|beyond| beyond.force_n).unwrap_or(0.0),
+            false => in_view,
+        }),
+        cut_by_view: area_mm2 > 0.0,
+        raised_mm: beyond.map_or(0.0, Beyond::raised_mm),
+        in_view_fraction: Some(if all_mm2 > 0.0 { in_view_mm2 / all_mm2 } else { 0.0 }),
+        force_unknown,
+    }
+}
 
+impl TotalContact {
     /// Of what a depth frame shows, and nobody knows beyond it.
-    pub fn framed(contact: &mut Contact, cut_by_view: bool) -> Self {
+    pub(crate) fn framed(contact: &mut Contact, cut_by_view: bool) -> Self {
         let force_unknown = match (contact.force_n, cut_by_view) {
             (None, _) => "the gelpad model knows no force",
             (_, true) => "the contact goes on beyond the frame, and what is there is not known",

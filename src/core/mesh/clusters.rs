@@ -72,7 +72,7 @@ impl Clusters {
     }
 
     /// True if there is nothing.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.clusters.is_empty()
     }
 
@@ -150,7 +150,7 @@ impl Clusters {
 
     /// This object and others as one, in this one's frame: of each of the others the rotation and translation, mm, that take
     /// it there. This one's coordinates keep their bits.
-    pub fn with_others(&self, others: &[(Arc<Self>, DMat3, DVec3)]) -> Self {
+    pub(crate) fn with_others(&self, others: &[(Arc<Self>, DMat3, DVec3)]) -> Self {
         let own = (self, DMat3::IDENTITY, DVec3::ZERO);
         let all = || std::iter::once(own).chain(others.iter().map(|(other, turn, at)| (&**other, *turn, *at)));
         let (vertices, triangles) = all().fold((0, 0), |(v, t), (part, ..)| (v + part.x.len(), t + part.corners.len()));

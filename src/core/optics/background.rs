@@ -62,7 +62,7 @@ impl BackgroundImage {
 
     /// Pixels of a part with a channel at full scale.
     #[inline(always)]
-    pub fn saturated_in(&self, part: Rect) -> u64 {
+    pub(crate) fn saturated_in(&self, part: Rect) -> u64 {
         let [red, green, blue] = &self.planes;
         let mut count = 0;
         for y in part.y0..part.y1 {
@@ -75,12 +75,12 @@ impl BackgroundImage {
     }
 
     /// Renders the untouched pad of a sensor without a photograph.
-    pub fn rendered(look: &RenderedBackground, leds: &[Led], field_of_view_mm: [f64; 2], view: &View) -> Self {
+    pub(crate) fn rendered(look: &RenderedBackground, leds: &[Led], field_of_view_mm: [f64; 2], view: &View) -> Self {
         Self::rendered_with(&look.noise(view), look, leds, field_of_view_mm, view)
     }
 
     /// The same with the noise of the coating's grain, [`RenderedBackground::noise`], which other looks may share.
-    pub fn rendered_with(
+    pub(crate) fn rendered_with(
         grain: &Grid<f32>,
         look: &RenderedBackground,
         leds: &[Led],
@@ -103,7 +103,7 @@ impl BackgroundImage {
     }
 
     /// The same of a pad on which an LED glows as strongly as its number and a pixel's column and row say, 1 at the LED.
-    pub fn glowing(
+    pub(crate) fn glowing(
         grain: &Grid<f32>,
         look: &RenderedBackground,
         leds: &[Led],
@@ -207,7 +207,7 @@ pub struct Pattern {
 
 impl RenderedBackground {
     /// The noise of its grain over a view: of mean 0 and standard deviation 1.
-    pub fn noise(&self, view: &View) -> Grid<f32> {
+    pub(crate) fn noise(&self, view: &View) -> Grid<f32> {
         let [width, height] = view.resolution_px;
         grain(width, height, self.grain_size_mm, view, "grain")
     }

@@ -118,22 +118,22 @@ impl PlacedLed {
     }
 
     /// True if it gives the same at every pixel of a flat pad.
-    pub fn is_even(&self) -> bool {
+    pub(crate) fn is_even(&self) -> bool {
         self.distance_mm.is_none()
     }
 
     /// True if its light follows the surface's height.
-    pub fn follows_height(&self) -> bool {
+    pub(crate) fn follows_height(&self) -> bool {
         self.follows_height
     }
 
     /// The same LED; on a surface it is where it is on the undeformed pad.
-    pub fn regardless_of_height(self) -> Self {
+    pub(crate) fn regardless_of_height(self) -> Self {
         Self { follows_height: false, ..self }
     }
 
     /// Vector from a point of the pad to the LED, mm; at infinity the unit vector.
-    pub fn seen_from(&self, point_mm: [f32; 2]) -> [f32; 3] {
+    pub(crate) fn seen_from(&self, point_mm: [f32; 2]) -> [f32; 3] {
         let [x, y, z] = self.to_led;
         match self.distance_mm {
             None => self.to_led,
@@ -142,18 +142,18 @@ impl PlacedLed {
     }
 
     /// Brightness at a point of the pad, as a share of that in the middle of the image.
-    pub fn strength(&self, point_mm: [f32; 2]) -> f32 {
+    pub(crate) fn strength(&self, point_mm: [f32; 2]) -> f32 {
         let [x, y, z] = self.seen_from(point_mm);
         self.distance_mm.map_or(1.0, |distance| distance * distance / (x * x + y * y + z * z).max(NEAREST_MM2))
     }
 
     /// The same at a distance from it, mm.
-    pub fn strength_at(&self, mm: f64) -> f64 {
+    pub(crate) fn strength_at(&self, mm: f64) -> f64 {
         self.distance_mm.map_or(1.0, |distance| f64::from(distance).powi(2) / (mm * mm).max(f64::from(NEAREST_MM2)))
     }
 
     /// What casts its shadows around a point over the pad, mm.
-    pub fn caster(&self, point_mm: [f64; 2], height_mm: f32, mm_per_px: [f64; 2]) -> Caster {
+    pub(crate) fn caster(&self, point_mm: [f64; 2], height_mm: f32, mm_per_px: [f64; 2]) -> Caster {
         let [x, y, z] = self.seen_from(point_mm.map(|mm| mm as f32));
         let z = if self.follows_height { z + height_mm } else { z };
         let [x, y, z] = [x, y, z].map(f64::from);
@@ -164,7 +164,7 @@ impl PlacedLed {
 
     /// What it gives, at intensity 1, along a row of normals.
     #[inline(always)]
-    pub fn reflect(
+    pub(crate) fn reflect(
         &self,
         normals: &Normals,
         row: Row,

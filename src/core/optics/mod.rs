@@ -157,7 +157,7 @@ impl Shader {
     }
 
     /// True if it averages light over what is between pixel centres.
-    pub fn averages(&self) -> bool {
+    pub(crate) fn averages(&self) -> bool {
         matches!(self, Self::Leds(_))
     }
 
@@ -171,7 +171,7 @@ impl Shader {
     }
 
     /// The light of the untouched pad over its picture `rest`.
-    pub fn untouched(&self, rest: &BackgroundImage) -> Light {
+    pub(crate) fn untouched(&self, rest: &BackgroundImage) -> Light {
         match self {
             Self::Leds(leds) => leds.untouched(rest),
             Self::Calibrated(_) | Self::Lamps(_) => rest.light(Rect::whole(rest.width, rest.height)),

@@ -118,11 +118,9 @@ pub(super) fn with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
     }
 }
 
-impl Phong {
-    /// What an LED of intensity 1 gives along a row of normals.
-    pub fn reflect(&self, led: &PlacedLed, normals: &Normals, row: Row<'_>, gain: &mut [f32]) {
-        with_power(self.shininess, AlongRow { phong: self, led, normals, row, gain });
-    }
+/// What an LED of intensity 1 gives along a row of normals.
+pub fn reflect(phong: &Phong, led: &PlacedLed, normals: &Normals, row: Row<'_>, gain: &mut [f32]) {
+    with_power(phong.shininess, AlongRow { phong, led, normals, row, gain });
 }
 
 struct AlongRow<'a> {

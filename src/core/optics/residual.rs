@@ -57,7 +57,7 @@ impl LightResidual {
     }
 
     /// What shades with it.
-    pub fn ready(&self) -> Ready {
+    pub(crate) fn ready(&self) -> Ready {
         Ready {
             steepest: self.steepest as f32,
             heights_mm: self.heights_mm.map(|mm| mm as f32),
@@ -79,7 +79,7 @@ pub type Planes = [Vec<f32>; 3];
 impl Ready {
     /// Adds `share` of what it gives along a row of normals and displacements (mm) to `sums`.
     #[inline(always)]
-    pub fn add(&self, normals: &Normals, heights_mm: &[f32], share: f32, sums: [&mut [f32]; 3]) {
+    pub(crate) fn add(&self, normals: &Normals, heights_mm: &[f32], share: f32, sums: [&mut [f32]; 3]) {
         let width = heights_mm.len();
         let (normal_x, normal_y) = (&normals.x[..width], &normals.y[..width]);
         let [red, green, blue] = sums.map(|sum| &mut sum[..width]);

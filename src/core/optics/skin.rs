@@ -52,7 +52,7 @@ pub struct AlongGel(Option<Heat>);
 
 impl AlongGel {
     /// Of those among `leds`.
-    pub fn new(leds: &[Led], shape: &GelShape) -> Self {
+    pub(crate) fn new(leds: &[Led], shape: &GelShape) -> Self {
         let at_rim = || leds.iter().filter(|led| led.position_mm.is_none());
         let azimuths = at_rim().map(|led| led.azimuth_deg.to_radians());
         Self(at_rim().next().is_some().then(|| Heat::new(shape, azimuths)))
@@ -94,7 +94,7 @@ pub struct BentSkin {
 
 impl Skin {
     /// Of a gel whose points the pixels of an image show, row by row.
-    pub fn new(
+    pub(crate) fn new(
         phong: Phong,
         light: &Illumination<'_>,
         along_gel: AlongGel,
@@ -127,14 +127,14 @@ impl Skin {
     }
 
     /// The shadows that its model of light has.
-    pub fn shadows(&self) -> Shadows {
+    pub(crate) fn shadows(&self) -> Shadows {
         self.phong.shadows
     }
 
     /// What casts each LED's shadows on a chart whose nodes are `mm_per_px` apart, around a point of the gel with the chart's
     /// directions there. Light from the rim comes as light does over a flat pad; LEDs inside the gel cast none: held against rays,
     /// shadows of one direction for all of a press were farther off than none.
-    pub fn casters(&self, rest: &Rest, mm_per_px: [f64; 2]) -> Vec<Caster> {
+    pub(crate) fn casters(&self, rest: &Rest, mm_per_px: [f64; 2]) -> Vec<Caster> {
         const OVERHEAD_DEG: f64 = 90.0;
         let caster = |led: &Led| {
             if led.position_mm.is_some() {
@@ -150,7 +150,7 @@ impl Skin {
     }
 
     /// True if the light changes with the depth alone.
-    pub fn darkens(&self) -> bool {
+    pub(crate) fn darkens(&self) -> bool {
         self.darkening_per_mm > 0.0
     }
 
@@ -160,7 +160,7 @@ impl Skin {
     }
 
     /// The light of the untouched skin over its picture.
-    pub fn untouched(&self, rest: &BackgroundImage, normals: [&[f32]; 3]) -> Light {
+    pub(crate) fn untouched(&self, rest: &BackgroundImage, normals: [&[f32]; 3]) -> Light {
         let displaced_mm = vec![0.0; normals[0].len()];
         let region = Rect::whole(rest.width, rest.height);
         let skin = PressedSkin { region, normals, displaced_mm: &displaced_mm, visible: &[], bent: &[] };
@@ -168,7 +168,7 @@ impl Skin {
     }
 
     /// The light of a pressed skin over the picture of the untouched one; it `darkens` with depth unless that is left out.
-    pub fn shade(&self, pressed: &PressedSkin<'_>, rest: &BackgroundImage, darkens: bool) -> Light {
+    pub(crate) fn shade(&self, pressed: &PressedSkin<'_>, rest: &BackgroundImage, darkens: bool) -> Light {
         let region = pressed.region;
         let darkening_per_mm = if darkens { self.darkening_per_mm } else { 0.0 };
         let mut light = rest.light(region);

@@ -246,7 +246,7 @@ mod tests {
         normals.push(normal);
         let row = Row { x_mm: &[x_mm], y_mm, heights_mm: &[height_mm as f32] };
         let mut gain = [0.0];
-        phong.reflect(lamp, &normals, row, &mut gain);
+        crate::optics::phong::reflect(phong, lamp, &normals, row, &mut gain);
         f64::from(gain[0])
     }
 

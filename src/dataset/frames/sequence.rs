@@ -8,7 +8,6 @@ use super::poses::FrameMetadata;
 use super::reader::SeenFrame;
 use gelsim_core::base::gel::Site;
 use gelsim_core::base::view::View;
-use gelsim_core::camera::CameraParams;
 use gelsim_core::depth::height_map::HeightMap;
 use gelsim_core::depth::texture::TexturePlacement;
 use gelsim_core::gelpad::elastic::shear::Friction;
@@ -90,8 +89,8 @@ impl Follower {
         let Some((first, sliding)) = &mut self.begun else { unreachable!("it was put there") };
         let KnownPress { pressed, pose, indentation_depth_mm, .. } = given;
         let noise_key = drawn.camera.noise_key;
-        let scene = Scene { index, pressed, pose, indentation_depth_mm, plane, ..first.clone() };
-        let scene = Scene { camera: CameraParams { noise_key, ..scene.camera }, ..scene };
+        let mut scene = Scene { index, pressed, pose, indentation_depth_mm, plane, ..first.clone() };
+        scene.camera.noise_key = noise_key;
         let laid = *self.laid.get_or_insert_with(|| TexturePlacement::with(&pose));
         let mut press = scene.press(plan);
         press.texture = press.texture.map(|texture| texture.laid_out(laid));

@@ -67,23 +67,20 @@ impl CameraDistribution {
     /// The parameters of one sample.
     pub fn sample(&self, noise_key: u64, draw: impl Fn(&str, &Quantity) -> f64) -> CameraParams {
         let exposure = draw("exposure", &self.exposure);
-        CameraParams {
-            distortion: [draw("distortion k1", &self.distortion_k1), draw("distortion k2", &self.distortion_k2)],
-            vignette: draw("vignette", &self.vignette),
-            defocus_mm: draw("defocus", &self.defocus_mm),
-            gains: [
-                exposure * draw("red gain", &self.red_gain),
-                exposure,
-                exposure * draw("blue gain", &self.blue_gain),
-            ],
-            shot_noise_levels: draw("shot noise", &self.shot_noise_levels),
-            read_noise_levels: draw("read noise", &self.read_noise_levels),
-            noise_color: self.noise_color,
-            noise_correlation: draw("noise correlation", &self.noise_correlation),
-            speckle_levels: draw("speckle", &self.speckle_levels),
-            threshold: self.threshold,
-            noise_key,
-        }
+        let mut camera = CameraParams::default();
+        camera.distortion = [draw("distortion k1", &self.distortion_k1), draw("distortion k2", &self.distortion_k2)];
+        camera.vignette = draw("vignette", &self.vignette);
+        camera.defocus_mm = draw("defocus", &self.defocus_mm);
+        camera.gains =
+            [exposure * draw("red gain", &self.red_gain), exposure, exposure * draw("blue gain", &self.blue_gain)];
+        camera.shot_noise_levels = draw("shot noise", &self.shot_noise_levels);
+        camera.read_noise_levels = draw("read noise", &self.read_noise_levels);
+        camera.noise_color = self.noise_color;
+        camera.noise_correlation = draw("noise correlation", &self.noise_correlation);
+        camera.speckle_levels = draw("speckle", &self.speckle_levels);
+        camera.threshold = self.threshold;
+        camera.noise_key = noise_key;
+        camera
     }
 
     /// The camera of the background image: what differs from sample to sample is ideal there.

@@ -275,7 +275,7 @@ pub fn job(check: &mut Check<'_>, job: &Job, scope: Scope) {
         let (end_mm, where_it_is) = match shape.surface() {
             Some(surface) => {
                 let (least, most) = pose.around_deg.as_ref().map_or((0.0, 0.0), |around| around.support());
-                let (end_mm, at_deg) = surface.around_tip().least_rim_mm(least..=most);
+                let (end_mm, at_deg) = surface.least_rim_mm(least..=most);
                 (end_mm, format!(" at around_deg = {at_deg:.0}"))
             }
             None => (shape.length_over_mm(), String::new()),

@@ -1,6 +1,5 @@
 //! Simulates presses that a sensor file never saw, from circle and ball alone: `gelsim calibrate --evaluate`.
 
-use gelsim_core::camera::CameraParams;
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 use gelsim_core::simulator::Stages;
@@ -60,7 +59,8 @@ pub struct Options {
 pub fn evaluate(table: &Path, sensor: &Sensor, options: Options) -> Result<Evaluation, Report> {
     let table = presses::read(table)?;
     // The presses are of a smooth, flat pad; noise would be an error of its own.
-    let still = CameraParams { shot_noise_levels: 0.0, read_noise_levels: 0.0, speckle_levels: 0.0, ..sensor.camera };
+    let mut still = sensor.camera;
+    (still.shot_noise_levels, still.read_noise_levels, still.speckle_levels) = (0.0, 0.0, 0.0);
     let is_printed = sensor.markers.is_some();
     let is_photograph = matches!(sensor.background, Background::Photograph(_));
     let mut sensor = sensor.clone();

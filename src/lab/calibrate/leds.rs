@@ -10,7 +10,7 @@ use super::pixels::Pixels;
 use crate::metrics::statistics::median;
 use gelsim_core::optics::calibrated::beyond::Beyond;
 use gelsim_core::optics::led::{Led, Normals, PlacedLed, Row};
-use gelsim_core::optics::phong::Phong;
+use gelsim_core::optics::phong::{Phong, reflect};
 
 /// How many LEDs are fitted: one for each colour.
 const LEDS: usize = 3;
@@ -209,7 +209,7 @@ fn normals(pixels: &Pixels, sample: &[usize]) -> Normals {
 fn changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec<f64> {
     let led = PlacedLed::new(&Led { azimuth_deg, elevation_deg, ..Led::default() }, false);
     let mut gain = vec![0.0; normals.x.len()];
-    Phong::default().reflect(&led, normals, Row::default(), &mut gain);
+    reflect(&Phong::default(), &led, normals, Row::default(), &mut gain);
     let flat = gain.last().copied().unwrap_or_default();
     gain.into_iter().map(|gain| f64::from(gain) - f64::from(flat)).collect()
 }

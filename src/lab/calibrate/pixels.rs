@@ -10,7 +10,7 @@ use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::base::view::View;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::optics::calibrated::beyond::Range;
-use gelsim_core::optics::calibrated::response::{INPUTS, Response, SECTORS};
+use gelsim_core::optics::calibrated::response::{INPUTS, SECTORS};
 use gelsim_core::optics::coarse::Coarse;
 use gelsim_core::optics::normals::normals;
 use gelsim_core::optics::shadow::casting::Casting;
@@ -92,7 +92,9 @@ impl Pixels {
     pub fn look_up(&mut self, places: &[usize], contact: &Contact, camera: &View) {
         let [width, height] = camera.resolution_px;
         let every_pixel = Coarse::new(Resolution::Full);
-        let casting = Casting::new(every_pixel, &contact.surface, camera, true, |pitch, _| Response::sky(pitch));
+        let casting = Casting::new(every_pixel, &contact.surface, camera, true, |pitch, _| {
+            gelsim_core::optics::calibrated::response::sky(pitch)
+        });
         let visible_sky = casting.map(|casting| casting.shares(camera, Rect::whole(width, height))).unwrap_or_default();
         for (inputs, &at) in self.inputs.iter_mut().zip(places) {
             for (input, visible) in inputs[INPUTS - SECTORS..].iter_mut().zip(&visible_sky) {

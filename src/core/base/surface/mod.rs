@@ -213,13 +213,19 @@ impl Surface {
     }
 
     /// The geodesics that leave its tip.
-    pub fn around_tip(&self) -> &Arc<Unrolled> {
+    pub(crate) fn around_tip(&self) -> &Arc<Unrolled> {
         self.at_tip.get_or_init(|| {
             let across = self.high - self.low;
             // No way over a gel that bulges is longer than down and across.
             let reach_mm = 1.05 * (across.z + 0.5 * across.truncate().length());
             Arc::new(Unrolled::around_tip(self, reach_mm))
         })
+    }
+
+    /// How far from the tip the rim is where it is nearest within a range of directions, degrees, and the direction; where it
+    /// is not reached, how far the chart reaches. mm and degrees.
+    pub fn least_rim_mm(&self, around_deg: std::ops::RangeInclusive<f64>) -> (f64, f64) {
+        self.around_tip().least_rim_mm(around_deg)
     }
 
     /// See [`super::gel::GelShape::frame_at`]; beyond the rim straight on.

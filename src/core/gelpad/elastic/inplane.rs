@@ -135,7 +135,7 @@ impl InPlane {
 
     /// Displacement under a pressure, and under forces over Young's modulus, mm^2, each at a place in the sensor's frame. Forces
     /// beyond the torus are left out.
-    pub fn under(&self, load: &Load, forces: impl Iterator<Item = ([f64; 2], [f64; 2])>) -> Field {
+    pub(crate) fn under(&self, load: &Load, forces: impl Iterator<Item = ([f64; 2], [f64; 2])>) -> Field {
         let mut pressed = self.plane.zeros();
         self.spread(&load.pressure, load.origin_mm, load.mm_per_px, pressed.vectors_mut()[0]);
         self.plane.forward(&mut pressed);
@@ -168,7 +168,7 @@ impl InPlane {
     }
 
     /// Distance between the values, mm.
-    pub fn pitch_mm(&self) -> f64 {
+    pub(crate) fn pitch_mm(&self) -> f64 {
         self.pitch_mm
     }
 
@@ -249,7 +249,7 @@ impl Field {
     }
 
     /// Displacement at the pixels' centres of a view, mm: along x, then along y.
-    pub fn in_view(&self, view: &View) -> [Grid<f32>; 2] {
+    pub(crate) fn in_view(&self, view: &View) -> [Grid<f32>; 2] {
         let [width, height] = view.resolution_px;
         let columns: Vec<_> =
             (0..width).map(|x| self.position(0, view.point_mm([x as f64 + 0.5, 0.0])[0], self.x.width)).collect();

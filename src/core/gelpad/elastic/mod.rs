@@ -166,7 +166,7 @@ impl Pad {
     }
 
     /// The same pad of another Young's modulus, kPa: displacements do not depend on it.
-    pub fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
+    pub(crate) fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
         let coarser = self.coarser.as_ref().map(|coarser| Box::new(coarser.with_youngs_modulus(youngs_modulus_kpa)));
         Self { youngs_modulus_kpa, coarser, ..self.clone() }
     }
@@ -186,7 +186,7 @@ impl Pad {
 
     /// See [`super::Pad::higher`]. Over a pad's thickness above it nothing is looked for: linear theory has ended long
     /// before.
-    pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
+    pub(crate) fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
         let spare_mm = 2e-3 * self.elastic.tolerance_um + self.taken_for_mm();
         let reached = f64::from(contact.bulge_mm) + spare_mm >= window.above_mm;
         let higher = Window { above_mm: (2.0 * window.above_mm).min(self.layer.thickness_mm), ..window };
@@ -212,7 +212,7 @@ impl Pad {
     }
 
     /// Presses the object into a pad that is displaced already.
-    pub fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
+    pub(crate) fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
         let solved =

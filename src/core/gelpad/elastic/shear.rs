@@ -132,7 +132,12 @@ impl Motion {
 impl Grip {
     /// Tractions that hold the points where they are wanted, as far as friction does, beginning with the ones given; the
     /// largest distance, mm, from that, and the share of the points that slip.
-    pub fn hold(&mut self, friction: Friction, tractions: &mut Vec<[f32; 2]>, iterations: &mut u32) -> (f64, f64) {
+    pub(crate) fn hold(
+        &mut self,
+        friction: Friction,
+        tractions: &mut Vec<[f32; 2]>,
+        iterations: &mut u32,
+    ) -> (f64, f64) {
         let limits: Vec<f32> = match friction {
             Friction::Stick => Vec::new(),
             Friction::Coulomb { coefficient } => {

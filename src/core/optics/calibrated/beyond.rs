@@ -18,7 +18,7 @@ use crate::gelpad::Contact;
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::Values;
 use crate::optics::led::{Led, Normals, PlacedLed, Row};
-use crate::optics::phong::Phong;
+use crate::optics::phong::{Phong, reflect};
 
 /// Most LEDs that a table may have.
 const MOST_LEDS: usize = 64;
@@ -83,7 +83,7 @@ impl Range {
     }
 
     /// True if the surface is surely within the range in a part of the view.
-    pub fn holds(&self, contact: &Contact, part: Rect, view: &View) -> bool {
+    pub(crate) fn holds(&self, contact: &Contact, part: Rect, view: &View) -> bool {
         let [low, high] = contact.range_mm();
         if low < self.heights_mm[0] || high > self.heights_mm[1] {
             return false;
@@ -106,7 +106,7 @@ impl Range {
     }
 
     /// Share of the pixels in contact that lie beyond the range; 0 without contact.
-    pub fn share_beyond(&self, contact: &Contact, view: &View) -> f64 {
+    pub(crate) fn share_beyond(&self, contact: &Contact, view: &View) -> f64 {
         let [width, height] = view.resolution_px;
         let part = contact.region.seen_from(SURFACE_BORDER, SURFACE_BORDER, width, height);
         let (limit, [low, high]) = (self.slope_squared(), self.heights_mm);
@@ -216,7 +216,7 @@ pub struct Run {
 
 impl Continuation {
     /// From what a table says, beyond its response's range.
-    pub fn new(beyond: &Beyond, range: Range) -> Self {
+    pub(crate) fn new(beyond: &Beyond, range: Range) -> Self {
         Self {
             range,
             leds: beyond.leds.iter().map(Lamp::new).collect(),
@@ -228,7 +228,7 @@ impl Continuation {
     /// Adds to row `row` of the light's region, whose normals are given, what changes beyond the range: exactly 0 where a
     /// pixel is within it. `shares` are those of the sky that are seen.
     #[expect(clippy::too_many_arguments, reason = "what the response's own row has, and memory")]
-    pub fn add_row(
+    pub(crate) fn add_row(
         &self,
         light: &mut Light,
         row: usize,
@@ -317,8 +317,8 @@ impl Continuation {
         gain.resize(run.len(), 0.0);
         edge_gain.resize(run.len(), 0.0);
         for (lamp, sky) in self.leds.iter().zip(&*sky) {
-            Phong::default().reflect(&lamp.placed, here, Row::default(), gain);
-            Phong::default().reflect(&lamp.placed, edge, Row::default(), edge_gain);
+            reflect(&Phong::default(), &lamp.placed, here, Row::default(), gain);
+            reflect(&Phong::default(), &lamp.placed, edge, Row::default(), edge_gain);
             for (gain, edge) in gain.iter_mut().zip(&*edge_gain) {
                 *gain -= edge;
             }

@@ -137,7 +137,7 @@ impl Shader {
 
     /// Share of the pixels in contact that are steeper or deeper than the presses that the table was fitted to; 0 where that
     /// is not known.
-    pub fn share_beyond(&self, contact: &Contact) -> f64 {
+    pub(crate) fn share_beyond(&self, contact: &Contact) -> f64 {
         self.range.map_or(0.0, |range| range.share_beyond(contact, &self.view))
     }
 
@@ -153,7 +153,9 @@ impl Shader {
         let any = everywhere || !bent.is_empty();
         let shadows = effects.timed(Effect::Shadows, || match &self.colors {
             Ready::Response(network) if any => {
-                Casting::new(network.coarse, surface, &self.view, everywhere, |pitch, _| Response::sky(pitch))
+                Casting::new(network.coarse, surface, &self.view, everywhere, |pitch, _| {
+                    crate::optics::calibrated::response::sky(pitch)
+                })
             }
             _ => None,
         });

@@ -53,6 +53,14 @@ impl Default for Response {
     }
 }
 
+/// What is the sky in each direction for shadows on a grid of pitch `mm_per_px`.
+pub fn sky(mm_per_px: [f64; 2]) -> Vec<Caster> {
+    let [low, high] = SKY_DEG;
+    let width = 360.0 / SECTORS as f64;
+    let sector = |k| Caster::new(width * k as f64, 0.5 * (low + high), [width, high - low], mm_per_px);
+    (0..SECTORS).map(sector).collect()
+}
+
 impl Response {
     /// What is wrong with numbers that came from a file.
     pub fn validate(&self) -> Result<(), String> {
@@ -75,14 +83,6 @@ impl Response {
             ));
         }
         Ok(())
-    }
-
-    /// What is the sky in each direction for shadows on a grid of pitch `mm_per_px`.
-    pub fn sky(mm_per_px: [f64; 2]) -> Vec<Caster> {
-        let [low, high] = SKY_DEG;
-        let width = 360.0 / SECTORS as f64;
-        let sector = |k| Caster::new(width * k as f64, 0.5 * (low + high), [width, high - low], mm_per_px);
-        (0..SECTORS).map(sector).collect()
     }
 
     /// The outputs at one point, slowly and exactly.

@@ -103,15 +103,11 @@ impl PhotometricRecipe {
         let balance = [white_balance[0], 1.0, white_balance[1]];
         let gains: [f64; 3] = std::array::from_fn(|k| exposure * balance[k] * led_gains[k]);
         let added = self.missing_noise(noise_level, defocus_px, gains);
-        let shot = CameraParams {
-            vignette,
-            defocus_mm: defocus_px * self.view.mm_per_px[0],
-            gains,
-            shot_noise_levels: added.shot_levels,
-            read_noise_levels: added.read_levels,
-            noise_key: stream(seed, "augment noise", number).bits(),
-            ..CameraParams::default()
-        };
+        let mut shot = CameraParams::default();
+        (shot.vignette, shot.gains) = (vignette, gains);
+        shot.defocus_mm = defocus_px * self.view.mm_per_px[0];
+        (shot.shot_noise_levels, shot.read_noise_levels) = (added.shot_levels, added.read_levels);
+        shot.noise_key = stream(seed, "augment noise", number).bits();
         let pattern = settings
             .markers
             .as_ref()
@@ -120,7 +116,7 @@ impl PhotometricRecipe {
             .markers
             .as_ref()
             .zip(pattern)
-            .map(|(markers, pattern)| markers.print().positions(&pattern, None, &self.view));
+            .map(|(markers, pattern)| markers.print().at_rest(&pattern, &self.view));
 
         let body = Camera::new(&self.view, light, false, CameraParams::default(), None);
         let image = body.expose(
