@@ -12,7 +12,7 @@ use crate::base::grid::{Rect, bounding_box};
 use crate::base::light::Light;
 use crate::base::view::View;
 use crate::camera::gel_map::{GelMap, GelView};
-use crate::camera::pins::{PinPositions, Pins};
+use crate::camera::pins::PinPositions;
 use crate::camera::projection::Projection;
 use crate::depth::indenter::{Indenter, Shape};
 use crate::depth::normals::Normals;
@@ -33,7 +33,7 @@ use lit::CastShadows;
 use on_core::Pressed;
 use seen::Seen;
 
-pub use seen::{SkinLight, SkinPicture};
+pub use seen::{Look, SkinLight, SkinPicture};
 
 mod lit;
 mod on_core;
@@ -98,32 +98,10 @@ pub struct PressedGel<'a> {
 }
 
 impl Curved {
-    /// Of a sensor with these pins, on a gel whose pad needs a margin of so many nodes, over a picture of this colour.
-    pub fn with_pins(
-        shape: GelShape,
-        camera: Projection,
-        view: View,
-        margin_px: usize,
-        pins: Pins,
-        dark: [f64; 3],
-    ) -> Self {
-        Self::new(shape, camera, view, margin_px, |shape, _| Seen::pins(pins, shape, &camera, &view, dark))
-    }
-
-    /// Of a sensor that sees the light on its skin.
-    pub fn with_skin(shape: GelShape, camera: Projection, view: View, margin_px: usize, look: &SkinLight<'_>) -> Self {
-        Self::new(shape, camera, view, margin_px, |shape, gel| Seen::skin(look, shape, &camera, &view, gel))
-    }
-
-    fn new(
-        shape: GelShape,
-        camera: Projection,
-        view: View,
-        margin_px: usize,
-        seen: impl FnOnce(&GelShape, &GelView) -> Seen,
-    ) -> Self {
+    /// A gel whose pad needs a margin of so many nodes.
+    pub fn new(shape: GelShape, camera: Projection, view: View, margin_px: usize, look: Look<'_>) -> Self {
         let gel = Arc::new(GelView::new(shape.clone(), camera, view));
-        let seen = seen(&shape, &gel);
+        let seen = Seen::new(look, &shape, &camera, &view, &gel);
         let nodes = Normals::new(&shape, &view, margin_px);
         let half_mm = |k: usize| 0.5 * (view.resolution_px[k] + 2 * margin_px) as f64 * view.mm_per_px[k];
         let reach_mm = libm::hypot(half_mm(0), half_mm(1));

@@ -10,12 +10,12 @@ use crate::camera::pins::Pins;
 use crate::camera::projection::{LensModel, Projection};
 use crate::depth::rest::{Grain, RestSurface};
 use crate::gelpad::material::Material;
-use crate::optics::LightSource;
 use crate::optics::background::{BackgroundImage, RenderedBackground};
 use crate::optics::calibrated::Table;
 use crate::optics::lamps::{self, Lamp};
 use crate::optics::led::Led;
 use crate::optics::residual::LightResidual;
+use crate::optics::{Illumination, LightSource};
 
 /// A camera-based tactile sensor.
 ///
@@ -63,7 +63,7 @@ pub struct Sensor {
 }
 
 /// The image without contact.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Background {
     /// Rendered from the LEDs; on a sensor with lamps, from these alone.
@@ -78,15 +78,6 @@ impl Background {
         match self {
             Self::Rendered(look) => Some(look.grain_size_mm),
             Self::Photograph(_) => None,
-        }
-    }
-
-    /// True if both are the same photograph, or are rendered from the same numbers.
-    pub(crate) fn looks_like(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Rendered(a), Self::Rendered(b)) => a == b,
-            (Self::Photograph(a), Self::Photograph(b)) => Arc::ptr_eq(a, b),
-            _ => false,
         }
     }
 }
@@ -208,10 +199,18 @@ impl Sensor {
         }
     }
 
-    /// True if the LEDs of both give a rendered background image the same glow.
-    pub(crate) fn leds_glow_like(&self, other: &Self) -> bool {
-        let glowing = |led: &Led| (led.azimuth_deg, led.intensity, led.color);
-        self.leds.iter().map(glowing).eq(other.leds.iter().map(glowing))
+    /// Its light, beside the background image.
+    pub(crate) fn illumination(&self) -> Illumination<'_> {
+        Illumination {
+            leds: &self.leds,
+            lamps: &self.lamps,
+            field_of_view_mm: self.field_of_view_mm,
+            thickness_mm: self.gelpad.thickness_mm,
+            photograph: self.has_photograph(),
+            darkening: self.darkening,
+            stray_light: self.stray_light,
+            residual: self.light_residual.as_deref(),
+        }
     }
 
     /// What is known of its light.

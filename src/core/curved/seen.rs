@@ -1,5 +1,7 @@
 //! What the camera inside a gel that is not flat sees: its pins, or the light on its skin.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::Curved;
@@ -24,7 +26,7 @@ use crate::optics::skin::{self, AlongGel, Skin, SkinPoint};
 /// What the camera sees.
 pub(super) enum Seen {
     Pins(PinPicture),
-    Skin(Box<Skin>, BackgroundImage),
+    Skin(Box<Skin>, Arc<BackgroundImage>),
 }
 
 pub(super) struct PinPicture {
@@ -35,6 +37,14 @@ pub(super) struct PinPicture {
     /// What the mount's ring covers of the image.
     ring: Grid<f32>,
     dark: [f64; 3],
+}
+
+/// What decides what the camera sees of a gel.
+pub enum Look<'a> {
+    /// These pins, over a picture of this colour.
+    Pins(Pins, [f64; 3]),
+    /// The light on its skin.
+    Skin(SkinLight<'a>),
 }
 
 /// What lights a gel that is seen by its skin.
@@ -54,28 +64,28 @@ pub enum SkinPicture<'a> {
     /// Rendered, with the noise of its grain.
     Rendered(&'a RenderedBackground, &'a Grid<f32>),
     /// Taken by the camera itself.
-    Photograph(&'a BackgroundImage),
+    Photograph(Arc<BackgroundImage>),
 }
 
 impl Seen {
-    /// Pins over a picture of this colour.
-    pub fn pins(pins: Pins, shape: &GelShape, camera: &Projection, view: &View, dark: [f64; 3]) -> Self {
-        let resting = pins.at_rest(shape, camera);
-        let ring = pins.ring(camera, view.resolution_px);
-        Self::Pins(PinPicture { sites: pins.sites(shape), pins, resting, ring, dark })
-    }
-
-    /// The light on the skin, of which the image's pixels show these points.
-    pub fn skin(look: &SkinLight<'_>, shape: &GelShape, camera: &Projection, view: &View, gel: &GelView) -> Self {
+    /// What the image's pixels show of a gel.
+    pub fn new(look: Look<'_>, shape: &GelShape, camera: &Projection, view: &View, gel: &GelView) -> Self {
+        let look = match look {
+            Look::Pins(pins, dark) => {
+                let (resting, ring) = (pins.at_rest(shape, camera), pins.ring(camera, view.resolution_px));
+                return Self::Pins(PinPicture { sites: pins.sites(shape), pins, resting, ring, dark });
+            }
+            Look::Skin(look) => look,
+        };
         let point =
             |site: &Option<Site>| site.map(|site| SkinPoint { site, to_camera: camera.towards_camera(site.point_mm) });
         let points: Vec<_> = gel.sites().iter().map(point).collect();
         let along_gel = AlongGel::new(look.light.leds, shape);
         let picture = match look.background {
             SkinPicture::Rendered(look_of, noise) => {
-                skin::rendered(look_of, noise, look.light.leds, &along_gel, &points, &look.in_image)
+                Arc::new(skin::rendered(look_of, noise, look.light.leds, &along_gel, &points, &look.in_image))
             }
-            SkinPicture::Photograph(photograph) => photograph.clone(),
+            SkinPicture::Photograph(photograph) => photograph,
         };
         let skin = Skin::new(look.phong, &look.light, along_gel, &points, view.resolution_px[0]);
         Self::Skin(Box::new(skin), picture)

@@ -97,7 +97,7 @@ impl Model {
 }
 
 /// What of a sensor decides its light, beside the background image.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Illumination<'a> {
     /// The LEDs.
     pub leds: &'a [Led],

@@ -2,15 +2,18 @@
 
 use std::sync::Arc;
 
+use crate::base::light::Light;
 use crate::camera::pins::Pins;
 use crate::camera::{Camera, Image};
-use crate::curved::{Curved, SkinLight, SkinPicture};
-use crate::depth::rest;
+use crate::curved::{Curved, Look, SkinLight, SkinPicture};
+use crate::depth::rest::{self, Grain, RestSurface};
 use crate::effects::{Effect, EffectPolicy};
 use crate::fidelity::{Fidelity, Models};
 use crate::gelpad::Pad;
 use crate::gelpad::material::Material;
 use crate::optics::background::BackgroundImage;
+use crate::optics::calibrated::Table;
+use crate::optics::led::Led;
 use crate::optics::{self, Illumination, Shader, lamps};
 use crate::sensor::{Background, Sensor, SensorError};
 
@@ -55,173 +58,142 @@ impl Simulator {
         // A chart's pixels are not the image's.
         let at_tip = sensor.shape.as_ref().and_then(|_| sensor.projection().view_at_tip());
         let in_image = at_tip.unwrap_or(view);
-        let like = like.filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            let same_gel = a.shape == b.shape && a.lens == b.lens && a.pins == b.pins;
-            like.view == view && a.field_of_view_mm == b.field_of_view_mm && same_gel
-        });
+        let flow = like.is_some_and(|like| like.flow);
+        let like = like.filter(|like| like.view == view && geometry(&like.sensor) == geometry(&sensor));
+        let ready = Sharing { sensor: &sensor, like };
 
-        let same_look = like.filter(|like| like.sensor.background.looks_like(&sensor.background));
-        let same_lamps = like.filter(|like| like.sensor.lamps == sensor.lamps);
-        let same_background = same_look
-            .filter(|like| sensor.has_photograph() || (same_lamps.is_some() && like.sensor.leds_glow_like(&sensor)));
-        let noise = match &sensor.background {
-            Background::Photograph(_) => None,
-            // The picture is the lamps'.
-            Background::Rendered(_) if !sensor.lamps.is_empty() => None,
-            Background::Rendered(look) => {
-                let known = like.filter(|like| like.sensor.background.grain_size_mm() == Some(look.grain_size_mm));
-                Some(known.and_then(|like| like.noise.clone()).unwrap_or_else(|| Arc::new(look.noise(&in_image))))
-            }
-        };
-        let background = match (same_background, &sensor.background, &noise) {
-            (Some(like), ..) => Arc::clone(&like.background),
-            (None, Background::Rendered(look), Some(noise)) => {
-                let (leds, field_of_view_mm) = (&sensor.leds, sensor.field_of_view_mm);
-                Arc::new(BackgroundImage::rendered_with(noise, look, leds, field_of_view_mm, &in_image))
-            }
-            _ => sensor.background(),
-        };
-
-        let same_rest = like.filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            a.rest_surface == b.rest_surface && a.coating == b.coating
-        });
-        let (drop_mm, relief) = match same_rest {
-            Some(like) => (like.drop_mm.clone(), like.relief.clone()),
-            None => {
-                let drop_mm = sensor.rest_surface.as_ref().map(|shape| rest::drop_mm(shape, &view));
+        let (drop_mm, relief) = ready.part(
+            rest_surface,
+            |like| (like.drop_mm.clone(), like.relief.clone()),
+            |(shape, coating)| {
+                let drop_mm = shape.map(|shape| rest::drop_mm(shape, &view));
                 let relief = match policy {
                     EffectPolicy::Without(Effect::Grain) => None,
-                    EffectPolicy::Without(Effect::RestShape) => rest::relief(None, sensor.coating.as_ref(), &view),
-                    _ => rest::relief(drop_mm.as_ref(), sensor.coating.as_ref(), &view),
+                    EffectPolicy::Without(Effect::RestShape) => rest::relief(None, coating, &view),
+                    _ => rest::relief(drop_mm.as_ref(), coating, &view),
                 };
                 (drop_mm.map(Arc::new), relief.map(Arc::new))
-            }
-        };
-
-        let pad = match like {
-            Some(like) if like.sensor.gelpad == sensor.gelpad => Arc::clone(&like.pad),
-            // Displacements do not depend on it.
-            Some(like)
-                if Material { youngs_modulus_kpa: sensor.gelpad.youngs_modulus_kpa, ..like.sensor.gelpad }
-                    == sensor.gelpad =>
-            {
-                Arc::new(like.pad.with_youngs_modulus(sensor.gelpad.youngs_modulus_kpa))
-            }
-            _ => Arc::new(Pad::new(&models.gelpad, &sensor.gelpad, &view)),
-        };
-
-        let frame_pad = match like {
-            Some(like) if like.sensor.gelpad == sensor.gelpad => Arc::clone(&like.frame_pad),
-            _ => Arc::default(),
-        };
-
-        let light = Illumination {
-            leds: &sensor.leds,
-            lamps: &sensor.lamps,
-            field_of_view_mm: sensor.field_of_view_mm,
-            thickness_mm: sensor.gelpad.thickness_mm,
-            photograph: sensor.has_photograph(),
-            darkening: sensor.darkening,
-            stray_light: sensor.stray_light,
-            residual: sensor.light_residual.as_deref(),
-        };
-        // What decides the light of the untouched pad; then what decides that of a pressed one beside it.
-        let same_leds = same_rest.and(same_lamps).filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            let same_table = match (&a.calibration, &b.calibration) {
-                (None, None) => true,
-                (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-                _ => false,
-            };
-            let same_light = a.leds == b.leds && a.stray_light == b.stray_light && a.light_residual == b.light_residual;
-            // A thickness decides which LEDs are too far for heights to matter.
-            let near = matches!(models.optics, optics::Model::Led(_));
-            let same_light = same_light && (!near || a.gelpad.thickness_mm == b.gelpad.thickness_mm);
-            same_light && a.has_photograph() == b.has_photograph() && same_table
-        });
-        let same_shader = same_leds.filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            a.darkening == b.darkening && a.gelpad.thickness_mm == b.gelpad.thickness_mm
-        });
-        let shader = match same_shader {
-            Some(like) => Arc::clone(&like.shader),
-            None => {
-                let relief = relief.as_deref().cloned();
-                Arc::new(Shader::new(&models.optics, sensor.calibration.as_deref(), &light, &view, relief))
-            }
-        };
-        let lamps = match same_lamps {
-            _ if sensor.lamps.is_empty() => None,
-            Some(like) => like.lamps.clone(),
-            None => Some(Arc::new(lamps::Shader::new(&sensor.lamps, &view))),
-        };
-
+            },
+        );
+        let (pad, frame_pad) = ready.part(
+            |of| of.gelpad,
+            |like| (Arc::clone(&like.pad), Arc::clone(&like.frame_pad)),
+            |gelpad| {
+                let pad = ready.part(
+                    layer,
+                    |like| like.pad.with_youngs_modulus(gelpad.youngs_modulus_kpa),
+                    |_| Pad::new(&models.gelpad, &gelpad, &view),
+                );
+                (Arc::new(pad), Arc::default())
+            },
+        );
         let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
-        let flow = like.is_some_and(|like| like.flow);
-        let in_plane = match like {
-            Some(like) if like.markers.is_some() == markers.is_some() && Arc::ptr_eq(&like.pad, &pad) => {
-                like.in_plane.clone()
-            }
-            _ if markers.is_none() && !flow && sensor.pins.is_none() => None,
-            _ => pad.in_plane(&sensor.gelpad, sensor.window_mm(), &view).map(Arc::new),
+        let in_plane = ready.part(
+            |of| (of.gelpad, of.markers.is_some()),
+            |like| like.in_plane.clone(),
+            |_| {
+                let shows = markers.is_some() || flow || sensor.pins.is_some();
+                shows.then(|| pad.in_plane(&sensor.gelpad, sensor.window_mm(), &view)).flatten().map(Arc::new)
+            },
+        );
+
+        let shader = ready.part(
+            |of| (rest_surface(of), calibration(of), of.illumination()),
+            |like| Arc::clone(&like.shader),
+            |(.., light)| {
+                let (table, relief) = (sensor.calibration.as_deref(), relief.as_deref().cloned());
+                Arc::new(Shader::new(&models.optics, table, &light, &view, relief))
+            },
+        );
+        let lamps = ready.part(
+            |of| &of.lamps,
+            |like| like.lamps.clone(),
+            |lamps| (!lamps.is_empty()).then(|| Arc::new(lamps::Shader::new(lamps, &view))),
+        );
+        let noise = ready.part(
+            |of| (of.background.grain_size_mm(), of.lamps.is_empty()),
+            |like| like.noise.clone(),
+            |_| match &sensor.background {
+                Background::Rendered(look) if sensor.lamps.is_empty() => Some(Arc::new(look.noise(&in_image))),
+                // The picture is the camera's own, or the lamps'.
+                Background::Rendered(_) | Background::Photograph(_) => None,
+            },
+        );
+        let rendered = match (&sensor.background, &noise) {
+            (Background::Rendered(look), Some(noise)) => Some((look, &**noise)),
+            _ => None,
         };
-        let curved = sensor.shape.clone().map(|shape| {
-            let known = like.filter(|like| Arc::ptr_eq(&like.pad, &pad)).filter(|like| match sensor.pins {
-                Some(_) => like.sensor.background.looks_like(&sensor.background),
-                None => Arc::ptr_eq(&like.shader, &shader) && Arc::ptr_eq(&like.background, &background),
-            });
-            let make = || {
-                let (camera, margin_px) = (sensor.projection(), pad.window(0.0).margin_px);
-                let Some(pins) = &sensor.pins else {
-                    let picture = match (&sensor.background, &noise) {
-                        (Background::Rendered(look), Some(noise)) => SkinPicture::Rendered(look, noise),
-                        _ => SkinPicture::Photograph(&background),
-                    };
-                    let phong = models.optics.phong().copied().unwrap_or_default();
-                    let look = SkinLight { phong, light, background: picture, in_image };
-                    return Arc::new(Curved::with_skin(shape, camera, view, margin_px, &look));
-                };
-                let dark = match &sensor.background {
+        let look = || match &sensor.pins {
+            Some(pins) => {
+                let color = match &sensor.background {
                     Background::Rendered(look) => look.color,
                     Background::Photograph(_) => [0.0; 3],
                 };
                 // A policy that leaves markers out leaves pins out, too.
-                let at_mm = match policy {
-                    EffectPolicy::Without(Effect::Markers) => Vec::new(),
-                    _ => pins.at_mm.clone(),
-                };
-                let pins = Pins { at_mm, ..pins.clone() };
-                Arc::new(Curved::with_pins(shape, camera, view, margin_px, pins, dark))
-            };
-            known.and_then(|like| like.curved.clone()).unwrap_or_else(make)
-        });
-        let same_camera = same_leds.zip(same_background).map(|(like, _)| like).filter(|like| {
-            let (a, b) = (&like.sensor, &sensor);
-            a.camera == b.camera && a.markers == b.markers
-        });
-        let camera = match same_camera {
-            Some(like) => Arc::clone(&like.camera),
+                let shown = policy != EffectPolicy::Without(Effect::Markers);
+                let at_mm = if shown { pins.at_mm.clone() } else { Vec::new() };
+                Look::Pins(Pins { at_mm, ..pins.clone() }, color)
+            }
             None => {
-                let printed = markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
-                let untouched = match &curved {
-                    Some(curved) => curved.untouched(),
-                    None => shader.untouched(&background),
+                let phong = models.optics.phong().copied().unwrap_or_default();
+                let background = match rendered {
+                    Some((look, noise)) => SkinPicture::Rendered(look, noise),
+                    None => SkinPicture::Photograph(sensor.background()),
                 };
-                let resting = sensor.camera.under(policy);
-                Arc::new(Camera::new(&in_image, untouched, sensor.has_photograph(), resting, printed))
+                Look::Skin(SkinLight { phong, light: sensor.illumination(), background, in_image })
             }
         };
-        let background = match &curved {
-            Some(_) => {
-                let Image { width, height, rgb, .. } = &camera.untouched;
-                Arc::new(BackgroundImage::new(*width, *height, rgb.clone()))
+        let curved = ready.part(
+            |of| (layer(of), &of.background, of.pins.is_none().then(|| of.illumination())),
+            |like| like.curved.clone(),
+            |_| {
+                let (camera, margin_px) = (sensor.projection(), pad.window(0.0).margin_px);
+                let curve = |shape| Curved::new(shape, camera, view, margin_px, look());
+                sensor.shape.clone().map(curve).map(Arc::new)
+            },
+        );
+
+        let camera = |untouched: &dyn Fn() -> Light| {
+            // Where LEDs are at infinity, only presses show how thick the pad is; they alone show how it darkens.
+            let near = matches!(models.optics, optics::Model::Led(_));
+            ready.part(
+                |of| {
+                    let thickness_mm = if near { of.gelpad.thickness_mm } else { 0.0 };
+                    let light = Illumination { darkening: 0.0, thickness_mm, ..of.illumination() };
+                    (rest_surface(of), calibration(of), light, &of.background, of.markers, of.camera)
+                },
+                |like| Arc::clone(&like.camera),
+                |_| {
+                    let print =
+                        markers.and_then(|markers| Some(markers.print.positions(&markers.pattern?, None, &view)));
+                    let (photograph, resting) = (sensor.has_photograph(), sensor.camera.under(policy));
+                    Arc::new(Camera::new(&in_image, untouched(), photograph, resting, print))
+                },
+            )
+        };
+        let (background, camera) = match &curved {
+            None => {
+                let glow = |led: &Led| (led.azimuth_deg, led.intensity, led.color);
+                let background = ready.part(
+                    |of| (&of.background, &of.lamps, of.leds.iter().map(glow).collect::<Vec<_>>()),
+                    |like| Arc::clone(&like.background),
+                    |_| {
+                        let (leds, field_of_view_mm) = (&sensor.leds, sensor.field_of_view_mm);
+                        let render =
+                            |(look, noise)| BackgroundImage::rendered_with(noise, look, leds, field_of_view_mm, &view);
+                        rendered.map(render).map_or_else(|| sensor.background(), Arc::new)
+                    },
+                );
+                let camera = camera(&|| shader.untouched(&background));
+                (background, camera)
             }
-            None => background,
+            Some(curved) => {
+                let camera = camera(&|| curved.untouched());
+                let Image { width, height, rgb, .. } = &camera.untouched;
+                (Arc::new(BackgroundImage::new(*width, *height, rgb.clone())), camera)
+            }
         };
         Self {
-            sensor,
             models,
             policy,
             view,
@@ -238,6 +210,48 @@ impl Simulator {
             lamps,
             camera,
             curved,
+            sensor,
         }
     }
+}
+
+/// A sensor to be made ready, and a simulator to share with: one of the same models, policy, view and [`geometry`].
+struct Sharing<'a> {
+    sensor: &'a Sensor,
+    like: Option<&'a Simulator>,
+}
+
+impl<'a> Sharing<'a> {
+    /// A part of the simulator: the `known` one where what it is made `from` is the same in both sensors, else a new one.
+    fn part<K: PartialEq, T>(
+        &self,
+        from: impl Fn(&'a Sensor) -> K,
+        known: impl FnOnce(&'a Simulator) -> T,
+        make: impl FnOnce(K) -> T,
+    ) -> T {
+        let key = from(self.sensor);
+        match self.like.filter(|like| from(&like.sensor) == key) {
+            Some(like) => known(like),
+            None => make(key),
+        }
+    }
+}
+
+/// What every part is made from, beside the view.
+fn geometry(of: &Sensor) -> impl PartialEq {
+    (of.field_of_view_mm, &of.shape, &of.lens, &of.pins)
+}
+
+/// The pad but for its Young's modulus, on which displacements do not depend.
+fn layer(of: &Sensor) -> Material {
+    Material { youngs_modulus_kpa: 0.0, ..of.gelpad }
+}
+
+fn rest_surface(of: &Sensor) -> (Option<&RestSurface>, Option<&Grain>) {
+    (of.rest_surface.as_ref(), of.coating.as_ref())
+}
+
+/// The same if it is the same table: it is large.
+fn calibration(of: &Sensor) -> Option<*const Table> {
+    of.calibration.as_ref().map(Arc::as_ptr)
 }
