@@ -301,7 +301,7 @@ impl Simulator {
         let drag = drag.as_ref().map(Option::as_ref);
         let Touched { depth, mut contact, window } =
             self.touched(press, pad, drag, &mut clock, &mut seconds, &mut effects);
-        if let (Some(drop_mm), Some(error_um)) = (self.drop_mm.as_deref(), contact.numerics.model_error_um.as_mut()) {
+        if let (Some(drop_mm), Ok(error_um)) = (self.drop_mm.as_deref(), contact.numerics.model_error_um.as_mut()) {
             let depth_mm = f64::from(depth.deepest_mm);
             *error_um += 1e3 * curvature_error_mm(depth_mm, &contact.mask, drop_mm, self.view.mm_per_px);
         }

@@ -100,7 +100,7 @@ impl Curved {
         let edge = ContactEdge::of(&contact.mask, &depth.penetration, depth.margin_px, self.view.mm_per_px);
         let radius_mm = edge.map_or(radius_mm, |edge| radius_mm.min(WIDEST * edge.area_over_perimeter_mm));
         contact.stiffen(force_on_core(radius_mm, curvature_per_mm, material.thickness_mm, material.poisson_ratio));
-        if let Some(error_um) = contact.numerics.model_error_um.as_mut() {
+        if let Ok(error_um) = contact.numerics.model_error_um.as_mut() {
             let turn_rad = radius_mm * curvature_per_mm.abs();
             *error_um = 1e3 * error_on_core_mm(1e-3 * *error_um, f64::from(depth.deepest_mm), turn_rad);
         }

@@ -336,10 +336,8 @@ pub struct Numerics {
     pub iterations: u32,
     /// Largest violation of the contact conditions, um, if the model has any.
     pub residual_um: Option<f64>,
-    /// Largest error expected of the model's theory within 2 mm of the contact, um, if it is known.
-    pub model_error_um: Option<f64>,
-    /// Why it is not; empty if it is.
-    pub model_error_unknown: &'static str,
+    /// Largest error expected of the model's theory within 2 mm of the contact, um, or why it is not known.
+    pub model_error_um: Result<f64, &'static str>,
 }
 
 impl Numerics {
@@ -348,8 +346,7 @@ impl Numerics {
         converged: true,
         iterations: 0,
         residual_um: None,
-        model_error_um: None,
-        model_error_unknown: "the model of the gelpad knows no error of its own",
+        model_error_um: Err("the model of the gelpad knows no error of its own"),
     };
 }
 

@@ -134,8 +134,8 @@ impl NumericsLabel {
             residual_um: contact.numerics.residual_um,
             strain: scene.deepest_mm() / thickness_mm,
             beyond_theory: scene.deepest_mm() > LARGEST_STRAIN * thickness_mm,
-            model_error_um: contact.numerics.model_error_um,
-            model_error_unknown: contact.numerics.model_error_unknown.to_owned(),
+            model_error_um: contact.numerics.model_error_um.ok(),
+            model_error_unknown: contact.numerics.model_error_um.err().unwrap_or_default().to_owned(),
             light_outside_range: plan.simulator.shader().share_beyond(contact),
         }
     }

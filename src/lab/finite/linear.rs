@@ -40,7 +40,7 @@ pub fn press(sensor: &Sensor, object: &Profile, depth_mm: f64, radius_mm: f64) -
         }
     };
     let curved_mm = drop.map_or(0.0, |drop| curvature_error_mm(depth_mm, &contact.mask, &drop, mm_per_px));
-    let stated_um = contact.numerics.model_error_um.map(|um| um + 1e3 * curved_mm);
+    let stated_um = contact.numerics.model_error_um.ok().map(|um| um + 1e3 * curved_mm);
     Linear { contact, view, stated_um }
 }
 

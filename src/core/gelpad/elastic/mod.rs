@@ -215,8 +215,7 @@ impl Pad {
     pub(crate) fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
-        let solved =
-            Numerics { residual_um: Some(0.0), model_error_um: Some(0.0), model_error_unknown: "", ..Numerics::DIRECT };
+        let solved = Numerics { residual_um: Some(0.0), model_error_um: Ok(0.0), ..Numerics::DIRECT };
         let mut contact = untouched(width, height, Some(0.0), solved);
         if depth.touching.is_empty() && given.beyond.is_none() {
             return contact;
@@ -258,8 +257,7 @@ impl Pad {
             converged: solution.converged,
             iterations: solution.iterations,
             residual_um: Some(f64::from(solution.residual_mm) * 1e3),
-            model_error_um: error_mm.ok().map(|mm| 1e3 * mm),
-            model_error_unknown: error_mm.err().unwrap_or_default(),
+            model_error_um: error_mm.map(|mm| 1e3 * mm),
         };
         contact.load = self.load(&mut solution, depth, lattice);
     }
