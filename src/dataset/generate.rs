@@ -363,7 +363,7 @@ impl Run<'_> {
         let mut writer = Writer::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
         let write = |sample: Result<Made, GenerateError>| -> Result<(), GenerateError> {
             let sample = sample?;
-            writer.append(&sample.label.key, &sample.members).map_err(io)?;
+            writer.append(&sample.label.header.key, &sample.members).map_err(io)?;
             writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
             Ok(())
         };

@@ -227,7 +227,7 @@ impl Stats {
         self.in_contact += u64::from(label.contact.in_contact);
         self.unplaced_objects += u64::from(label.unplaced_objects);
         self.light.add(&LightRange::from_label(label));
-        *self.classes.entry(label.object.class.clone()).or_default() += 1;
+        *self.classes.entry(label.header.object.class.clone()).or_default() += 1;
         for effect in Effect::ALL {
             let ran = label.effects[effect].ran;
             let one = Count { ran: u64::from(ran), skipped: u64::from(!ran), seconds: effects[effect] };
@@ -235,9 +235,9 @@ impl Stats {
         }
         self.seconds.add(seconds);
         self.rejections.extend(rejected.into_iter().map(|label| Rejection {
-            key: label.key.clone(),
-            attempt: label.attempt,
-            seed: label.seed,
+            key: label.header.key.clone(),
+            attempt: label.header.attempt,
+            seed: label.header.seed,
             reason: label.health.reason.clone(),
             label,
         }));

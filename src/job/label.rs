@@ -34,9 +34,9 @@ pub const GENERATOR: &str = concat!("gelsim ", env!("CARGO_PKG_VERSION"));
 /// Version of the label's keys and their meaning.
 pub const SCHEMA_VERSION: u32 = 1;
 
-/// What is known about a sample.
+/// What the labels of presses, sequences and grips begin with.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Label {
+pub struct LabelHeader {
     /// Version of this schema.
     pub schema_version: u32,
     /// Program and version that made the sample.
@@ -51,8 +51,27 @@ pub struct Label {
     pub attempt: u32,
     /// Split that the sample belongs to.
     pub split: Split,
-    /// What was pressed; of several objects the first.
+    /// What was pressed, or is held; of several objects the first.
     pub object: ObjectLabel,
+}
+
+/// What a sample was simulated with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ModelsLabel {
+    /// Fidelity level.
+    pub fidelity: String,
+    /// Model of the gelpad.
+    pub gelpad_model: String,
+    /// Model of the light.
+    pub optics_model: String,
+}
+
+/// What is known about a sample.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Label {
+    /// Which sample it is, and of what.
+    #[serde(flatten)]
+    pub header: LabelHeader,
     /// Where it was: p = R (scale q) + t takes a point q of the mesh (mm) to the sensor's frame (mm).
     pub pose: PoseLabel,
     /// How deep the object's lowest point reaches below the undeformed pad, mm.
@@ -75,12 +94,9 @@ pub struct Label {
     pub markers: MarkersLabel,
     /// The camera.
     pub camera: CameraParams,
-    /// Fidelity level.
-    pub fidelity: String,
-    /// Model of the gelpad.
-    pub gelpad_model: String,
-    /// Model of the light.
-    pub optics_model: String,
+    /// What it was simulated with.
+    #[serde(flatten)]
+    pub models: ModelsLabel,
     /// For each effect whether it ran and why or why not.
     pub effects: PerEffect<Note>,
     /// How well the gelpad model solved its problem, and how far the light is from what was measured.
@@ -113,14 +129,16 @@ impl Label {
         let pose = PoseLabel::of(&scene.pose);
         let objects = objects(plan, scene, simulator, impression, numbered, (&object, &pose, &whole));
         Self {
-            schema_version: SCHEMA_VERSION,
-            generator: GENERATOR.to_owned(),
-            key: key(scene.index),
-            index: scene.index,
-            seed: plan.seed(),
-            attempt: scene.attempt,
-            split: scene.split,
-            object,
+            header: LabelHeader {
+                schema_version: SCHEMA_VERSION,
+                generator: GENERATOR.to_owned(),
+                key: key(scene.index),
+                index: scene.index,
+                seed: plan.seed(),
+                attempt: scene.attempt,
+                split: scene.split,
+                object,
+            },
             pose,
             indentation_depth_mm: scene.indentation_depth_mm,
             objects,
@@ -131,9 +149,11 @@ impl Label {
             contact: ContactLabel::of(impression, &whole, simulator.view()),
             markers: MarkersLabel::of(impression, simulator.view()),
             camera: *camera,
-            fidelity: plan.fidelity().name().to_owned(),
-            gelpad_model: models.gelpad.name().to_owned(),
-            optics_model: models.optics.name().to_owned(),
+            models: ModelsLabel {
+                fidelity: plan.fidelity().name().to_owned(),
+                gelpad_model: models.gelpad.name().to_owned(),
+                optics_model: models.optics.name().to_owned(),
+            },
             effects: effects.notes.clone(),
             numerics: NumericsLabel::of(plan, scene, contact, thickness_mm),
             health: Health::check(scene, impression, thickness_mm),

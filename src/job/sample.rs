@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::config::output::OnUnhealthy;
-use crate::label::Label;
+use crate::label::{Label, LabelHeader};
 use crate::plan::Plan;
 use crate::scene::Scene;
 use gelsim_core::base::clock::{Clock, Seconds};
@@ -97,7 +97,7 @@ pub struct Unfit(pub Box<Label>);
 
 impl fmt::Display for Unfit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Label { key, seed, attempt, health, .. } = &*self.0;
+        let Label { header: LabelHeader { key, seed, attempt, .. }, health, .. } = &*self.0;
         let (draws, s) = (attempt + 1, if *attempt == 0 { "" } else { "s" });
         write!(f, "sample {key} (seed {seed}, drawn {draws} time{s}) is not healthy: {}", health.reason)
     }

@@ -164,7 +164,7 @@ impl Tile {
     }
 
     fn new(columns: Vec<Column>, rows: Vec<Row>, caption: String, label: &Label) -> Self {
-        Self { columns, rows, caption, split: label.split, index: label.index }
+        Self { columns, rows, caption, split: label.header.split, index: label.header.index }
     }
 
     /// Class, depth and number.
@@ -335,7 +335,7 @@ fn caption(label: &Label) -> String {
         0 | 1 => String::new(),
         count => format!(" and {} more", count - 1),
     };
-    format!("{}{others}  {depth}", label.object.class)
+    format!("{}{others}  {depth}", label.header.object.class)
 }
 
 /// Left finger, right finger, and how they hold the object.
@@ -348,7 +348,7 @@ fn grip_caption(label: &GripLabel) -> String {
         }
         false => String::from("no contact"),
     };
-    format!("{}  {held}", label.object.class)
+    format!("{}  {held}", label.header.object.class)
 }
 
 #[cfg(test)]

@@ -157,7 +157,7 @@ fn every_rung_runs_and_nears_the_reference() {
         let plan = plan.with_fidelity(rung);
         let errors = (0..plan.layout.samples()).map(|index| {
             let (sample, best) = (render(&plan, index), render(&reference, index));
-            assert!(sample.label.health.finite && sample.label.optics_model == "calibrated");
+            assert!(sample.label.health.finite && sample.label.models.optics_model == "calibrated");
             let [x0, y0, x1, y1] = best.label.contact.bbox_px.map(|px| px as usize);
             let at = |x: usize, y: usize| 3 * (y * CAMERA.resolution_px[0] + x);
             let rows = (y0..y1).flat_map(|y| at(x0, y)..at(x1, y));

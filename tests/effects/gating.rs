@@ -140,7 +140,7 @@ impl Tally {
             *run += u32::from(ran);
             *left_out += u32::from(ran_there && !ran);
         }
-        let cut = self.cuts.entry(sample.label.gelpad_model.clone()).or_default();
+        let cut = self.cuts.entry(sample.label.models.gelpad_model.clone()).or_default();
         if exact {
             cut.exact += 1;
             return;

@@ -88,8 +88,8 @@ fn at_every_rung_and_preset_a_frame_gives_the_picture_of_the_object_it_shows() {
             contact.force_unknown.clone_from(&meshed.label.contact.force_unknown);
             assert_eq!(contact, meshed.label.contact);
             assert_eq!(framed.label.health.unseen_px, 3);
-            assert_eq!(framed.label.object.id, "seen");
-            assert_eq!(framed.label.object.class_index, 1);
+            assert_eq!(framed.label.header.object.id, "seen");
+            assert_eq!(framed.label.header.object.class_index, 1);
         }
     }
 }

@@ -46,7 +46,7 @@ fn every_rung_but_the_blur_says_how_well_it_solved_the_contact() {
     for object in ["sphere", "gear", "knurl"] {
         for (rung, sample) in Fidelity::ALL.into_iter().zip(at_every_rung(object)) {
             let label = &sample.label;
-            assert_eq!(label.fidelity, rung.name());
+            assert_eq!(label.models.fidelity, rung.name());
             assert!(label.numerics.converged && label.health.finite, "{object} {rung:?}");
             let tolerance_um = match rung {
                 Fidelity::Paper => {

@@ -156,7 +156,7 @@ fn layer_and_image_of_a_pressed_ball_are_the_published_formula() {
     let published = Published::new(&sensor.lamp);
     let plan = plan(&job("", ""));
     let sample = render(&plan, 0);
-    assert_eq!(sample.label.optics_model, "lamps");
+    assert_eq!(sample.label.models.optics_model, "lamps");
     let expected = published.images(&sample.impression.contact.surface, plan.simulator.view());
     let found = lamps_of(&sample);
     let grey = largest(found.iter().zip(expected.iter().flatten()).map(|(a, b)| 255.0 * (f64::from(*a) - b)));

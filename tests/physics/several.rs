@@ -245,7 +245,10 @@ fn the_objects_shares_sum_to_the_contact() {
                 None => assert!(contacts().all(|own| own.force_n.is_none())),
             }
             let first = &label.objects[0];
-            assert_eq!((&first.id, &first.pose, first.scale), (&label.object.id, &label.pose, label.object.scale));
+            assert_eq!(
+                (&first.id, &first.pose, first.scale),
+                (&label.header.object.id, &label.pose, label.header.object.scale)
+            );
             assert_eq!(first.indentation_depth_mm, label.indentation_depth_mm);
         }
     }

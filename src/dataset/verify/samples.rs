@@ -72,7 +72,7 @@ fn check_samples(
             Some(index) => {
                 if let Some(label) = check_sample(&files, recorded, shard.split, index, &mut found) {
                     counted.count(&label, Vec::new(), &Seconds::default(), &PerEffect::default());
-                    counted.rejected += u64::from(label.attempt);
+                    counted.rejected += u64::from(label.header.attempt);
                 }
             }
             None => found.push(format!("sample {} is one too many", files.key)),
@@ -241,10 +241,10 @@ fn check_positions(bytes: &[u8]) -> Result<(), String> {
 fn check_label(bytes: &[u8], recorded: &Recorded, split: Split, index: u64) -> Result<SampleLabel, String> {
     let read = SampleLabel::read_strictly(bytes)?;
     let label = read.summary();
-    let same = label.index == index
-        && label.key == key(index)
-        && label.split == split
-        && label.seed == recorded.job.dataset.seed
+    let same = label.header.index == index
+        && label.header.key == key(index)
+        && label.header.split == split
+        && label.header.seed == recorded.job.dataset.seed
         && read.frames().is_some() == recorded.job.sequence.is_some()
         && (read.sensors().len() == FINGERS.len()) == recorded.job.gripper.is_some()
         && read

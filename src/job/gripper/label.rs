@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::health::Health;
 use crate::label::{
-    ContactLabel, Label, MarkersLabel, NumericsLabel, ObjectLabel, PoseLabel, SensorLabel, ShearLabel, TextureLabel,
+    ContactLabel, Label, LabelHeader, MarkersLabel, ModelsLabel, NumericsLabel, PoseLabel, SensorLabel, ShearLabel,
+    TextureLabel,
 };
-use crate::layout::Split;
 use crate::sequence::label::{CommonLabel, FrameLabel, SequenceInfo, SequenceLabel, SlipState};
 use crate::steps::Steps;
 use gelsim_core::camera::CameraParams;
@@ -17,30 +17,14 @@ use gelsim_core::effects::{Effect, Note, PerEffect};
 /// What is known about a grip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripLabel {
-    /// Version of this schema.
-    pub schema_version: u32,
-    /// Program and version that made the sample.
-    pub generator: String,
-    /// Nine digits that begin the names of the sample's members.
-    pub key: String,
-    /// Number of the sample in the dataset.
-    pub index: u64,
-    /// Seed of the job.
-    pub seed: u64,
-    /// How many draws of the sample were rejected before this one.
-    pub attempt: u32,
-    /// Split that the sample belongs to.
-    pub split: Split,
-    /// What is held.
-    pub object: ObjectLabel,
+    /// Which sample it is, and of what.
+    #[serde(flatten)]
+    pub header: LabelHeader,
     /// Micro relief of the object.
     pub texture: TextureLabel,
-    /// Fidelity level.
-    pub fidelity: String,
-    /// Model of the gelpads.
-    pub gelpad_model: String,
-    /// Model of the light.
-    pub optics_model: String,
+    /// What it was simulated with.
+    #[serde(flatten)]
+    pub models: ModelsLabel,
     /// How it is held.
     pub gripper: GripperLabel,
     /// What the left finger feels.
@@ -128,18 +112,9 @@ impl GripLabel {
     /// Of what presses of both fingers would be labelled.
     pub fn new(gripper: GripperLabel, left: Label, right: Label) -> Self {
         Self {
-            schema_version: left.schema_version,
-            generator: left.generator.clone(),
-            key: left.key.clone(),
-            index: left.index,
-            seed: left.seed,
-            attempt: left.attempt,
-            split: left.split,
-            object: left.object.clone(),
+            header: left.header.clone(),
             texture: left.texture.clone(),
-            fidelity: left.fidelity.clone(),
-            gelpad_model: left.gelpad_model.clone(),
-            optics_model: left.optics_model.clone(),
+            models: left.models.clone(),
             gripper,
             left: FingerLabel::new(left),
             right: FingerLabel::new(right),
@@ -161,14 +136,7 @@ impl GripLabel {
     fn of_finger(&self, finger: &FingerLabel) -> Label {
         let finger = finger.clone();
         Label {
-            schema_version: self.schema_version,
-            generator: self.generator.clone(),
-            key: self.key.clone(),
-            index: self.index,
-            seed: self.seed,
-            attempt: self.attempt,
-            split: self.split,
-            object: self.object.clone(),
+            header: self.header.clone(),
             pose: finger.pose,
             indentation_depth_mm: finger.indentation_depth_mm,
             // A gripper holds one.
@@ -180,9 +148,7 @@ impl GripLabel {
             contact: finger.contact,
             markers: finger.markers,
             camera: finger.camera,
-            fidelity: self.fidelity.clone(),
-            gelpad_model: self.gelpad_model.clone(),
-            optics_model: self.optics_model.clone(),
+            models: self.models.clone(),
             effects: finger.effects,
             numerics: finger.numerics,
             health: finger.health,
@@ -213,30 +179,14 @@ fn merged(left: Label, right: Label) -> Label {
 /// What is known about a sequence of a gripper.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripSequenceLabel {
-    /// Version of this schema.
-    pub schema_version: u32,
-    /// Program and version that made the sample.
-    pub generator: String,
-    /// Nine digits that begin the names of the sample's members.
-    pub key: String,
-    /// Number of the sample in the dataset.
-    pub index: u64,
-    /// Seed of the job.
-    pub seed: u64,
-    /// How many draws of the sample were rejected before this one.
-    pub attempt: u32,
-    /// Split that the sample belongs to.
-    pub split: Split,
-    /// What is held.
-    pub object: ObjectLabel,
+    /// Which sample it is, and of what.
+    #[serde(flatten)]
+    pub header: LabelHeader,
     /// Micro relief of the object.
     pub texture: TextureLabel,
-    /// Fidelity level.
-    pub fidelity: String,
-    /// Model of the gelpads.
-    pub gelpad_model: String,
-    /// Model of the light.
-    pub optics_model: String,
+    /// What it was simulated with.
+    #[serde(flatten)]
+    pub models: ModelsLabel,
     /// What happens.
     pub sequence: GripSequenceInfo,
     /// The left finger, whatever the frame.
@@ -330,18 +280,9 @@ impl GripSequenceLabel {
         Self {
             left: moving(&left),
             right: moving(&right),
-            schema_version: left.schema_version,
-            generator: left.generator,
-            key: left.key,
-            index: left.index,
-            seed: left.seed,
-            attempt: left.attempt,
-            split: left.split,
-            object: left.object,
+            header: left.header,
             texture: left.texture,
-            fidelity: left.fidelity,
-            gelpad_model: left.gelpad_model,
-            optics_model: left.optics_model,
+            models: left.models,
             sequence,
             frames,
         }
@@ -356,20 +297,11 @@ impl GripSequenceLabel {
     pub fn summary(&self) -> Option<Label> {
         let of_finger = |moving: &MovingFingerLabel, own: fn(&GripFrameLabel) -> &FrameLabel| {
             let common = CommonLabel {
-                schema_version: self.schema_version,
-                generator: self.generator.clone(),
-                key: self.key.clone(),
-                index: self.index,
-                seed: self.seed,
-                attempt: self.attempt,
-                split: self.split,
-                object: self.object.clone(),
+                header: self.header.clone(),
                 texture: self.texture.clone(),
                 sensor: moving.sensor.clone(),
                 camera: moving.camera,
-                fidelity: self.fidelity.clone(),
-                gelpad_model: self.gelpad_model.clone(),
-                optics_model: self.optics_model.clone(),
+                models: self.models.clone(),
                 png16: moving.png16,
                 sequence: SequenceInfo::default(),
             };

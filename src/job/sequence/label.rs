@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::health::Health;
 use crate::label::{
-    ContactLabel, Label, MarkersLabel, NumericsLabel, ObjectLabel, PoseLabel, SensorLabel, ShearLabel, TextureLabel,
+    ContactLabel, Label, LabelHeader, MarkersLabel, ModelsLabel, NumericsLabel, PoseLabel, SensorLabel, ShearLabel,
+    TextureLabel,
 };
-use crate::layout::Split;
 use crate::steps::Steps;
 use gelsim_core::camera::CameraParams;
 use gelsim_core::effects::{Effect, Note, PerEffect};
@@ -36,34 +36,18 @@ pub struct FrameRow {
 /// What holds for all frames of a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CommonLabel {
-    /// Version of this schema.
-    pub schema_version: u32,
-    /// Program and version that made the sample.
-    pub generator: String,
-    /// Nine digits that begin the names of the sample's members.
-    pub key: String,
-    /// Number of the sample in the dataset.
-    pub index: u64,
-    /// Seed of the job.
-    pub seed: u64,
-    /// How many draws of the sample were rejected before this one.
-    pub attempt: u32,
-    /// Split that the sample belongs to.
-    pub split: Split,
-    /// What was pressed.
-    pub object: ObjectLabel,
+    /// Which sample it is, and of what.
+    #[serde(flatten)]
+    pub header: LabelHeader,
     /// Micro relief of the object.
     pub texture: TextureLabel,
     /// The sensor.
     pub sensor: SensorLabel,
     /// The camera.
     pub camera: CameraParams,
-    /// Fidelity level.
-    pub fidelity: String,
-    /// Model of the gelpad.
-    pub gelpad_model: String,
-    /// Model of the light.
-    pub optics_model: String,
+    /// What it was simulated with.
+    #[serde(flatten)]
+    pub models: ModelsLabel,
     /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
     pub png16: Steps,
     /// What happens.
@@ -245,20 +229,11 @@ impl SequenceLabel {
         sequence.first_slip_s = when(&|slip| slip.state != SlipState::None);
         sequence.gross_slip_s = when(&|slip| slip.state == SlipState::Gross);
         let common = CommonLabel {
-            schema_version: first.schema_version,
-            generator: first.generator.clone(),
-            key: first.key.clone(),
-            index: first.index,
-            seed: first.seed,
-            attempt: first.attempt,
-            split: first.split,
-            object: first.object.clone(),
+            header: first.header.clone(),
             texture: first.texture.clone(),
             sensor: first.sensor.clone(),
             camera: first.camera,
-            fidelity: first.fidelity.clone(),
-            gelpad_model: first.gelpad_model.clone(),
-            optics_model: first.optics_model.clone(),
+            models: first.models.clone(),
             png16: first.png16,
             sequence,
         };
@@ -289,14 +264,7 @@ impl SequenceLabel {
         let converged = self.frames.iter().all(|frame| frame.numerics.converged);
         let common = &self.common;
         Some(Label {
-            schema_version: common.schema_version,
-            generator: common.generator.clone(),
-            key: common.key.clone(),
-            index: common.index,
-            seed: common.seed,
-            attempt: common.attempt,
-            split: common.split,
-            object: common.object.clone(),
+            header: common.header.clone(),
             pose: most.pose,
             indentation_depth_mm: most.indentation_depth_mm,
             objects: Vec::new(),
@@ -307,9 +275,7 @@ impl SequenceLabel {
             contact: most.contact,
             markers: most.markers,
             camera: common.camera,
-            fidelity: common.fidelity.clone(),
-            gelpad_model: common.gelpad_model.clone(),
-            optics_model: common.optics_model.clone(),
+            models: common.models.clone(),
             effects,
             numerics: NumericsLabel { converged, ..most.numerics },
             health,

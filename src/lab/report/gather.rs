@@ -184,16 +184,17 @@ impl Gathered {
     pub fn count(&mut self, split: Split, label: &Label) {
         let at = split.number();
         self.samples[at] += 1;
-        counted(&mut self.classes, &label.object.class)[at] += 1;
-        match self.objects.get_mut(&label.object.id) {
+        counted(&mut self.classes, &label.header.object.class)[at] += 1;
+        match self.objects.get_mut(&label.header.object.id) {
             Some((_, counts)) => counts[at] += 1,
             None => {
                 let mut counts = PerSplit::default();
                 counts[at] = 1;
-                self.objects.insert(label.object.id.clone(), (label.object.class.clone(), counts));
+                self.objects.insert(label.header.object.id.clone(), (label.header.object.class.clone(), counts));
             }
         }
-        let models = [&label.fidelity, &label.gelpad_model, &label.optics_model].map(String::clone);
+        let models =
+            [&label.models.fidelity, &label.models.gelpad_model, &label.models.optics_model].map(String::clone);
         self.models.insert(models);
         if label.contact.in_contact {
             self.in_contact[at] += 1;
@@ -209,10 +210,10 @@ impl Gathered {
             *self.reasons[effect].entry((note.ran, note.reason.to_string())).or_default() += 1;
         }
         if !label.health.healthy {
-            self.unhealthy.count(&label.health.reason, &label.key);
+            self.unhealthy.count(&label.health.reason, &label.header.key);
         }
         if !label.numerics.converged {
-            self.unconverged.count("the solver stopped before its tolerance", &label.key);
+            self.unconverged.count("the solver stopped before its tolerance", &label.header.key);
         }
         self.beyond_theory += u64::from(label.numerics.beyond_theory);
         let health = &label.health;

@@ -131,8 +131,8 @@ impl Sequences {
         self.frames += label.frames.len() as u64;
         let (common, sequence) = (&label.common, &label.common.sequence);
         let course = Course {
-            index: common.index,
-            class: &common.object.class,
+            index: common.header.index,
+            class: &common.header.object.class,
             finger: None,
             friction_coefficient: sequence.friction_coefficient,
             first_slip_s: sequence.first_slip_s,
@@ -148,8 +148,8 @@ impl Sequences {
         self.of_fingers = true;
         let sequence = &label.sequence;
         let left = Course {
-            index: label.index,
-            class: &label.object.class,
+            index: label.header.index,
+            class: &label.header.object.class,
             finger: Some("left"),
             friction_coefficient: sequence.friction_coefficient,
             first_slip_s: sequence.first_slip_s,

@@ -139,7 +139,7 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     let everything: Vec<usize> = (0..samples.len()).collect();
     let levels = rows(&compared, &everything);
     let objects = plan.sampling.objects.iter().filter_map(|object| {
-        let of_object = |k: &usize| reference.samples[*k].label.object.id == object.id;
+        let of_object = |k: &usize| reference.samples[*k].label.header.object.id == object.id;
         let own: Vec<usize> = everything.iter().copied().filter(of_object).collect();
         (!own.is_empty()).then(|| ObjectRows { object: object.id.clone(), levels: rows(&compared, &own) })
     });

@@ -116,5 +116,5 @@ fn counterparts_have_the_layers_of_any_sample() {
     let suffixes: Vec<&str> = members.iter().map(|member| member.suffix.as_str()).collect();
     assert_eq!(suffixes, ["tactile.png", "depth.exr", "surface.exr", "contact.png", "json"]);
     assert!((counterpart.sample.label.indentation_depth_mm - 0.7).abs() < 1e-12);
-    assert_eq!(counterpart.sample.label.object.class, "sphere");
+    assert_eq!(counterpart.sample.label.header.object.class, "sphere");
 }

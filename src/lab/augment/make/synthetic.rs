@@ -44,7 +44,10 @@ impl Maker<'_> {
             return Err(AugmentError::Sample(String::from("no job is there for a synthetic sample")));
         };
         let Accepted { sample, .. } = accept(&mix.plan, index).map_err(|Unfit(label)| {
-            AugmentError::Unhealthy(format!("sample {} of the job is not healthy: {}", label.key, label.health.reason))
+            AugmentError::Unhealthy(format!(
+                "sample {} of the job is not healthy: {}",
+                label.header.key, label.health.reason
+            ))
         })?;
         let split = division.of_reals[number];
         let form = &set.units[beside.unit].form;
@@ -53,11 +56,11 @@ impl Maker<'_> {
             fingerprint: &mix.plan.fingerprint,
             seed: mix.plan.seed(),
             index,
-            attempt: sample.label.attempt,
+            attempt: sample.label.header.attempt,
         };
         let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
         let key = format!("synthetic-{index:09}");
-        let placed = self.units.synthetic(beside, split, &sample.label.object.class, &key);
+        let placed = self.units.synthetic(beside, split, &sample.label.header.object.class, &key);
         let mut files = members(&mix.plan, &sample);
         files.retain(|member| member.suffix != "json");
         let mut piece = Piece { unit: beside.unit, split, key: key.clone(), ..Piece::default() };
@@ -98,7 +101,7 @@ impl Maker<'_> {
             piece.files.push((file, bytes));
         }
         let name = if *form == Form::Tar { &key } else { &placed.name };
-        let scene = Scene::draw(&mix.plan, index, sample.label.attempt);
+        let scene = Scene::draw(&mix.plan, index, sample.label.header.attempt);
         let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
         let label = self.labels.synthetic(form, &made, &division.names[split], name, &trace);
         match form {
@@ -106,7 +109,7 @@ impl Maker<'_> {
             _ => piece.row = label,
         }
         let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
-        let object = &sample.label.object;
+        let object = &sample.label.header.object;
         let depth = figure(sample.label.indentation_depth_mm);
         let split_name = &division.names[split];
         let comma = if split_name.is_empty() { "" } else { ", " };

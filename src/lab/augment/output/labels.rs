@@ -131,8 +131,8 @@ impl Labels<'_> {
         let own = is_own(&self.set.example);
         let value = |meaning: Meaning| {
             Some(match meaning {
-                Meaning::Object => Value::from(label.object.id.as_str()),
-                Meaning::Class => Value::from(label.object.class.as_str()),
+                Meaning::Object => Value::from(label.header.object.id.as_str()),
+                Meaning::Class => Value::from(label.header.object.class.as_str()),
                 Meaning::Split => Value::from(split),
                 Meaning::Group => return None,
                 Meaning::Depth => Value::from(label.indentation_depth_mm),
