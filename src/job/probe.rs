@@ -226,7 +226,7 @@ fn remedies(plan: &Plan) -> Vec<(String, Plan)> {
     let middle = "x_mm and y_mm of [pose] put most objects beside the view: write x_mm = 0.0 and y_mm = 0.0, or a range within it";
     let mut found = Vec::new();
     let mut add = |help: &str, change: &dyn Fn(&mut crate::config::Job)| {
-        found.push((help.to_owned(), plan.changed(change)));
+        found.push((help.to_owned(), plan.with_job(change)));
     };
     if pose.anchor != Anchor::Contact {
         add(contact, &|job| job.pose.anchor = Anchor::Contact);
@@ -256,7 +256,7 @@ fn remedies(plan: &Plan) -> Vec<(String, Plan)> {
 
 /// Where an object must be placed for what touches first of it to be in the middle of the view, mm; that of the first sample.
 fn place_of_lowest(plan: &Plan) -> Option<[f64; 2]> {
-    let middle = plan.changed(|job| {
+    let middle = plan.with_job(|job| {
         job.pose.x_mm = Quantity::Constant(0.0);
         job.pose.y_mm = Quantity::Constant(0.0);
     });
@@ -300,16 +300,9 @@ fn of_objects(plan: &Plan, touches: &[Touch], most_miss: bool, is_explained: boo
 }
 
 impl Plan {
-    /// The same with another job, of which no file is read again: for what samples draw from its tables.
-    fn changed(&self, change: impl Fn(&mut crate::config::Job)) -> Self {
-        let mut plan = self.clone();
-        plan.change(&change);
-        plan
-    }
-
     /// The same that keeps samples which are not healthy: what its first draws are like.
     pub fn keeping_unhealthy(&self) -> Self {
-        self.changed(|job| job.output.on_unhealthy = crate::config::output::OnUnhealthy::Keep)
+        self.with_job(|job| job.output.on_unhealthy = crate::config::output::OnUnhealthy::Keep)
     }
 }
 

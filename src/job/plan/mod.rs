@@ -368,15 +368,6 @@ impl Plan {
         if number == 0 { self } else { &self.others[number - 1] }
     }
 
-    /// Changes its job, also where that is written a second time for other sensors. Nothing is read or made ready again.
-    pub(crate) fn change(&mut self, change: &impl Fn(&mut Job)) {
-        change(&mut self.job);
-        self.others.iter_mut().for_each(|other| other.change(change));
-        if let Some(right) = &mut self.right {
-            right.change(change);
-        }
-    }
-
     /// Number of a class among the plan's. Every object has one; a depth frame whose class nobody named has none.
     pub fn class_index(&self, class: &str) -> Option<usize> {
         self.sampling.classes.binary_search_by(|known| known.as_str().cmp(class)).ok()
