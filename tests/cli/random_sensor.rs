@@ -4,6 +4,9 @@ use gelsim::SensorExt;
 use std::collections::BTreeSet;
 use std::fs;
 
+use gelsim_core::optics::background::RenderedBackground;
+use gelsim_core::optics::led::Led;
+use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 use gelsim_job::config::Overrides;
 use gelsim_job::layout::Split;
@@ -122,13 +125,45 @@ fn quantities_without_choice_give_the_bytes_of_constants() {
     folder.succeed("generate job.toml --quiet --out degenerate");
     folder.succeed("generate constant.toml --quiet --out constant");
     assert_same_files(&folder.lasting_files("degenerate/data"), &folder.lasting_files("constant/data"));
-    // A variant of the same sensor renders the same, too: nothing is skipped that matters.
-    let plan = plan(&folder, "constant.toml");
-    let scene = Scene::draw(&plan, 0, 0);
-    let shared = plan.simulator.press_with(&scene.press(&plan)).image.rgb;
-    assert!(
-        plan.simulator.variant(plan.simulator.sensor().clone()).press_with(&scene.press(&plan)).image.rgb == shared
-    );
+}
+
+#[test]
+fn a_variant_renders_as_the_same_sensor_made_anew() {
+    let leds = |sensor: &mut Sensor, edit: fn(&mut Led)| sensor.leds.iter_mut().for_each(edit);
+    let edits: [&dyn Fn(&mut Sensor); 11] = [
+        &|_| (),
+        &|sensor| sensor.gelpad.youngs_modulus_kpa *= 1.3,
+        &|sensor| sensor.gelpad.poisson_ratio *= 0.9,
+        &|sensor| sensor.gelpad.thickness_mm *= 1.2,
+        &|sensor| sensor.darkening = 0.2,
+        &|sensor| sensor.stray_light = Some([0.2; 3]),
+        &|sensor| sensor.camera.gains = [0.9, 1.0, 1.1],
+        &|sensor| sensor.field_of_view_mm = sensor.field_of_view_mm.map(|mm| 1.1 * mm),
+        &|sensor| sensor.background = Background::Rendered(RenderedBackground::default()),
+        &|sensor| leds(sensor, |led| led.intensity *= 0.8),
+        &|sensor| leds(sensor, |led| led.elevation_deg *= 0.8),
+    ];
+    for preset in ["digit", "tactip", "geltip"] {
+        let folder = Folder::with_job(&edited(
+            JOB,
+            &[("[sensor]", &format!("[sensor]\npreset = '{preset}'")), ("no_contact = 0.25", "")],
+        ));
+        let plan = plan(&folder, "job.toml");
+        let known = &plan.simulator;
+        for (number, edit) in edits.iter().enumerate() {
+            let mut sensor = known.sensor().clone();
+            edit(&mut sensor);
+            let mut press = Scene::draw(&plan, 0, 0).press(&plan);
+            press.camera = sensor.camera;
+            let variant = known.variant(sensor.clone());
+            let anew = Simulator::with_models(sensor, known.models().clone(), known.policy());
+            let [shared, own] = [&variant, &anew].map(|simulator| simulator.press_with(&press));
+            assert!(shared.image.rgb == own.image.rgb, "{preset}, edit {number}");
+            assert_eq!(shared.contact.force_n, own.contact.force_n, "{preset}, edit {number}");
+            assert!(own.contact.force_n > Some(0.0), "{preset}, edit {number}: nothing is pressed");
+            assert!(variant.untouched().rgb == anew.untouched().rgb, "{preset}, edit {number}");
+        }
+    }
 }
 
 #[test]
