@@ -29,12 +29,11 @@ pub fn depth_of(wanted_n: f64, deepest: (f64, f64), tolerance: f64, force_n: imp
             high = (depth, found)
         }
         let log = libm::log;
-        let guess = match low.1 > 0.0 {
-            true => {
-                let share = (log(wanted_n) - log(low.1)) / (log(high.1) - log(low.1));
-                libm::exp(log(low.0) + share * (log(high.0) - log(low.0)))
-            }
-            false => 0.5 * (low.0 + high.0),
+        let guess = if low.1 > 0.0 {
+            let share = (log(wanted_n) - log(low.1)) / (log(high.1) - log(low.1));
+            libm::exp(log(low.0) + share * (log(high.0) - log(low.0)))
+        } else {
+            0.5 * (low.0 + high.0)
         };
         let margin = MARGIN * (high.0 - low.0);
         depth = if guess.is_finite() { guess.clamp(low.0 + margin, high.0 - margin) } else { 0.5 * (low.0 + high.0) };

@@ -150,10 +150,7 @@ impl Chart {
         if let Some(unrolled) = &self.unrolled {
             return unrolled.rest(at);
         }
-        match self.walled {
-            false => self.rest_on_ball(at),
-            true => self.walk(at).rest(at, self.radius_mm),
-        }
+        if self.walled { self.walk(at).rest(at, self.radius_mm) } else { self.rest_on_ball(at) }
     }
 
     fn rest_on_ball(&self, [u, v]: [f64; 2]) -> Rest {
@@ -161,10 +158,7 @@ impl Chart {
         let (sin, cos) = libm::sincos(angle);
         let half = libm::sin(0.5 * angle);
         // sin / angle and (1 - cos) / angle^2, per mm and mm^2 of the chart.
-        let (s, k) = match angle > 1e-9 {
-            true => (sin / angle, 2.0 * half * half / (angle * angle)),
-            false => (1.0, 0.5),
-        };
+        let (s, k) = if angle > 1e-9 { (sin / angle, 2.0 * half * half / (angle * angle)) } else { (1.0, 0.5) };
         let [x, y] = [u, v].map(|mm| mm / self.radius_mm);
         let along = [DVec3::new(1.0 - k * x * x, -k * x * y, -s * x), DVec3::new(-k * x * y, 1.0 - k * y * y, -s * y)];
         let normal = self.axes * DVec3::new(s * x, s * y, cos);
@@ -228,10 +222,7 @@ impl Chart {
         }
         let DVec3 { x, y, z } = self.axes.transpose() * site.normal;
         let across = libm::hypot(x, y);
-        let per = match across > 0.0 {
-            true => self.radius_mm * libm::atan2(across, z) / across,
-            false => 0.0,
-        };
+        let per = if across > 0.0 { self.radius_mm * libm::atan2(across, z) / across } else { 0.0 };
         let at = [per * x, per * y];
         if self.walled { self.refined(at, site) } else { at }
     }

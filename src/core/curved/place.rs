@@ -90,12 +90,11 @@ impl Curved {
         let tip = Chart::at_tip(&self.shape);
         let at = DVec2::from(tip.at(site));
         let follows_mm = at.length() - NEAR * tip.radius_mm();
-        match follows_mm > 0.0 {
-            true => {
-                let normal = tip.rest((at.normalize() * follows_mm).to_array()).normal;
-                Chart::around(&self.shape, self.shape.site(normal, 0.0))
-            }
-            false => tip,
+        if follows_mm > 0.0 {
+            let normal = tip.rest((at.normalize() * follows_mm).to_array()).normal;
+            Chart::around(&self.shape, self.shape.site(normal, 0.0))
+        } else {
+            tip
         }
     }
 

@@ -145,12 +145,11 @@ impl Curved {
             (Along::Press, Some(wrench)) => DVec3::from_array(wrench.force_n).try_normalize().map(|into| -into),
             _ => None,
         };
-        let moved = match contact.region.is_empty() {
-            true => resting.clone(),
-            false => {
-                let motion = SkinMotion::new(contact, chart, &self.view, direction, pins);
-                pins.moved(sites, &motion, &self.camera)
-            }
+        let moved = if contact.region.is_empty() {
+            resting.clone()
+        } else {
+            let motion = SkinMotion::new(contact, chart, &self.view, direction, pins);
+            pins.moved(sites, &motion, &self.camera)
         };
         PinPositions { rest: resting.clone(), moved }
     }

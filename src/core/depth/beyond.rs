@@ -183,7 +183,7 @@ impl<'a> Surroundings<'a> {
 
     /// Takes the overlap against a curved pad.
     fn lower(&self, drop: &Grid<f32>, cells: &Cells, penetration: &mut Grid<f32>) {
-        let floor = 0.0 - self.thickness_mm as f32;
+        let floor = -self.thickness_mm as f32;
         let nearest = |k: usize, at: usize| {
             let mm = cells.corner_mm[k] + (at as f64 + 0.5) * cells.pitch_mm;
             let px = mm / self.view.mm_per_px[k] + self.view.resolution_px[k] as f64 / 2.0 + SURFACE_BORDER as f64;

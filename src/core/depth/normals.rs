@@ -126,8 +126,8 @@ impl Normals {
         let from = turn.transpose() * -shift;
         let mut distances = vec![farthest; nodes.planes[0].len()];
         let wall_mm = self.shape.wall_mm().unwrap_or(0.0);
-        match nodes.blocks.is_empty() {
-            true => object.query(
+        if nodes.blocks.is_empty() {
+            object.query(
                 |min, max| from.distance_squared(nearest_of_box(from, min, max)) <= farthest * farthest,
                 |part| {
                     for triangle in triangles(part) {
@@ -146,45 +146,44 @@ impl Normals {
                         );
                     }
                 },
-            ),
-            false => {
-                let boxes: Vec<[DVec3; 2]> = nodes.blocks.iter().map(|block| block.reach(farthest)).collect();
-                let groups = Groups::new(&boxes);
-                let (mut corners, mut near) = (Vec::new(), Vec::new());
-                let least = DVec3::new(-farthest, -farthest, -wall_mm - farthest);
-                let most = DVec3::splat(farthest);
-                object.query(
-                    |min, max| {
-                        let [min, max] = [min, max].map(|side| DVec3::from_array(side.map(f64::from)));
-                        let (middle, half) = (turn * (0.5 * (min + max)) + shift, (0.5 * (max - min)).length());
-                        middle.cmpge(least - half).all() && middle.cmple(most + half).all()
-                    },
-                    |part| {
-                        groups.near_part(&boxes, part, |corner| turn * corner + shift, &mut corners, &mut near);
-                        if near.is_empty() {
-                            return;
+            )
+        } else {
+            let boxes: Vec<[DVec3; 2]> = nodes.blocks.iter().map(|block| block.reach(farthest)).collect();
+            let groups = Groups::new(&boxes);
+            let (mut corners, mut near) = (Vec::new(), Vec::new());
+            let least = DVec3::new(-farthest, -farthest, -wall_mm - farthest);
+            let most = DVec3::splat(farthest);
+            object.query(
+                |min, max| {
+                    let [min, max] = [min, max].map(|side| DVec3::from_array(side.map(f64::from)));
+                    let (middle, half) = (turn * (0.5 * (min + max)) + shift, (0.5 * (max - min)).length());
+                    middle.cmpge(least - half).all() && middle.cmple(most + half).all()
+                },
+                |part| {
+                    groups.near_part(&boxes, part, |corner| turn * corner + shift, &mut corners, &mut near);
+                    if near.is_empty() {
+                        return;
+                    }
+                    for triangle in part.corners {
+                        let corners = triangle.map(|corner| corners[usize::from(corner)]);
+                        let [a, b, c] = corners;
+                        let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+                        // A ball around it that stays away from the axis is met by no normal in reach.
+                        let (middle, half) = (0.5 * (min + max), 0.5 * (max - min).length());
+                        let from_axis = middle - DVec3::new(0.0, 0.0, middle.z.clamp(-wall_mm, 0.0));
+                        if from_axis.length() - half > farthest {
+                            continue;
                         }
-                        for triangle in part.corners {
-                            let corners = triangle.map(|corner| corners[usize::from(corner)]);
-                            let [a, b, c] = corners;
-                            let (min, max) = (a.min(b).min(c), a.max(b).max(c));
-                            // A ball around it that stays away from the axis is met by no normal in reach.
-                            let (middle, half) = (0.5 * (min + max), 0.5 * (max - min).length());
-                            let from_axis = middle - DVec3::new(0.0, 0.0, middle.z.clamp(-wall_mm, 0.0));
-                            if from_axis.length() - half > farthest {
-                                continue;
-                            }
-                            for number in near.iter().filter(|number| !apart([min, max], boxes[**number])) {
-                                let box_px = nodes.blocks[*number].columns_and_rows;
-                                simd_dispatch(
-                                    #[inline(always)]
-                                    || nodes.meet::<true>(corners, [0.0, farthest], box_px, &mut distances),
-                                );
-                            }
+                        for number in near.iter().filter(|number| !apart([min, max], boxes[**number])) {
+                            let box_px = nodes.blocks[*number].columns_and_rows;
+                            simd_dispatch(
+                                #[inline(always)]
+                                || nodes.meet::<true>(corners, [0.0, farthest], box_px, &mut distances),
+                            );
                         }
-                    },
-                );
-            }
+                    }
+                },
+            );
         }
         // Below the ball's middle a dome has no gel.
         let up = back * DVec3::Z;

@@ -132,11 +132,10 @@ impl Reach {
     pub fn suspicion(&self, camera: &DepthCamera) -> Option<Diagnostic> {
         let other = if self.is_pressed() { None } else { self.other_units(camera) };
         other.map(|help| {
-            let message = match self.touches() {
-                true => format!("the deepest press is {:.1e} mm, which no camera shows", -self.lowest_mm),
-                false => {
-                    format!("nothing reaches the pad: the nearest point is {} mm beyond it", rounded(self.lowest_mm))
-                }
+            let message = if self.touches() {
+                format!("the deepest press is {:.1e} mm, which no camera shows", -self.lowest_mm)
+            } else {
+                format!("nothing reaches the pad: the nearest point is {} mm beyond it", rounded(self.lowest_mm))
             };
             Diagnostic::warning(message).help(help)
         })

@@ -112,10 +112,8 @@ impl InsideCamera {
         let is_image = looks == of_image && camera.offset_px == [0.0; 2];
         let [columns, rows] = sensor.resolution_px;
         let centre = |at: usize| [(at % columns) as f64 + 0.5, (at / columns) as f64 + 0.5];
-        let seen = match is_image {
-            true => sites,
-            false => (0..columns * rows).map(|at| of_image.site(shape, centre(at))).collect(),
-        };
+        let seen =
+            if is_image { sites } else { (0..columns * rows).map(|at| of_image.site(shape, centre(at))).collect() };
         let (mut image, mut out_of_frame_px) = (Vec::new(), 0);
         for site in seen.into_iter().flatten() {
             let in_frame = looks.point_px(site.point_mm).and_then(|px| {
@@ -177,18 +175,17 @@ impl InsideCamera {
             let (ray, mm) = (&self.rays[at], along_mm[at]);
             let (Some(point), true) = (*point, ray.gel_mm < f64::INFINITY) else { continue };
             let gap_mm = mm - ray.gel_mm;
-            let above_mm = match gap_mm < 0.0 {
-                true => {
-                    let site = self.shape.closest(point);
-                    let above_mm = (point - site.point_mm).dot(site.normal);
-                    if above_mm < reach.lowest_mm {
-                        deepest = Some((site, point));
-                    }
-                    let (x, y) = (at % width, at / width);
-                    is_cut |= x == 0 || y == 0 || x == width - 1 || y == height - 1;
-                    above_mm
+            let above_mm = if gap_mm < 0.0 {
+                let site = self.shape.closest(point);
+                let above_mm = (point - site.point_mm).dot(site.normal);
+                if above_mm < reach.lowest_mm {
+                    deepest = Some((site, point));
                 }
-                false => gap_mm,
+                let (x, y) = (at % width, at / width);
+                is_cut |= x == 0 || y == 0 || x == width - 1 || y == height - 1;
+                above_mm
+            } else {
+                gap_mm
             };
             reach.add(above_mm, Against::Gel { seen_mm: mm, gel_mm: ray.gel_mm });
         }

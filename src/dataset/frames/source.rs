@@ -80,16 +80,15 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
     }
     let pattern = written.to_str().filter(|text| text.contains(['*', '?', '[']) && !written.exists());
     let Some(pattern) = pattern else {
-        return match written.exists() {
-            true => vec![written.to_owned()],
-            false => {
-                let meant = meant(written, is_frame).map(|name| written.with_file_name(name));
-                let meant = meant.map_or(String::new(), |path| format!("did you mean {}? ", path.display()));
-                wrong(
-                    format!("{shown} does not exist"),
-                    format!("{meant}name files, folders or patterns of names; paths start from the current folder"),
-                )
-            }
+        return if written.exists() {
+            vec![written.to_owned()]
+        } else {
+            let meant = meant(written, is_frame).map(|name| written.with_file_name(name));
+            let meant = meant.map_or(String::new(), |path| format!("did you mean {}? ", path.display()));
+            wrong(
+                format!("{shown} does not exist"),
+                format!("{meant}name files, folders or patterns of names; paths start from the current folder"),
+            )
         };
     };
     match glob::glob(pattern) {

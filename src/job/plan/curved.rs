@@ -236,10 +236,8 @@ fn pins(check: &mut Check<'_>, sensor: &Sensor, pins: &PinDistribution) {
     let most_mm = shape.length_over_mm();
     if pins.reach_mm() > most_mm {
         let message = format!("the outermost pins stand {:.1} mm from the tip, over the rim", pins.reach_mm());
-        let (key, help) = match from_file {
-            true => ("layout.file", "move them inwards"),
-            false => ("spacing_mm", "lower count or spacing_mm"),
-        };
+        let (key, help) =
+            if from_file { ("layout.file", "move them inwards") } else { ("spacing_mm", "lower count or spacing_mm") };
         check.error(&format!("sensor.pins.{key}"), message, format!("the gel ends after {most_mm:.1} mm: {help}"));
     }
     if pins.length_mm >= shape.radius_mm() {

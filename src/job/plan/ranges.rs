@@ -499,10 +499,8 @@ fn dots(check: &mut Check<'_>, at: &str, markers: &MarkerDistribution, field_of_
         check.error(&format!("{at}.pitch_mm"), message, help);
     } else if diameter + markers.edge_mm > WIDEST * pitch {
         let message = format!("dots of {diameter} mm with edges of {} mm lie over each other", markers.edge_mm);
-        let (key, other) = match markers.edge_mm < WIDEST * pitch {
-            true => ("diameter_mm", markers.edge_mm),
-            false => ("edge_mm", diameter),
-        };
+        let (key, other) =
+            if markers.edge_mm < WIDEST * pitch { ("diameter_mm", markers.edge_mm) } else { ("edge_mm", diameter) };
         let most = tidy((WIDEST * pitch - other).max(0.0), true);
         let help = format!("write {key} = {most} or less: up to {WIDEST} times as wide as pitch_mm, with the edge");
         check.error(&format!("{at}.{key}"), message, help);

@@ -99,10 +99,7 @@ impl<'a> Mover<'a> {
         let part = 1.0 / f64::from(count);
         let from_mm = self.depth_mm;
         for step in 1..=count {
-            let to_mm = match step == count {
-                true => depth_mm,
-                false => from_mm + (depth_mm - from_mm) * f64::from(step) * part,
-            };
+            let to_mm = if step == count { depth_mm } else { from_mm + (depth_mm - from_mm) * f64::from(step) * part };
             let shift_mm = phase.shift_mm.map(|mm| share * part * mm);
             steps.push(self.step(shift_mm, part * twist, part * tilt, phase.tilt_azimuth_deg, to_mm));
         }

@@ -102,13 +102,12 @@ impl<'a> Timeline<'a> {
             let phase = &self.phases[phase];
             // The last frame takes all that is left.
             let ends = last || end_s <= until_s + slack_s;
-            let (way, depth_mm) = match ends {
-                true => (1.0, to_mm),
-                false => {
-                    let start_s = self.start_s;
-                    let way = phase.profile.way((until_s - start_s) / phase.duration_s);
-                    (way, from_mm + (to_mm - from_mm) * way)
-                }
+            let (way, depth_mm) = if ends {
+                (1.0, to_mm)
+            } else {
+                let start_s = self.start_s;
+                let way = phase.profile.way((until_s - start_s) / phase.duration_s);
+                (way, from_mm + (to_mm - from_mm) * way)
             };
             self.go(phase, way - done, depth_mm, &mut steps);
             if !ends {

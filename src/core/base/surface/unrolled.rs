@@ -226,12 +226,11 @@ impl Unrolled {
 /// Axes of a chart whose middle has this normal.
 fn axes_at(normal: DVec3) -> DMat3 {
     let down = DVec3::NEG_Z + normal * normal.z;
-    match down.length() > 1e-6 {
-        true => {
-            let x = down.normalize();
-            DMat3::from_cols(x, normal.cross(x), normal)
-        }
-        false => DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, normal)),
+    if down.length() > 1e-6 {
+        let x = down.normalize();
+        DMat3::from_cols(x, normal.cross(x), normal)
+    } else {
+        DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, normal))
     }
 }
 

@@ -108,9 +108,8 @@ impl Slopes {
             return None;
         }
         let (right, down) = (x - column as f32, y - row as f32);
-        let node = |column: usize, row: usize| match part.holds([column, row]) {
-            true => nodes[(row - part.y0) * part.width() + column - part.x0],
-            false => [0.0; 4],
+        let node = |column: usize, row: usize| {
+            if part.holds([column, row]) { nodes[(row - part.y0) * part.width() + column - part.x0] } else { [0.0; 4] }
         };
         let (next, below) = ((column + 1).min(width - 1), (row + 1).min(height - 1));
         let (a, b, c, d) = (node(column, row), node(next, row), node(column, below), node(next, below));
