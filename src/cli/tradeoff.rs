@@ -96,7 +96,7 @@ impl Tradeoff {
             let result = sequences::tradeoff(&plan, self.samples.unwrap_or(SEQUENCES), said);
             let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
             for (name, text) in
-                [("tradeoff.csv", result.csv()), ("tradeoff.json", json), ("tradeoff.svg", result.svg())]
+                [("tradeoff.csv", result.csv()), ("tradeoff.json", json), ("tradeoff.svg", result.svg().into_string())]
             {
                 output_file::write(&folder.join(name), text.as_bytes())?;
             }
@@ -113,7 +113,7 @@ impl Tradeoff {
         let files = [
             ("tradeoff.csv", report::csv(&result).into_bytes()),
             ("tradeoff.json", json.into_bytes()),
-            ("tradeoff.svg", page.svg().into_bytes()),
+            ("tradeoff.svg", page.svg().into_string().into_bytes()),
             ("tradeoff.png", page.png()),
         ];
         for (name, bytes) in files {

@@ -279,3 +279,10 @@ fn crc(bytes: &[u8]) -> u32 {
         .iter()
         .fold(!0_u32, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 * (crc & 1))))
 }
+
+/// A page as XML: the tags that HTML leaves open are closed.
+pub fn closed_tags(page: &str) -> String {
+    let is_open = |tag: &str| ["meta ", "img ", "br>"].iter().any(|name| tag.starts_with(name));
+    let close = |tag: &str| if is_open(tag) { tag.replacen('>', "/>", 1) } else { tag.to_owned() };
+    page.split('<').map(close).collect::<Vec<_>>().join("<")
+}

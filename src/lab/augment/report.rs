@@ -1,9 +1,9 @@
 //! What an output holds, beside what its input held: counted while it is written, as augment.json and as a page.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 use image::RgbImage;
+use maud::{Markup, html};
 use serde_json::{Value, json};
 
 use super::Recipe;
@@ -16,8 +16,7 @@ use gelsim_files::figures::{counted, figure, percent};
 use gelsim_files::png::encode_small;
 use gelsim_job::label::GENERATOR;
 use gelsim_lab::page::bars::{Bar, histogram};
-use gelsim_lab::page::ink::Colour;
-use gelsim_lab::page::{self, escaped, escaped_lines};
+use gelsim_lab::page::{self, canvas::Colour};
 
 /// Bars of a histogram.
 const BARS: usize = 24;
@@ -37,10 +36,7 @@ const MIN_CAPTION_PX: u32 = 100;
 /// An image as the page shows it.
 pub fn tile(image: &RgbImage) -> RgbImage {
     let height = (image.height() * TILE_PX / image.width().max(1)).max(1);
-    match image.width() > TILE_PX {
-        true => image::imageops::thumbnail(image, TILE_PX, height),
-        false => image.clone(),
-    }
+    if image.width() > TILE_PX { image::imageops::thumbnail(image, TILE_PX, height) } else { image.clone() }
 }
 
 /// One count for each source.
@@ -186,133 +182,115 @@ impl Summary {
 
     /// The page.
     pub fn html(&self, recipe: &Recipe) -> String {
-        let card = |(number, what): (String, &str)| format!("<div><b>{number}</b>{what}</div>\n");
+        let counted = [(self.all().to_string(), "samples")].into_iter();
         let sources = Source::ALL.iter().map(|source| (self.samples[*source as usize].to_string(), source.name()));
-        let mut body = String::from("<div class=\"cards\">\n");
-        body.extend([(self.all().to_string(), "samples")].into_iter().chain(sources).map(card));
-        body += "</div>\n";
-        body += &page::warnings(&recipe.notes.texts());
-        body += &counts("Splits", "split", self.splits.iter().map(|(name, of)| (name.as_str(), of)));
-        body += &counts("Classes", "class", self.kinds.iter().map(|(name, of)| (name.as_str(), of)));
-        body += &self.images();
-        body += &self.pictures();
-        body += &self.counterparts();
-        if let Some(mix) = &recipe.mix {
-            body += &coverage(&mix.coverage);
-        }
-        let _ = write!(
-            body,
-            "<h2>Recipe</h2>\n<details><summary>{}.toml</summary>\n<pre>{}</pre></details>\n\
-             <p class=\"note\">Made by {GENERATOR}.</p>\n",
-            escaped(&recipe.name),
-            escaped_lines(&recipe.text)
-        );
+        let body = html! {
+            (page::cards(&counted.chain(sources).collect::<Vec<_>>()))
+            (page::warnings(&recipe.notes.texts()))
+            (counts("Splits", "split", self.splits.iter().map(|(name, of)| (name.as_str(), of))))
+            (counts("Classes", "class", self.kinds.iter().map(|(name, of)| (name.as_str(), of))))
+            (self.images())
+            (self.pictures())
+            (self.counterparts())
+            @if let Some(mix) = &recipe.mix { (coverage(&mix.coverage)) }
+            h2 { "Recipe" }
+            details { summary { (recipe.name) ".toml" } pre { (recipe.text) } }
+            p.note { "Made by " (GENERATOR) "." }
+        };
         page::document(&format!("Augmented dataset {}", recipe.name), &body)
     }
 
     /// Input and output side by side.
-    fn images(&self) -> String {
+    fn images(&self) -> Markup {
         let head = ["images", "number", "red", "green", "blue", "contrast", "sharpness"];
-        let row = |name: String, count: u64, image_stats: &ImageStats| {
-            let figures = image_stats.figures(count).map(figure);
-            [name, count.to_string()].into_iter().chain(figures).collect::<Vec<String>>()
+        let row = |name: Markup, count: u64, image_stats: &ImageStats| {
+            let figures = image_stats.figures(count).map(|value| html! { (figure(value)) });
+            [name, html! { (count) }].into_iter().chain(figures).collect::<Vec<_>>()
         };
         let mut all = ImageStats::default();
         self.image_stats.iter().for_each(|image_stats| all.add(image_stats));
-        let mut rows = vec![row(String::from("<b>input</b>"), self.samples[0], &self.image_stats[0])];
-        rows.push(row(String::from("<b>output</b>"), self.all(), &all));
-        let parts = Source::ALL.iter().filter(|source| self.samples[**source as usize] > 0);
-        rows.extend(parts.map(|source| {
-            let k = *source as usize;
-            row(keyed(k), self.samples[k], &self.image_stats[k])
-        }));
-        let mut html = format!(
-            "<h2>Input and output</h2>\n{}<p class=\"note\">Means over images, in grey levels: of the channels; of the \
-             standard deviation over an image; of the difference between neighbours in a row.</p>\n",
-            page::table(&head, rows)
-        );
-        let keys: Vec<String> = (0..KINDS.len()).map(keyed).collect();
-        let _ = writeln!(html, "<p class=\"note\">Bars stand on each other: {}</p>", keys.join(" "));
+        let mut rows = vec![row(html! { b { "input" } }, self.samples[0], &self.image_stats[0])];
+        rows.push(row(html! { b { "output" } }, self.all(), &all));
+        let parts = (0..KINDS.len()).filter(|k| self.samples[*k] > 0);
+        rows.extend(parts.map(|k| row(page::key(KINDS[k]), self.samples[k], &self.image_stats[k])));
         let figures = [("Brightness", "grey levels", &self.brightness), ("Indentation depth", "mm", &self.depths_mm)];
-        let drawn = figures
-            .map(|(title, axis, values)| page::figure(&histogram(title, [axis, "samples"], &bars(values), &KINDS), ""));
-        html + &page::figures(&drawn.concat())
+        html! {
+            h2 { "Input and output" }
+            (page::table(&head, rows))
+            p.note {
+                "Means over images, in grey levels: of the channels; of the standard deviation over an image; of the difference "
+                "between neighbours in a row."
+            }
+            p.note { "Bars stand on each other: " (page::keys(&KINDS)) }
+            (page::figures(html! {
+                @for (title, axis, values) in figures {
+                    (page::figure(histogram(title, [axis, "samples"], &bars(values), &KINDS), ""))
+                }
+            }))
+        }
     }
 
     /// Some real samples, each beside what was made of it; then some synthetic ones, which come of no real sample.
-    fn pictures(&self) -> String {
+    fn pictures(&self) -> Markup {
         let picture = |tile: &Tile| {
-            let (width, height) = tile.image.dimensions();
-            let image = format!(
-                "<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{}\"/>",
-                page::uri(&encode_small(&tile.image)),
-                tile.source.name()
-            );
+            let image = page::image(&encode_small(&tile.image), tile.image.dimensions(), tile.source.name());
             // Names may be longer than the picture is wide.
-            let caption = escaped_lines(&tile.caption).replace('\n', "<br/>");
-            let style = format!("display: block; max-width: {}px; overflow-wrap: anywhere", width.max(MIN_CAPTION_PX));
-            page::figure(&image, &format!("{}<span style=\"{style}\">{caption}</span>", keyed(tile.source as usize)))
+            let width = tile.image.width().max(MIN_CAPTION_PX);
+            let style = format!("display: block; max-width: {width}px; overflow-wrap: anywhere; white-space: pre-line");
+            page::figure(
+                image,
+                html! { (page::key(KINDS[tile.source as usize])) span style=(style) { (tile.caption) } },
+            )
         };
+        let row = |tiles: &[&Tile]| html! { div { @for tile in tiles { (picture(tile)) } } };
         let (synthetic, of_reals): (Vec<&Tile>, Vec<&Tile>) =
             self.tiles.iter().partition(|tile| tile.source == Source::Synthetic);
         let groups: Vec<&[&Tile]> = of_reals.chunk_by(|a, b| a.number == b.number).collect();
-        let is_made_of = groups.iter().any(|group| group.len() > 1);
-        let mut html = String::new();
-        if is_made_of {
-            html += "<h2>Real samples and what was made of them</h2>\n";
-            html += "<p class=\"note\">Each row begins with the real image.</p>\n";
-            for group in groups {
-                html += &format!("<div>\n{}</div>\n", group.iter().map(|tile| picture(tile)).collect::<String>());
+        html! {
+            @if groups.iter().any(|group| group.len() > 1) {
+                h2 { "Real samples and what was made of them" }
+                p.note { "Each row begins with the real image." }
+                @for group in groups { (row(group)) }
+            } @else if !of_reals.is_empty() {
+                h2 { "Real samples" }
+                (row(&of_reals))
             }
-        } else if !of_reals.is_empty() {
-            let pictures: String = of_reals.iter().map(|tile| picture(tile)).collect();
-            html += &format!("<h2>Real samples</h2>\n<div>\n{pictures}</div>\n");
+            @if !synthetic.is_empty() {
+                h2 { "Synthetic samples" }
+                p.note { "New presses of the job: none is made of a real sample." }
+                (row(&synthetic))
+            }
         }
-        if !synthetic.is_empty() {
-            let pictures: String = synthetic.iter().map(|tile| picture(tile)).collect();
-            html += "<h2>Synthetic samples</h2>\n<p class=\"note\">New presses of the job: none is made of a real sample.</p>\n";
-            html += &format!("<div>\n{pictures}</div>\n");
-        }
-        html
     }
 
-    fn counterparts(&self) -> String {
-        let Some(([x, y], correlation)) = self.pairs() else { return String::new() };
+    fn counterparts(&self) -> Markup {
+        let Some(([x, y], correlation)) = self.pairs() else { return Markup::default() };
         let mut rows: Vec<(String, String)> =
             self.alignments.iter().map(|(name, count)| (name.replace('_', " "), count.to_string())).collect();
         rows.push((String::from("median offset of aligned twins, px"), format!("{x:.2}, {y:.2}")));
         rows.push((String::from("median correlation"), format!("{correlation:.3}")));
-        format!("<h2>Twins</h2>\n{}", page::facts(&rows))
+        html! { h2 { "Twins" } (page::facts(&rows)) }
     }
 }
 
-/// The name of a source beside a square of its colour.
-fn keyed(k: usize) -> String {
-    let (name, [r, g, b]) = KINDS[k];
-    format!("<span class=\"keyed\"><i style=\"background: rgb({r}, {g}, {b})\"></i>{name}</span>")
-}
-
-fn counts<'a>(title: &str, what: &str, all: impl Iterator<Item = (&'a str, &'a PerSource)>) -> String {
+fn counts<'a>(title: &str, what: &str, all: impl Iterator<Item = (&'a str, &'a PerSource)>) -> Markup {
     let cells = |(name, of): (&str, &PerSource)| {
         let name = if name.is_empty() { "-" } else { name };
         let sum: u64 = of.iter().sum();
         let numbers = of.iter().chain([&sum]).map(u64::to_string);
-        [escaped(name)].into_iter().chain(numbers).collect::<Vec<String>>()
+        [name.to_owned()].into_iter().chain(numbers).collect::<Vec<String>>()
     };
-    let rows: Vec<Vec<String>> = all.map(cells).collect();
-    if rows.is_empty() {
-        return String::new();
-    }
-    let mut html = format!("<h2>{title}</h2>\n");
-    let head: Vec<String> =
-        [what.to_owned()].into_iter().chain((0..4).map(keyed)).chain([String::from("all")]).collect();
-    let head: Vec<&str> = head.iter().map(String::as_str).collect();
+    let mut rows: Vec<Vec<String>> = all.map(cells).collect();
     let more = rows.len().saturating_sub(MOST_ROWS);
-    html += &page::table(&head, rows.into_iter().take(MOST_ROWS));
-    if more > 0 {
-        let _ = writeln!(html, "<p class=\"note\">And {more} more.</p>");
+    rows.truncate(MOST_ROWS);
+    let head = [html! { (what) }].into_iter().chain(KINDS.map(page::key)).chain([html! { "all" }]);
+    html! {
+        @if !rows.is_empty() {
+            h2 { (title) }
+            (page::table(&head.collect::<Vec<_>>(), rows))
+            @if more > 0 { p.note { "And " (more) " more." } }
+        }
     }
-    html
 }
 
 /// Values as bars of one width.
@@ -339,7 +317,7 @@ pub fn reached(coverage: &Coverage) -> [f64; 2] {
     [&coverage.before, &coverage.after].map(|counts| fraction(counts, &coverage.counting))
 }
 
-fn coverage(coverage: &Coverage) -> String {
+fn coverage(coverage: &Coverage) -> Markup {
     let Coverage { cells, counting, before, after } = coverage;
     let number = counting.iter().filter(|counting| **counting).count();
     let [was, is] = reached(coverage);
@@ -357,14 +335,16 @@ fn coverage(coverage: &Coverage) -> String {
     let row = |&cell: &usize| {
         let name = cells.name(cell);
         let name = if name.is_empty() { String::from("everything") } else { name };
-        vec![escaped(&name), before[cell].to_string(), after[cell].to_string()]
+        vec![name, before[cell].to_string(), after[cell].to_string()]
     };
-    format!(
-        "<h2>Coverage</h2>\n{}<details><summary>{}, those with the fewest real samples first</summary>\n{}</details>\n",
-        page::facts(&facts.map(|(what, value)| (what.to_owned(), value))),
-        counted(number.min(MOST_ROWS), "cell", "cells"),
-        page::table(&["cell", "real", "all"], order.iter().take(MOST_ROWS).map(row))
-    )
+    html! {
+        h2 { "Coverage" }
+        (page::facts(&facts))
+        details {
+            summary { (counted(number.min(MOST_ROWS), "cell", "cells")) ", those with the fewest real samples first" }
+            (page::table(&["cell", "real", "all"], order.iter().take(MOST_ROWS).map(row)))
+        }
+    }
 }
 
 #[cfg(test)]

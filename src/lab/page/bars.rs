@@ -1,6 +1,8 @@
 //! Histograms as stacked bars, as SVG: counts over the bins of an axis, one colour for each kind of what is counted.
 
-use super::ink::{Align, Colour};
+use maud::Markup;
+
+use super::canvas::{Align, Colour};
 use super::plot::{FAINT, Plot, TEXT};
 use gelsim_files::figures::figure;
 
@@ -25,7 +27,7 @@ pub fn histogram<const KINDS: usize>(
     axes: [&str; 2],
     bars: &[Bar<KINDS>],
     kinds: &[(&str, Colour); KINDS],
-) -> String {
+) -> Markup {
     let (Some(first), Some(last)) = (bars.first(), bars.last()) else { return nothing(title, "no values") };
     let highest = bars.iter().map(|bar| bar.counts.iter().sum::<u64>()).max().unwrap_or(0);
     // Ticks of counts are whole numbers.
@@ -46,11 +48,11 @@ pub fn histogram<const KINDS: usize>(
         let stacked: Vec<_> = stacked.collect();
         let [from, to] = [bar.from, bar.to].map(|end| told(end, bar.to - bar.from));
         let hint = format!("{from} to {to}: {}", counts.join(", "));
-        plot.page.hinted(&hint, |page| {
+        plot.canvas.hinted(&hint, |canvas| {
             for ([left, low], [right, high], colour) in stacked {
                 // A line of paper between bars, unless they are too narrow for one.
                 let gap = f64::min(1.0, 0.2 * (right - left));
-                page.rectangle([left, high], [right - gap, low], colour, 1.0);
+                canvas.rectangle([left, high], [right - gap, low], colour, 1.0);
             }
         });
     }
@@ -60,21 +62,19 @@ pub fn histogram<const KINDS: usize>(
 /// A figure with as many digits as tell it from others that are `span` apart.
 pub fn told(value: f64, span: f64) -> String {
     let plain = figure(value);
-    let decimals = match span > 0.0 && span.is_finite() {
-        true => (-libm::floor(libm::log10(span) + 1e-9)).clamp(0.0, 9.0) as usize,
-        false => 0,
-    };
+    let digits = if span > 0.0 && span.is_finite() { -libm::floor(libm::log10(span) + 1e-9) } else { 0.0 };
+    let decimals = digits.clamp(0.0, 9.0) as usize;
     let has = plain.split_once('.').map_or(0, |(_, decimals)| decimals.len());
     if has >= decimals || plain.contains('e') { plain } else { format!("{value:.decimals$}") }
 }
 
 /// A plot's place with words instead.
-pub fn nothing(title: &str, words: &str) -> String {
+pub fn nothing(title: &str, words: &str) -> Markup {
     let mut plot = Plot::bare(SIZE, title);
     let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]].map(|corner| plot.place(corner));
-    plot.page.line(&corners, FAINT, 1.0, None);
+    plot.canvas.line(&corners, FAINT, 1.0, None);
     let middle = plot.place([0.5, 0.5]);
-    plot.page.text(middle, words, TEXT, Align::Middle);
+    plot.canvas.text(middle, words, TEXT, Align::Middle);
     plot.svg()
 }
 
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn bars_are_as_high_as_their_counts_and_stand_on_each_other() {
         let bar = |from: f64, counts| Bar { from, to: from + 1.0, counts };
-        let svg = histogram("t", ["mm", "samples"], &[bar(0.0, [3, 1]), bar(1.0, [0, 0]), bar(2.0, [0, 8])], &KINDS);
+        let svg = histogram("t", ["mm", "samples"], &[bar(0.0, [3, 1]), bar(1.0, [0, 0]), bar(2.0, [0, 8])], &KINDS).0;
         let drawn = rectangles(&svg);
         assert_eq!(drawn.len(), 3, "{svg}");
         let unit = drawn[2].2 / 8.0;
@@ -115,13 +115,13 @@ mod tests {
         assert_eq!([102.9051, 102.94, 102.969].map(|value| told(value, 0.064)), ["102.91", "102.94", "102.97"]);
         assert_eq!([0.0, 0.31, 1250.4].map(|value| told(value, 1000.0)), ["0", "0.31", "1250"]);
         assert_eq!((told(0.5, 0.0), told(1e-7, 1e-8)), (String::from("0.5"), String::from("1.00e-7")));
-        let svg = histogram("t", ["mm", "samples"], &[Bar { from: 102.9, to: 102.91, counts: [1, 2] }], &KINDS);
+        let svg = histogram("t", ["mm", "samples"], &[Bar { from: 102.9, to: 102.91, counts: [1, 2] }], &KINDS).0;
         assert!(svg.contains("102.90 to 102.91: 1 near, 2 far"), "{svg}");
     }
 
     #[test]
     fn nothing_to_draw_is_said_in_words() {
-        let svg = histogram::<2>("t", ["mm", "samples"], &[], &KINDS);
+        let svg = histogram::<2>("t", ["mm", "samples"], &[], &KINDS).0;
         assert!(svg.contains("no values") && rectangles(&svg).is_empty());
         assert!(!svg.contains("NaN"));
     }

@@ -1,121 +1,114 @@
-//! HTML pages for people: one file with its pictures and plots in it, without scripts, well-formed as XML, so that
-//! tests can read it. The same content gives the same bytes.
+//! HTML pages for people: one file with its pictures and plots in it, without scripts. The same content gives the same bytes.
 
-use std::fmt::Write;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
-use gelsim_files::spelling::{is_hidden, visible};
+use canvas::Colour;
+use gelsim_files::spelling::visible;
 
 pub mod bars;
-pub mod ink;
+pub mod canvas;
 pub mod letters;
 pub mod plot;
 
-/// A whole page; `title` is plain text, `body` is HTML.
-pub fn document(title: &str, body: &str) -> String {
-    let title = escaped(title);
-    format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{title}</title>\n\
-         <style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{body}</body>\n</html>\n"
-    )
-}
-
-/// A table of names and figures, both plain text.
-pub fn facts(rows: &[(String, String)]) -> String {
-    let row = |(what, figure): &(String, String)| {
-        format!("<tr><th>{}</th><td>{}</td></tr>\n", escaped(what), escaped(figure))
+/// A whole page.
+pub fn document(title: &str, body: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body { h1 { (title) } (body) }
+        }
     };
-    format!("<table>\n{}</table>\n", rows.iter().map(row).collect::<String>())
+    legible(&page.0) + "\n"
 }
 
-/// A table under a head; the cells are HTML. It scrolls by itself where the window is too narrow for it.
-pub fn table(head: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
-    let mut html = String::from("<div class=\"wide\"><table class=\"columns\">\n<tr>");
-    for name in head {
-        let _ = write!(html, "<th>{name}</th>");
-    }
-    html += "</tr>\n";
-    for row in rows {
-        let cells: String = row.iter().map(|cell| format!("<td>{cell}</td>")).collect();
-        let _ = writeln!(html, "<tr>{cells}</tr>");
-    }
-    html + "</table></div>\n"
+/// What XML cannot hold becomes a space; characters that are not seen but turn or hide text are shown.
+fn legible(text: &str) -> String {
+    let odd = |c: char| c.is_control() && c != '\n' || matches!(c, '\u{fffe}' | '\u{ffff}');
+    visible(&text.replace(odd, " ")).into_owned()
 }
 
-/// A list of things to heed, plain text, under its heading; nothing if there are none.
-pub fn warnings(texts: &[String]) -> String {
-    let item = |text: &String| format!("<li>{}</li>\n", escaped(text));
-    match texts {
-        [] => String::new(),
-        all => format!("<h2>Warnings</h2>\n<ul class=\"bad\">\n{}</ul>\n", all.iter().map(item).collect::<String>()),
+/// The figures that people ask for first.
+pub fn cards(cards: &[(String, &str)]) -> Markup {
+    html! { div.cards { @for (number, what) in cards { div { b { (number) } (what) } } } }
+}
+
+/// A table of names and figures.
+pub fn facts(rows: &[(impl Render, impl Render)]) -> Markup {
+    html! { table { @for (what, figure) in rows { tr { th { (what) } td { (figure) } } } } }
+}
+
+/// A table under a head. It scrolls by itself where the window is too narrow for it.
+pub fn table<C: Render>(head: &[impl Render], rows: impl IntoIterator<Item = Vec<C>>) -> Markup {
+    html! {
+        div.wide {
+            table.columns {
+                tr { @for name in head { th { (name) } } }
+                @for row in rows { tr { @for cell in row { td { (cell) } } } }
+            }
+        }
     }
 }
 
-/// A picture or plot with HTML below it.
-pub fn figure(content: &str, caption: &str) -> String {
-    match caption {
-        "" => format!("<figure>\n{content}\n</figure>\n"),
-        _ => format!("<figure>\n{content}\n<figcaption>{caption}</figcaption></figure>\n"),
+/// Words in a cell of a table, which may run over lines.
+pub fn words(text: impl Render) -> Markup {
+    html! { span.text { (text) } }
+}
+
+/// A list of things to heed under its heading; nothing if there are none.
+pub fn warnings(texts: &[String]) -> Markup {
+    html! {
+        @if !texts.is_empty() {
+            h2 { "Warnings" }
+            ul.bad { @for text in texts { li { (text) } } }
+        }
     }
+}
+
+/// A picture or plot with a caption below it.
+pub fn figure(content: impl Render, caption: impl Render) -> Markup {
+    // Figures stand in a line with a space between them.
+    html! { figure { (content) figcaption { (caption) } } " " }
 }
 
 /// Figures of at most 330 px in columns, as many as the window has room for.
-pub fn figures(figures: &str) -> String {
-    format!("<div class=\"figures\">\n{figures}</div>\n")
+pub fn figures(figures: impl Render) -> Markup {
+    html! { div.figures { (figures) } }
 }
 
-/// A PNG file of this width and height, px; `caption` is HTML.
-pub fn image(png: &[u8], (width, height): (u32, u32), caption: &str) -> String {
-    format!("<img src=\"{}\" width=\"{width}\" height=\"{height}\" alt=\"{caption}\"/>", uri(png))
+/// A PNG file of this width and height, px.
+pub fn image(png: &[u8], (width, height): (u32, u32), caption: &str) -> Markup {
+    html! { img src=(uri(png)) width=(width) height=(height) alt=(caption); }
 }
 
-/// HTML that a click opens over the whole window, and another one closes; `name` is the page's only one of its kind.
-pub fn opens(name: &str, small: &str, large: &str) -> String {
-    format!(
-        "<a id=\"of-{name}\" href=\"#{name}\">{small}</a>\n<a class=\"large\" id=\"{name}\" href=\"#of-{name}\">{large}</a>"
-    )
+/// What a click opens over the whole window, and another one closes; `name` is the page's only one of its kind.
+pub fn opens(name: &str, small: impl Render, large: impl Render) -> Markup {
+    html! {
+        a id={ "of-" (name) } href={ "#" (name) } { (small) }
+        a.large id=(name) href={ "#of-" (name) } { (large) }
+    }
+}
+
+/// A name beside a square of its colour.
+pub fn key((name, [r, g, b]): (&str, Colour)) -> Markup {
+    html! { span.keyed { i style={ "background: rgb(" (r) ", " (g) ", " (b) ")" } {} (name) } }
+}
+
+/// Names beside squares of their colours.
+pub fn keys<'a>(keys: impl IntoIterator<Item = &'a (&'a str, Colour)>) -> Markup {
+    html! { @for name in keys { (key(*name)) " " } }
 }
 
 /// A PNG file as the address of itself.
 pub fn uri(png: &[u8]) -> String {
-    format!("data:image/png;base64,{}", base64(png))
-}
-
-/// RFC 4648, section 4.
-fn base64(bytes: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let bits = (0..3).fold(0, |bits, k| bits << 8 | u32::from(three.get(k).copied().unwrap_or(0)));
-        for k in 0..4 {
-            let letter = LETTERS[(bits >> (18 - 6 * k)) as usize & 63];
-            text.push(if k <= three.len() { char::from(letter) } else { '=' });
-        }
-    }
-    text
-}
-
-/// Text that HTML takes for nothing else; what XML cannot hold becomes a space.
-pub fn escaped(text: &str) -> String {
-    escaped_lines(&text.replace('\n', " "))
-}
-
-/// The same with its lines kept.
-pub fn escaped_lines(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '&' => out += "&amp;",
-            '"' => out += "&quot;",
-            '\n' => out.push('\n'),
-            c if is_hidden(c) && !c.is_control() => out += &visible(c.encode_utf8(&mut [0; 4])),
-            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out
+    format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
 
 const STYLE: &str = "\
@@ -149,30 +142,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn base64_is_that_of_the_standard() {
-        let pairs =
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE=")];
-        for (plain, coded) in pairs {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-        assert_eq!(base64(&[0xfb, 0xff, 0xfe]), "+//+");
-    }
-
-    #[test]
     fn a_page_of_odd_texts_is_well_formed() {
         let odd = String::from("<b> & \"quotes\" ]]> \u{0}\u{1b}\u{fffe} \u{1f600}\nnext");
-        let body = [
-            facts(&[(odd.clone(), odd.clone())]),
-            table(&["a", "b"], [vec![escaped(&odd), String::from("1")]]),
-            warnings(std::slice::from_ref(&odd)),
-            figure("<img src=\"\" alt=\"\"/>", &escaped_lines(&odd)),
-        ];
-        let page = document(&odd, &body.concat());
+        let body = html! {
+            (facts(&[(&odd, &odd)]))
+            (table(&["a", "b"], [vec![odd.as_str(), "1"]]))
+            (warnings(std::slice::from_ref(&odd)))
+            (figure(html! { svg {} }, &odd))
+        };
+        // What HTML leaves open, XML closes.
+        let page = document(&odd, &body).replace("\"utf-8\">", "\"utf-8\"/>").replace("scale=1\">", "scale=1\"/>");
         let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
         let parsed = roxmltree::Document::parse_with_options(&page, options).expect("well-formed");
         let texts = parsed.descendants().filter(|node| node.is_text()).filter_map(|node| node.text());
         // Title and heading, two in the first table, one each in the rest.
         assert_eq!(texts.filter(|text| text.contains("<b> & \"quotes\" ]]> ")).count(), 7);
-        assert!(warnings(&[]).is_empty());
+        assert!(warnings(&[]).0.is_empty());
     }
 }

@@ -1,6 +1,8 @@
 //! Plots with two linear axes, as SVG; lines and marks are those of `tradeoff`'s drawing.
 
-use super::ink::{Align, Colour, Page, Point, Type, width};
+use maud::Markup;
+
+use super::canvas::{Align, Canvas, Colour, Point, Type, width};
 
 /// Text and outlines.
 pub const BLACK: Colour = [30, 30, 30];
@@ -16,7 +18,7 @@ pub const TEXT: Type = Type { size: 12, bold: false, colour: BLACK };
 /// A plot with two axes.
 pub struct Plot {
     /// What is drawn, in pixels; [`Plot::place`] says where a point of the data is.
-    pub page: Page,
+    pub canvas: Canvas,
     size: [f64; 2],
     ranges: [[f64; 2]; 2],
 }
@@ -31,10 +33,8 @@ impl Plot {
     /// With axes called `names` (x and y) that reach over `ranges`, first the value at the left or bottom. A range that is
     /// empty or not finite becomes 0 to 1.
     pub fn new(size: [f64; 2], title: &str, names: [&str; 2], ranges: [[f64; 2]; 2]) -> Self {
-        let ranges = ranges.map(|[from, to]| match (to - from).is_finite() && to != from {
-            true => [from, to],
-            false => [0.0, 1.0],
-        });
+        let ranges =
+            ranges.map(|[from, to]| if (to - from).is_finite() && to != from { [from, to] } else { [0.0, 1.0] });
         let mut plot = Self { ranges, ..Self::bare(size, title) };
         for (axis, name) in names.iter().enumerate() {
             let [left, top, right, bottom] = ROOM;
@@ -52,39 +52,39 @@ impl Plot {
                 plot.tick(axis, value, &label);
             }
             let baseline = if axis == 0 { size[1] - 8.0 } else { 18.0 };
-            plot.page.text([size[0] - ROOM[2], baseline], name, TEXT, Align::Right);
+            plot.canvas.text([size[0] - ROOM[2], baseline], name, TEXT, Align::Right);
         }
         plot
     }
 
     /// Without axes: a title and room for words.
     pub fn bare(size: [f64; 2], title: &str) -> Self {
-        let mut page = Page::new(size[0], size[1]);
-        page.text([8.0, 18.0], title, TITLE, Align::Left);
-        Self { page, size, ranges: [[0.0, 1.0]; 2] }
+        let mut canvas = Canvas::new(size[0], size[1]);
+        canvas.text([8.0, 18.0], title, TITLE, Align::Left);
+        Self { canvas, size, ranges: [[0.0, 1.0]; 2] }
     }
 
     fn tick(&mut self, axis: usize, value: f64, label: &str) {
-        let [mut from, mut to] = [0, 1].map(|end| [self.ranges[0][end], self.ranges[1][end]]);
+        let [[left, right], [low, high]] = self.ranges;
+        let (mut from, mut to) = ([left, low], [right, high]);
         (from[axis], to[axis]) = (value, value);
         let (from, to) = (self.place(from), self.place(to));
-        self.page.line(&[from, to], if value == 0.0 { GREY } else { FAINT }, 1.0, None);
+        self.canvas.line(&[from, to], if value == 0.0 { GREY } else { FAINT }, 1.0, None);
         match axis {
             0 => {
                 // A name that would reach over the page's edge is left out; its line says enough.
                 if from[0] + 0.5 * width(label, TEXT) <= self.size[0] {
-                    self.page.text([from[0], self.size[1] - ROOM[3] + 16.0], label, TEXT, Align::Middle);
+                    self.canvas.text([from[0], self.size[1] - ROOM[3] + 16.0], label, TEXT, Align::Middle);
                 }
             }
-            _ => self.page.text([from[0] - 6.0, from[1] + 4.0], label, TEXT, Align::Right),
+            _ => self.canvas.text([from[0] - 6.0, from[1] + 4.0], label, TEXT, Align::Right),
         }
     }
 
-    /// Where a point of the data is on the page. Points beyond the axes lie on their ends.
+    /// Where a point of the data is on the canvas. Points beyond the axes lie on their ends.
     pub fn place(&self, [x, y]: Point) -> Point {
-        let share = |value: f64, [from, to]: [f64; 2]| match value.is_nan() {
-            true => 0.0,
-            false => ((value - from) / (to - from)).clamp(0.0, 1.0),
+        let share = |value: f64, [from, to]: [f64; 2]| {
+            if value.is_nan() { 0.0 } else { ((value - from) / (to - from)).clamp(0.0, 1.0) }
         };
         let [left, top, right, bottom] = ROOM;
         [
@@ -94,8 +94,8 @@ impl Plot {
     }
 
     /// The plot as SVG.
-    pub fn svg(&self) -> String {
-        self.page.svg()
+    pub fn svg(&self) -> Markup {
+        self.canvas.svg()
     }
 }
 
@@ -184,7 +184,7 @@ mod tests {
         );
         for range in [[1e17, 1e17 + 64.0], [-1e300, 1e300], [1e-310, 3e-310], [5.0, 5.0], [0.0, f64::NAN]] {
             let plot = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, range]);
-            assert!(plot.svg().len() < 20_000, "{range:?}");
+            assert!(plot.svg().0.len() < 20_000, "{range:?}");
             let at = plot.place([range[0], range[1]]);
             assert!(at.iter().all(|at| (0.0..=330.0).contains(at)), "{range:?}: {at:?}");
         }
@@ -192,7 +192,7 @@ mod tests {
 
     /// Left and right end of every name of the horizontal axis.
     fn names(range: [f64; 2]) -> Vec<(f64, f64)> {
-        let svg = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, [0.0, 9.0]]).svg();
+        let svg = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, [0.0, 9.0]]).svg().0;
         let parsed = roxmltree::Document::parse(&svg).expect("well-formed");
         let number =
             |node: &roxmltree::Node, name: &str| node.attribute(name).and_then(|text| text.parse::<f64>().ok());

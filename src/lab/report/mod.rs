@@ -288,7 +288,7 @@ mod tests {
                 sum.tiles.iter().map(|tile| (tile.index, tile.tile.strip(&Scales::default(), 108))).collect();
             let totals = (sum.totals.shards, sum.totals.samples, sum.totals.bytes);
             let told = format!("{:?} {:?} {:?} {totals:?}", sum.classes, sum.objects, sum.reasons);
-            (told, bars, tiles, sum.files.clone(), (sum.samples, sum.in_contact), sum.places.svg("t", 300.0))
+            (told, bars, tiles, sum.files.clone(), (sum.samples, sum.in_contact), sum.places.svg("t", 300.0).0)
         };
         assert!(counts(&forth) == counts(&back));
         assert_eq!((forth.samples, forth.tiles.len(), forth.findings.len()), ([18, 0, 12], 24, 0));

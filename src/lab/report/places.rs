@@ -1,6 +1,8 @@
 //! Where in the view something is: counts on a grid of square cells, drawn darker where they are higher.
 
-use crate::page::ink::Colour;
+use maud::Markup;
+
+use crate::page::canvas::Colour;
 use crate::page::plot::{GREY, Plot, ROOM};
 
 /// Cells along the longer side of the view.
@@ -47,11 +49,11 @@ impl Places {
 
     /// Width and height of a cell, mm.
     pub fn cell_mm(&self) -> [f64; 2] {
-        [0, 1].map(|axis| self.view_mm[axis] / self.cells[axis] as f64)
+        std::array::from_fn(|axis| self.view_mm[axis] / self.cells[axis] as f64)
     }
 
     /// The view with its cells as SVG, `width` px wide; y grows downwards, as in the images.
-    pub fn svg(&self, title: &str, width: f64) -> String {
+    pub fn svg(&self, title: &str, width: f64) -> Markup {
         let [left, top, right, bottom] = ROOM;
         let height = (width - left - right) * self.view_mm[1] / self.view_mm[0];
         let [x, y] = self.view_mm.map(|side| side / 2.0);
@@ -63,10 +65,10 @@ impl Places {
             let corner = |column: f64, row: f64| plot.place([column * cell_mm[0] - x, row * cell_mm[1] - y]);
             let (from, to) = (corner(column, row), corner(column + 1.0, row + 1.0));
             let shade = shade(count, self.most());
-            plot.page.hinted(&count.to_string(), |page| page.rectangle(from, to, shade, 1.0));
+            plot.canvas.hinted(&count.to_string(), |canvas| canvas.rectangle(from, to, shade, 1.0));
         }
         let corners = [[-x, -y], [x, -y], [x, y], [-x, y], [-x, -y]].map(|corner| plot.place(corner));
-        plot.page.line(&corners, GREY, 1.0, None);
+        plot.canvas.line(&corners, GREY, 1.0, None);
         plot.svg()
     }
 }
@@ -97,9 +99,9 @@ mod tests {
     fn any_view_is_drawn_well_formed() {
         for view in [[20.0, 15.0], [1.0, 1000.0], [0.0, f64::NAN], [1e-9, 1e-9]] {
             let mut places = Places::new(view);
-            let empty = places.svg("t", 330.0);
+            let empty = places.svg("t", 330.0).0;
             places.count([0.0, 0.0]);
-            for svg in [empty, places.svg("t", 330.0)] {
+            for svg in [empty, places.svg("t", 330.0).0] {
                 assert!(roxmltree::Document::parse(&svg).is_ok() && !svg.contains("NaN"), "{svg}");
             }
         }

@@ -4,9 +4,10 @@
 use crate::text_table::TextTable;
 use std::convert::Infallible;
 
+use maud::Markup;
 use serde::Serialize;
 
-use crate::page::ink::{Align, Colour, Shape};
+use crate::page::canvas::{Align, Colour, Shape};
 use crate::page::plot::{BLACK, Plot, TEXT};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_job::plan::Plan;
@@ -235,7 +236,7 @@ impl SequenceTradeoff {
     }
 
     /// Error of the motion over time.
-    pub fn svg(&self) -> String {
+    pub fn svg(&self) -> Markup {
         const COLOUR: Colour = [0, 114, 178];
         let most = |of: fn(&Row) -> f64| 1.15 * self.rows.iter().map(of).fold(0.0, f64::max);
         let ranges = [[0.0, most(|row| row.frame_ms)], [0.0, most(|row| row.flow_um)]];
@@ -243,8 +244,8 @@ impl SequenceTradeoff {
         let mut plot = Plot::new([520.0, 340.0], &title, ["CPU ms a frame", ""], ranges);
         for row in &self.rows {
             let at = plot.place([row.frame_ms, row.flow_um]);
-            plot.page.mark(Shape::Circle, at, 5.0, COLOUR, BLACK);
-            plot.page.text([at[0] + 8.0, at[1] - 6.0], row.level, TEXT, Align::Left);
+            plot.canvas.mark(Shape::Circle, at, 5.0, COLOUR, BLACK);
+            plot.canvas.text([at[0] + 8.0, at[1] - 6.0], row.level, TEXT, Align::Left);
         }
         plot.svg()
     }

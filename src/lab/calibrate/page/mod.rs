@@ -4,13 +4,12 @@
 
 mod plots;
 
-use std::fmt::Write;
-
 use image::RgbImage;
 use image::imageops::{self, FilterType};
+use maud::{Markup, html};
 
 use crate::compare::score::{Score, Scores};
-use crate::page::{self, escaped};
+use crate::page;
 use crate::presses::Circle;
 use crate::preview::difference;
 use gelsim_files::png::encode_rgb;
@@ -67,45 +66,44 @@ impl Page<'_> {
         let mut ranked: Vec<&PressPanel> = self.presses.iter().collect();
         ranked.sort_by(|a, b| a.error().total_cmp(&b.error()));
         let (verdict, is_hopeless) = &self.verdict;
-        let class = if *is_hopeless { " class=\"bad\"" } else { "" };
-        let verdict = format!("<p{class}><b>{}</b></p>\n", escaped(&sentence(verdict)));
-        let (facts, warnings) = (page::facts(self.summary), page::warnings(self.warnings));
-        let parts = [verdict, facts, warnings, self.plots(&ranked), self.normals()];
-        page::document(&format!("Calibration of {}", self.sensor), &(parts.concat() + &presses(&ranked)))
-    }
-
-    fn plots(&self, ranked: &[&PressPanel]) -> String {
-        let Some(typical) = ranked.get(ranked.len() / 2) else { return String::new() };
-        let mut html = String::from(
-            "<h2>Errors</h2>\n<p>Mean absolute error in grey levels (0 to 255) around the \
-            contact; each press was simulated by a fit that did not see it. Red: presses that may be unusable.</p>\n",
-        );
-        for plot in [plots::errors(self.presses), plots::by_radius(self.presses), plots::places(self.presses)] {
-            html += &page::figure(&plot, "");
-        }
-        let _ = write!(
-            html,
-            "<h2>Colour through a typical press</h2>\n<p>{}, the press of median error: real (solid) and simulated (dashed) \
-             through the circle's centre; grey lines are its rim.</p>\n",
-            escaped(&typical.file)
-        );
-        for plot in plots::profiles(typical) {
-            html += &page::figure(&plot, "");
-        }
-        html
-    }
-
-    fn normals(&self) -> String {
-        let figure = |(what, image): &(String, RgbImage)| {
-            page::figure(&format!("<img src=\"{}\" alt=\"\"/>", uri(image)), &escaped(what))
+        let body = html! {
+            p.bad[*is_hopeless] { b { (sentence(verdict)) } }
+            (page::facts(self.summary))
+            (page::warnings(self.warnings))
+            (self.plots(&ranked))
+            (self.normals())
+            (presses(&ranked))
         };
-        match self.normals {
-            [] => String::new(),
-            all => format!(
-                "<h2>Fitted colour of normal directions</h2>\n<p>The middle of a disc is the flat pad, its sides are slopes \
-                 to these sides.</p>\n{}",
-                all.iter().map(figure).collect::<String>()
-            ),
+        page::document(&format!("Calibration of {}", self.sensor), &body)
+    }
+
+    fn plots(&self, ranked: &[&PressPanel]) -> Markup {
+        let Some(typical) = ranked.get(ranked.len() / 2) else { return Markup::default() };
+        html! {
+            h2 { "Errors" }
+            p {
+                "Mean absolute error in grey levels (0 to 255) around the contact; each press was simulated by a fit that did not "
+                "see it. Red: presses that may be unusable."
+            }
+            @for plot in [plots::errors(self.presses), plots::by_radius(self.presses), plots::places(self.presses)] {
+                (page::figure(plot, ""))
+            }
+            h2 { "Colour through a typical press" }
+            p {
+                (typical.file) ", the press of median error: real (solid) and simulated (dashed) through the circle's centre; grey "
+                "lines are its rim."
+            }
+            @for plot in plots::profiles(typical) { (page::figure(plot, "")) }
+        }
+    }
+
+    fn normals(&self) -> Markup {
+        html! {
+            @if !self.normals.is_empty() {
+                h2 { "Fitted colour of normal directions" }
+                p { "The middle of a disc is the flat pad, its sides are slopes to these sides." }
+                @for (what, image) in self.normals { (page::figure(html! { img src=(uri(image)) alt=""; }, what)) }
+            }
         }
     }
 }
@@ -118,28 +116,24 @@ fn sentence(text: &str) -> String {
 }
 
 /// All presses, from the best to the worst.
-fn presses(ranked: &[&PressPanel]) -> String {
-    let mut html = String::new();
-    if !ranked.is_empty() {
-        let _ = writeln!(
-            html,
-            "<h2>Presses, best first</h2>\n<p>Real, simulated, and {GAIN} times their difference \
-            around grey.</p>"
-        );
-    }
-    for shown in ranked {
-        let difference = difference(&shown.real, &shown.simulated, GAIN);
-        html += "<section>\n";
-        for image in [&shown.real, &shown.simulated, &difference] {
-            let _ = writeln!(html, "{}", panel(image, shown.circle.as_ref()));
+fn presses(ranked: &[&PressPanel]) -> Markup {
+    html! {
+        @if !ranked.is_empty() {
+            h2 { "Presses, best first" }
+            p { "Real, simulated, and " (GAIN) " times their difference around grey." }
         }
-        let _ = write!(html, "<p><b>{}</b> {}", escaped(&shown.file), scores(&shown.scores));
-        for suspicion in &shown.outlier_reasons {
-            let _ = write!(html, "<br/><span class=\"bad\">{}</span>", escaped(suspicion));
+        @for shown in ranked {
+            section {
+                @for image in [&shown.real, &shown.simulated, &difference(&shown.real, &shown.simulated, GAIN)] {
+                    (panel(image, shown.circle.as_ref())) " "
+                }
+                p {
+                    b { (shown.file) } " " (scores(&shown.scores))
+                    @for reason in &shown.outlier_reasons { br; span.bad { (reason) } }
+                }
+            }
         }
-        html += "</p>\n</section>\n";
     }
-    html
 }
 
 fn scores(scores: &Scores) -> String {
@@ -152,33 +146,26 @@ fn scores(scores: &Scores) -> String {
 }
 
 /// An image with the circle over it, as SVG, so that both are sharp at any size.
-fn panel(image: &RgbImage, circle: Option<&Circle>) -> String {
+fn panel(image: &RgbImage, circle: Option<&Circle>) -> Markup {
     let (width, height) = image.dimensions();
     let shown = width.clamp(1, PANEL_PX);
     let tall = (u64::from(height) * u64::from(shown) / u64::from(width.max(1))).max(1) as u32;
-    let small = match shown < width {
-        true => imageops::resize(image, shown, tall, FilterType::Triangle),
-        false => image.clone(),
-    };
-    let ring = |circle: &Circle| {
-        let [x, y] = circle.centre_px.map(|at| at + 0.5);
-        format!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\" {RING}/>", circle.radius_px)
-    };
-    format!(
-        "<svg width=\"{shown}\" height=\"{tall}\" viewBox=\"0 0 {width} {height}\"><image width=\"{width}\" \
-         height=\"{height}\" href=\"{}\"/>{}</svg>",
-        uri(&small),
-        circle.map(ring).unwrap_or_default()
-    )
+    let resized = (shown < width).then(|| imageops::resize(image, shown, tall, FilterType::Triangle));
+    html! {
+        svg width=(shown) height=(tall) viewBox={ "0 0 " (width) " " (height) } {
+            image width=(width) height=(height) href=(uri(resized.as_ref().unwrap_or(image))) {}
+            @if let Some(Circle { centre_px: [x, y], radius_px }) = circle {
+                circle cx=(format!("{:.2}", x + 0.5)) cy=(format!("{:.2}", y + 0.5)) r=(format!("{radius_px:.2}"))
+                    fill="none" stroke="#fff" stroke-width="1" vector-effect="non-scaling-stroke" {}
+            }
+        }
+    }
 }
 
 /// An image as the address of itself.
 fn uri(image: &RgbImage) -> String {
     page::uri(&encode_rgb(image.width() as usize, image.height() as usize, image.as_raw()))
 }
-
-/// How circles look, at any scale.
-const RING: &str = "fill=\"none\" stroke=\"#fff\" stroke-width=\"1\" vector-effect=\"non-scaling-stroke\"";
 
 #[cfg(test)]
 mod tests {
@@ -245,7 +232,7 @@ mod tests {
     #[test]
     fn large_images_are_shown_smaller_and_differences_around_grey() {
         let image = RgbImage::from_pixel(1000, 500, Rgb([10, 20, 250]));
-        assert!(panel(&image, None).starts_with("<svg width=\"320\" height=\"160\" viewBox=\"0 0 1000 500\">"));
+        assert!(panel(&image, None).0.starts_with("<svg width=\"320\" height=\"160\" viewBox=\"0 0 1000 500\">"));
         let other = RgbImage::from_pixel(1000, 500, Rgb([11, 10, 0]));
         assert_eq!(difference(&image, &other, GAIN).get_pixel(3, 4).0, [132, 88, 0]);
     }

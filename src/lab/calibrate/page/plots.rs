@@ -1,7 +1,9 @@
 //! The plots of the page, as SVG; axes are linear and from 0.
 
+use maud::Markup;
+
 use super::PressPanel;
-use crate::page::ink::{Align, Colour, Page, Point, Shape};
+use crate::page::canvas::{Align, Canvas, Colour, Point, Shape};
 use crate::page::plot::{FAINT, GREY, Plot, TEXT, TITLE};
 use crate::presses::Circle;
 
@@ -17,12 +19,12 @@ fn from_zero(size: [f64; 2], title: &str, names: [&str; 2], ends: [f64; 2]) -> P
 fn dot(plot: &mut Plot, at: Point, shown: &PressPanel) {
     let at = plot.place(at);
     let hint = format!("{}: {:.2}", shown.file, shown.error());
-    plot.page.hinted(&hint, |page| mark(page, at, shown));
+    plot.canvas.hinted(&hint, |canvas| mark(canvas, at, shown));
 }
 
-fn mark(page: &mut Page, at: Point, shown: &PressPanel) {
+fn mark(canvas: &mut Canvas, at: Point, shown: &PressPanel) {
     let (shape, colour) = if shown.outlier_reasons.is_empty() { (Shape::Circle, BLUE) } else { (Shape::Diamond, RED) };
-    page.mark(shape, at, 4.0, colour, [255; 3]);
+    canvas.mark(shape, at, 4.0, colour, [255; 3]);
 }
 
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
@@ -30,20 +32,20 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Error of each press, in the table's order.
-pub(super) fn errors(presses: &[PressPanel]) -> String {
+pub(super) fn errors(presses: &[PressPanel]) -> Markup {
     let ends = [presses.len() as f64 + 0.5, 1.08 * largest(presses.iter().map(PressPanel::error))];
     let mut plot = from_zero([480.0, 280.0], "Error of each press", ["row of the table", "grey levels"], ends);
     for (row, shown) in presses.iter().enumerate() {
         let x = row as f64 + 1.0;
         let [from, to] = [0.0, shown.error()].map(|y| plot.place([x, y]));
-        plot.page.line(&[from, to], FAINT, 2.0, None);
+        plot.canvas.line(&[from, to], FAINT, 2.0, None);
         dot(&mut plot, [x, shown.error()], shown);
     }
     plot.svg()
 }
 
 /// Error against the radius of the contact.
-pub(super) fn by_radius(presses: &[PressPanel]) -> String {
+pub(super) fn by_radius(presses: &[PressPanel]) -> Markup {
     let radius = |shown: &PressPanel| shown.circle.map_or(f64::NAN, |circle| circle.radius_px);
     let ends = [1.08 * largest(presses.iter().map(radius)), 1.08 * largest(presses.iter().map(PressPanel::error))];
     let mut plot = from_zero([480.0, 280.0], "Error against radius", ["radius of the circle, px", "grey levels"], ends);
@@ -54,7 +56,7 @@ pub(super) fn by_radius(presses: &[PressPanel]) -> String {
 }
 
 /// Circles in the frame of the image, darker where the error is larger.
-pub(super) fn places(presses: &[PressPanel]) -> String {
+pub(super) fn places(presses: &[PressPanel]) -> Markup {
     let [width, height] = presses.first().map_or([4.0, 3.0], |shown| {
         let (width, height) = shown.real.dimensions();
         [width, height].map(|px| f64::from(px.max(1)))
@@ -62,11 +64,11 @@ pub(super) fn places(presses: &[PressPanel]) -> String {
     let scale = f64::min(440.0 / width, 330.0 / height);
     let (left, top) = (8.0, 46.0);
     let corner = [left + scale * width, top + scale * height];
-    let mut page = Page::new(480.0, corner[1] + 10.0);
+    let mut canvas = Canvas::new(480.0, corner[1] + 10.0);
     let worst = largest(presses.iter().map(PressPanel::error));
-    page.text([left, 18.0], "Where the presses are", TITLE, Align::Left);
-    page.text([left, 36.0], &format!("pale: error 0; dark: {worst:.1} grey levels; red: suspect"), TEXT, Align::Left);
-    page.line(&[[left, top], [corner[0], top], corner, [left, corner[1]], [left, top]], GREY, 1.0, None);
+    canvas.text([left, 18.0], "Where the presses are", TITLE, Align::Left);
+    canvas.text([left, 36.0], &format!("pale: error 0; dark: {worst:.1} grey levels; red: suspect"), TEXT, Align::Left);
+    canvas.line(&[[left, top], [corner[0], top], corner, [left, corner[1]], [left, top]], GREY, 1.0, None);
     for shown in presses {
         let Some(circle) = shown.circle.filter(|circle| in_reach(circle, [width, height])) else { continue };
         let [x, y] = circle.centre_px.map(|at| scale * (at + 0.5));
@@ -86,9 +88,10 @@ pub(super) fn places(presses: &[PressPanel]) -> String {
         } else {
             RED
         };
-        page.hinted(&format!("{}: {:.2}", shown.file, shown.error()), |page| page.line(&points, colour, 2.0, None));
+        canvas
+            .hinted(&format!("{}: {:.2}", shown.file, shown.error()), |canvas| canvas.line(&points, colour, 2.0, None));
     }
-    page.svg()
+    canvas.svg()
 }
 
 /// True if a part of the circle may be in view.
@@ -100,12 +103,12 @@ fn in_reach(circle: &Circle, size: [f64; 2]) -> bool {
 }
 
 /// Red, green and blue along the row and along the column through the centre of the circle, or of the image without one.
-pub(super) fn profiles(shown: &PressPanel) -> [String; 2] {
+pub(super) fn profiles(shown: &PressPanel) -> [Markup; 2] {
     let size = [shown.real.width().min(shown.simulated.width()), shown.real.height().min(shown.simulated.height())];
     let middle = size.map(|size| f64::from(size) / 2.0);
     let centre = shown.circle.map_or(middle, |circle| circle.centre_px);
     let titles = [("From left to right", "column, px"), ("From top to bottom", "row, px")];
-    [0, 1].map(|along| {
+    std::array::from_fn(|along| {
         let across = 1 - along;
         let line = centre[across].round().clamp(0.0, f64::from(size[across].max(1) - 1)) as u32;
         let (title, name) = titles[along];
@@ -115,7 +118,7 @@ pub(super) fn profiles(shown: &PressPanel) -> [String; 2] {
             let at = centre[along] + 0.5 + side.0 * side.1;
             if at >= 0.0 && at <= ends[0] {
                 let ends = [plot.place([at, 0.0]), plot.place([at, 255.0])];
-                plot.page.line(&ends, GREY, 1.0, None);
+                plot.canvas.line(&ends, GREY, 1.0, None);
             }
         }
         for (image, dash) in [(&shown.real, None), (&shown.simulated, Some(4))] {
@@ -126,7 +129,7 @@ pub(super) fn profiles(shown: &PressPanel) -> [String; 2] {
                 };
                 let points: Vec<Point> =
                     (0..size[along]).map(|at| plot.place([f64::from(at) + 0.5, f64::from(level(at))])).collect();
-                plot.page.line(&points, colour, 1.4, dash);
+                plot.canvas.line(&points, colour, 1.4, dash);
             }
         }
         plot.svg()

@@ -5,8 +5,8 @@ mod sequences;
 mod tables;
 
 use std::collections::BTreeSet;
-use std::fmt::Write;
 
+use maud::{Markup, html};
 use rayon::prelude::*;
 
 use crate::numbers::{HumanBytes, HumanCount};
@@ -14,8 +14,8 @@ use crate::numbers::{HumanBytes, HumanCount};
 use super::gather::{Gathered, Picture};
 use super::histogram::PerSplit;
 use super::{Dataset, Missing};
-use crate::page::ink::Colour;
-use crate::page::{self, escaped, escaped_lines};
+use crate::page;
+use crate::page::canvas::Colour;
 use crate::preview::panel::Scales;
 use gelsim_dataset::verify::{Cure, Finding, cures};
 use gelsim_files::figures::{counted, figure, percent};
@@ -41,26 +41,23 @@ const SPLITS: [(&str, Colour); Split::ALL.len()] =
 /// The complete page.
 pub(super) fn page(dataset: &Dataset) -> String {
     let gathered = &dataset.gathered;
-    let job = format!(
-        "<h2>Configuration</h2>\n<details><summary>job.toml, every default written out</summary>\n<pre>{}</pre></details>\n",
-        escaped_lines(&dataset.job_text)
-    );
-    let sections = [
-        page::warnings(&warnings(dataset)),
-        cards(gathered),
-        about(dataset),
-        counts(gathered),
-        sheet(gathered),
-        sequences::sequences(gathered),
-        figures::distributions(gathered),
-        tables::effects(gathered),
-        tables::health(gathered),
-        tables::time(gathered),
-        tables::size(dataset),
-        job,
-        format!("<p class=\"note\">Made by gelsim {}.</p>\n", env!("CARGO_PKG_VERSION")),
-    ];
-    page::document(&format!("Dataset {}", name(dataset)), &sections.concat())
+    let body = html! {
+        (page::warnings(&warnings(dataset)))
+        (cards(gathered))
+        (about(dataset))
+        (counts(gathered))
+        (sheet(gathered))
+        (sequences::sequences(gathered))
+        (figures::distributions(gathered))
+        (tables::effects(gathered))
+        (tables::health(gathered))
+        (tables::time(gathered))
+        (tables::size(dataset))
+        h2 { "Configuration" }
+        details { summary { "job.toml, every default written out" } pre { (dataset.job_text) } }
+        p.note { "Made by gelsim " (env!("CARGO_PKG_VERSION")) "." }
+    };
+    page::document(&format!("Dataset {}", name(dataset)), &body)
 }
 
 fn name(dataset: &Dataset) -> &str {
@@ -141,13 +138,13 @@ fn fingerprints(dataset: &Dataset) -> BTreeSet<String> {
 }
 
 /// The figures that people ask for first.
-fn cards(gathered: &Gathered) -> String {
+fn cards(gathered: &Gathered) -> Markup {
     let samples = total(&gathered.samples);
     let totals = &gathered.totals;
     let seconds = totals.seconds.simulation() + totals.seconds.encode;
     let unhealthy = gathered.unhealthy.total();
     let rate = if seconds > 0.0 { figure(totals.samples as f64 / seconds) } else { String::from("-") };
-    let all = [
+    page::cards(&[
         (HumanCount(samples).to_string(), "samples"),
         (fraction(total(&gathered.in_contact), samples), "in contact"),
         (HumanCount(gathered.classes.len() as u64).to_string(), "classes"),
@@ -155,13 +152,11 @@ fn cards(gathered: &Gathered) -> String {
         (HumanBytes(totals.bytes).to_string(), "in shards"),
         (rate, "samples per CPU second"),
         (HumanCount(unhealthy).to_string(), "not healthy"),
-    ];
-    let card = |(number, what): &(String, &str)| format!("<div><b>{number}</b>{what}</div>\n");
-    format!("<div class=\"cards\">\n{}</div>\n", all.iter().map(card).collect::<String>())
+    ])
 }
 
 /// What the dataset is.
-fn about(dataset: &Dataset) -> String {
+fn about(dataset: &Dataset) -> Markup {
     let Dataset { gathered, manifest, recorded, .. } = dataset;
     let (sensor, job) = (&recorded.job.sensor, &recorded.job.dataset);
     let ([width, height], view) = (sensor.resolution_px, sensor.field_of_view_mm.map(figure).join(" x "));
@@ -195,73 +190,67 @@ fn about(dataset: &Dataset) -> String {
         ("generator", format!("gelsim {}", joined(&generators))),
         ("fingerprint", joined(&fingerprints(dataset))),
     ];
-    let rows = rows.map(|(what, figure)| (what.to_owned(), if figure.is_empty() { String::from("-") } else { figure }));
+    let rows = rows.map(|(what, figure)| (what, if figure.is_empty() { String::from("-") } else { figure }));
     page::facts(&rows)
 }
 
 /// Samples by class and object.
-fn counts(gathered: &Gathered) -> String {
+fn counts(gathered: &Gathered) -> Markup {
     let all = total(&gathered.samples);
-    let head = |what: &'static str| -> Vec<String> {
-        [what.to_owned()].into_iter().chain(Split::ALL.map(keyed)).chain(["all", "share"].map(String::from)).collect()
-    };
-    let cells = |name: String, counts: &PerSplit| -> Vec<String> {
+    let cells = |name: Markup, counts: &PerSplit| -> Vec<Markup> {
         let sum = total(counts);
-        let numbers = counts.iter().map(|count| HumanCount(*count).to_string());
-        [name].into_iter().chain(numbers).chain([HumanCount(sum).to_string(), fraction(sum, all)]).collect()
+        let numbers = counts.iter().chain([&sum]).map(|count| html! { (HumanCount(*count)) });
+        [name].into_iter().chain(numbers).chain([html! { (fraction(sum, all)) }]).collect()
     };
-    let mut rows: Vec<Vec<String>> =
-        gathered.classes.iter().take(MOST_ROWS).map(|(name, counts)| cells(escaped(name), counts)).collect();
-    rows.push(cells(String::from("<b>all classes</b>"), &gathered.samples));
-    rows.push(cells(String::from("in contact"), &gathered.in_contact));
-    let mut html = String::from("<h2>Counts</h2>\n");
-    html += &listed(&head("class"), rows, gathered.classes.len());
-    let same = gathered.objects.iter().all(|(id, (class, _))| id == class);
-    if !same {
-        let named = gathered.objects.iter().take(MOST_ROWS);
-        let rows = named.map(|(id, (class, counts))| cells(format!("{} ({})", escaped(id), escaped(class)), counts));
-        let _ = write!(
-            html,
-            "<details><summary>{}</summary>\n{}</details>\n",
-            counted(gathered.objects.len(), "object", "objects"),
-            listed(&head("object (class)"), rows.collect(), gathered.objects.len())
-        );
+    let named = gathered.classes.iter().take(MOST_ROWS);
+    let mut classes: Vec<_> = named.map(|(name, counts)| cells(html! { (name) }, counts)).collect();
+    classes.push(cells(html! { b { "all classes" } }, &gathered.samples));
+    classes.push(cells(html! { "in contact" }, &gathered.in_contact));
+    let named = gathered.objects.iter().take(MOST_ROWS);
+    let objects = named.map(|(id, (class, counts))| cells(html! { (id) " (" (class) ")" }, counts));
+    html! {
+        h2 { "Counts" }
+        (listed("class", classes, gathered.classes.len()))
+        @if gathered.objects.iter().any(|(id, (class, _))| id != class) {
+            details {
+                summary { (counted(gathered.objects.len(), "object", "objects")) }
+                (listed("object (class)", objects.collect(), gathered.objects.len()))
+            }
+        }
     }
-    html
 }
 
-/// A table, and how many rows it has not.
-fn listed(head: &[String], rows: Vec<Vec<String>>, all: usize) -> String {
-    let head: Vec<&str> = head.iter().map(String::as_str).collect();
-    let mut html = page::table(&head, rows);
-    if all > MOST_ROWS {
-        let _ = writeln!(html, "<p class=\"note\">The first {MOST_ROWS} of {all}, by name.</p>");
+/// A table of counts, and how many rows it has not.
+fn listed(what: &str, rows: Vec<Vec<Markup>>, all: usize) -> Markup {
+    let head = [html! { (what) }]
+        .into_iter()
+        .chain(SPLITS.map(page::key))
+        .chain(["all", "share"].map(|name| html! { (name) }));
+    html! {
+        (page::table(&head.collect::<Vec<_>>(), rows))
+        @if all > MOST_ROWS { p.note { "The first " (MOST_ROWS) " of " (all) ", by name." } }
     }
-    html
 }
 
 /// Some samples of each split.
-fn sheet(gathered: &Gathered) -> String {
+fn sheet(gathered: &Gathered) -> Markup {
     let tiles = &gathered.tiles;
     if tiles.is_empty() {
-        return String::new();
+        return Markup::default();
     }
     let scales = Scales::over(tiles.iter().flat_map(|picture| picture.tile.panels()));
-    let mut html = format!("<h2>Samples</h2>\n<p class=\"note\">{}</p>\n", escaped(&shown(gathered, &scales)));
-    let mut figures = String::new();
-    for (Picture { index, split, tile }, large) in tiles.iter().zip(large(tiles)) {
-        let caption = escaped(&tile.caption());
-        let strip = tile.strip(&scales, PANEL);
-        let [small, large] = [page::image(&encode_small(&strip), strip.dimensions(), &caption), large(&caption)];
-        let image = page::opens(&format!("sample-{index}"), &small, &large);
-        let times = match tile.times() {
-            times if times.is_empty() => times,
-            times => format!("<br/>{}", escaped(&times)),
-        };
-        figures += &page::figure(&image, &format!("{} {caption}{times}", keyed(*split)));
+    let sample = |(Picture { index, split, tile }, (png, size)): (&Picture, (Vec<u8>, _))| {
+        let (caption, strip, times) = (tile.caption(), tile.strip(&scales, PANEL), tile.times());
+        let small = page::image(&encode_small(&strip), strip.dimensions(), &caption);
+        let image = page::opens(&format!("sample-{index}"), small, page::image(&png, size, &caption));
+        let below = html! { (key(*split)) " " (caption) @if !times.is_empty() { br; (times) } };
+        page::figure(image, below)
+    };
+    html! {
+        h2 { "Samples" }
+        p.note { (shown(gathered, &scales)) }
+        (page::figures(html! { @for pair in tiles.iter().zip(large(tiles)) { (sample(pair)) } }))
     }
-    html += &page::figures(&figures);
-    html
 }
 
 /// What the pictures of the samples show, in sentences.
@@ -290,33 +279,29 @@ fn shown(gathered: &Gathered, scales: &Scales) -> String {
     format!("From left to right: {views}{fingers}. A click shows the tactile image large, another one closes it.")
 }
 
-/// The tactile images of all samples as large as they are, or as they may be for the page to stay small; each awaits its
-/// caption.
-fn large(tiles: &[Picture]) -> Vec<impl Fn(&str) -> String> {
+/// The tactile images of all samples as PNG files with their sizes, as large as they are, or as they may be for the page to stay
+/// small.
+fn large(tiles: &[Picture]) -> Vec<(Vec<u8>, (u32, u32))> {
     let mut panel_width = u32::MAX;
     loop {
-        let encoded: Vec<(Vec<u8>, (u32, u32))> = tiles
-            .par_iter()
-            .map(|Picture { tile, .. }| {
-                let image = tile.tactile(panel_width);
-                let (width, height) = image.dimensions();
-                (encode_rgb(width as usize, height as usize, &image), (width, height))
-            })
-            .collect();
+        let encode = |Picture { tile, .. }: &Picture| {
+            let image = tile.tactile(panel_width);
+            let (width, height) = image.dimensions();
+            (encode_rgb(width as usize, height as usize, &image), (width, height))
+        };
+        let encoded: Vec<_> = tiles.par_iter().map(encode).collect();
         let bytes: usize = encoded.iter().map(|(png, _)| png.len()).sum();
-        let widest = encoded.iter().map(|(_, (width, _))| *width).max().unwrap_or(1);
         if bytes <= MOST_LARGE_BYTES || panel_width <= PANEL {
-            let each = |(png, size): (Vec<u8>, _)| move |caption: &str| page::image(&png, size, caption);
-            return encoded.into_iter().map(each).collect();
+            return encoded;
         }
+        let widest = encoded.iter().map(|(_, (width, _))| *width).max().unwrap_or(1);
         panel_width = (panel_width.min(widest) / 2).max(PANEL);
     }
 }
 
 /// The name of a split beside a square of its colour.
-fn keyed(split: Split) -> String {
-    let (name, [r, g, b]) = SPLITS[split.number()];
-    format!("<span class=\"keyed\"><i style=\"background: rgb({r}, {g}, {b})\"></i>{name}</span>")
+fn key(split: Split) -> Markup {
+    page::key(SPLITS[split.number()])
 }
 
 fn total(counts: &PerSplit) -> u64 {

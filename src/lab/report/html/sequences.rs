@@ -1,10 +1,12 @@
 //! The report's section about sequences.
 
+use maud::{Markup, html};
+
 use super::figures::drawn;
 use crate::numbers::HumanCount;
-use crate::page::ink::Colour;
+use crate::page;
+use crate::page::canvas::Colour;
 use crate::page::plot::Plot;
-use crate::page::{self, escaped};
 use crate::report::gather::Gathered;
 use crate::report::sequences::{Curve, EACH, Point, QUANTITIES};
 use gelsim_files::figures::figure;
@@ -18,10 +20,10 @@ const INCIPIENT: Colour = [240, 228, 66];
 const GROSS: Colour = [204, 121, 167];
 
 /// Slip and forces; nothing where samples are presses.
-pub(super) fn sequences(gathered: &Gathered) -> String {
+pub(super) fn sequences(gathered: &Gathered) -> Markup {
     let sequences = &gathered.sequences;
     if sequences.frames == 0 {
-        return String::new();
+        return Markup::default();
     }
     let all = QUANTITIES.iter().zip(&sequences.histograms).filter(|(_, histogram)| histogram.all().count > 0);
     let each = if sequences.of_fingers { "fingers" } else { EACH };
@@ -29,32 +31,27 @@ pub(super) fn sequences(gathered: &Gathered) -> String {
         let (counted, among) = if quantity.among == EACH { (each, each) } else { (EACH, quantity.among) };
         drawn(quantity.title, [quantity.axis, counted], among, histogram)
     });
-    let histograms: String = histograms.collect();
-    let key = |colour: Colour, words: &str| {
-        let [r, g, b] = colour;
-        format!("<span class=\"keyed\"><i style=\"background: rgb({r}, {g}, {b})\"></i>{words}</span>")
-    };
     let keys = [
-        key(NORMAL, "normal force"),
-        key(TANGENTIAL, "tangential force"),
-        key(LIMIT, "the most that friction holds"),
-        key(INCIPIENT, "a part slips"),
-        key(GROSS, "all slips"),
+        ("normal force", NORMAL),
+        ("tangential force", TANGENTIAL),
+        ("the most that friction holds", LIMIT),
+        ("a part slips", INCIPIENT),
+        ("all slips", GROSS),
     ];
     let mut curves: Vec<&Curve> = sequences.curves.iter().collect();
     curves.sort_by_key(|curve| curve.index);
-    let curves: String = curves.into_iter().map(curve).collect();
-    format!(
-        "<h2>Sequences</h2>\n<p class=\"note\">{} frames in all.</p>\n{}<h3>Force over time</h3>\n<p class=\"note\">{}</p>\n{}",
-        HumanCount(sequences.frames),
-        page::figures(&histograms),
-        keys.join(" "),
-        page::figures(&curves),
-    )
+    html! {
+        h2 { "Sequences" }
+        p.note { (HumanCount(sequences.frames)) " frames in all." }
+        (page::figures(html! { @for histogram in histograms { (histogram) } }))
+        h3 { "Force over time" }
+        p.note { (page::keys(&keys)) }
+        (page::figures(html! { @for of in curves { (curve(of)) } }))
+    }
 }
 
-fn curve(curve: &Curve) -> String {
-    let Some(last) = curve.points.last() else { return String::new() };
+fn curve(curve: &Curve) -> Markup {
+    let Some(last) = curve.points.last() else { return Markup::default() };
     let highest = |point: &Point| point.normal_n.max(point.tangential_n).max(point.limit_n.unwrap_or(0.0));
     let most = curve.points.iter().map(highest).fold(0.0, f64::max);
     let mut plot = Plot::new(SIZE, &curve.title, ["s", "N"], [[0.0, last.t_s], [0.0, 1.05 * most]]);
@@ -67,18 +64,17 @@ fn curve(curve: &Curve) -> String {
         };
         if let Some(colour) = colour {
             let (low, high) = (plot.place([from_s, 0.0]), plot.place([point.t_s, 1.05 * most]));
-            plot.page.rectangle([low[0], high[1]], [high[0], low[1]], colour, 0.3);
+            plot.canvas.rectangle([low[0], high[1]], [high[0], low[1]], colour, 0.3);
         }
         from_s = point.t_s;
     }
     let mut line = |of: &dyn Fn(&Point) -> Option<f64>, colour, dash| {
         let points: Vec<[f64; 2]> =
             curve.points.iter().filter_map(|point| of(point).map(|value| plot.place([point.t_s, value]))).collect();
-        plot.page.line(&points, colour, 1.5, dash);
+        plot.canvas.line(&points, colour, 1.5, dash);
     };
     line(&|point| point.limit_n, LIMIT, Some(4));
     line(&|point| Some(point.normal_n), NORMAL, None);
     line(&|point| Some(point.tangential_n), TANGENTIAL, None);
-    let caption = format!("{}: at most {} N", escaped(&curve.title), figure(most));
-    page::figure(&plot.svg(), &caption)
+    page::figure(plot.svg(), format!("{}: at most {} N", curve.title, figure(most)))
 }

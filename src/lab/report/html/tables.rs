@@ -1,12 +1,12 @@
 //! The tables of the report: effects, health, time, size.
 
-use std::fmt::Write;
+use maud::{Markup, html};
 
 use crate::numbers::{HumanBytes, HumanCount};
 
 use super::figures::{drawn, section};
 use super::{fraction, total};
-use crate::page::{self, escaped};
+use crate::page;
 use crate::report::Dataset;
 use crate::report::gather::{Gathered, Reasons};
 use crate::report::quantities::About;
@@ -19,7 +19,7 @@ use gelsim_job::layers::{Form, OutputLayer};
 const MOST_REASONS: usize = 3;
 
 /// How often each effect ran, what it took, and why.
-pub(super) fn effects(gathered: &Gathered) -> String {
+pub(super) fn effects(gathered: &Gathered) -> Markup {
     let row = |effect: Effect| {
         let reasons = &gathered.reasons[effect];
         let number = |wanted: bool| reasons.iter().filter(|((ran, _), _)| *ran == wanted).map(|(_, count)| count).sum();
@@ -27,7 +27,7 @@ pub(super) fn effects(gathered: &Gathered) -> String {
         let seconds = gathered.totals.effects[effect].seconds;
         let mut ranked: Vec<(&str, u64)> = reasons.iter().map(|((_, why), count)| (why.as_str(), *count)).collect();
         ranked.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
-        let why = |(why, count): &(&str, u64)| format!("{} ({})", escaped(why), HumanCount(*count));
+        let why = |(why, count): &(&str, u64)| format!("{why} ({})", HumanCount(*count));
         let mut why: Vec<String> = ranked.iter().take(MOST_REASONS).map(why).collect();
         if ranked.len() > MOST_REASONS {
             why.push(String::from("\u{2026}"));
@@ -38,18 +38,22 @@ pub(super) fn effects(gathered: &Gathered) -> String {
             (Effect::Darkening, _) => String::from("with shading"),
             _ => seconds_text(seconds),
         };
-        let name = effect.name().replace('_', " ");
-        let counts = [ran, skipped].map(|count| HumanCount(count).to_string());
-        let [ran_text, skipped_text] = counts;
-        let why = format!("<span class=\"text\">{}</span>", why.join("; "));
-        vec![name, ran_text, skipped_text, fraction(ran, ran + skipped), took, why]
+        vec![
+            html! { (effect.name().replace('_', " ")) },
+            html! { (HumanCount(ran)) },
+            html! { (HumanCount(skipped)) },
+            html! { (fraction(ran, ran + skipped)) },
+            html! { (took) },
+            page::words(why.join("; ")),
+        ]
     };
-    let head = ["effect", "ran", "skipped", "share", "CPU s", "<span class=\"text\">why, and why not</span>"];
-    format!("<h2>Effects</h2>\n{}", page::table(&head, Effect::ALL.map(row)))
+    let [ran, skipped, share, seconds] = ["ran", "skipped", "share", "CPU s"].map(|name| html! { (name) });
+    let head = [html! { "effect" }, ran, skipped, share, seconds, page::words("why, and why not")];
+    html! { h2 { "Effects" } (page::table(&head, Effect::ALL.map(row))) }
 }
 
 /// What is unsound, and how the contacts were solved.
-pub(super) fn health(gathered: &Gathered) -> String {
+pub(super) fn health(gathered: &Gathered) -> Markup {
     let samples = total(&gathered.samples);
     let of_samples = |count: u64| format!("{} ({})", HumanCount(count), fraction(count, samples));
     let [clipped, saturated, too_thick] = gathered.pixels;
@@ -63,60 +67,52 @@ pub(super) fn health(gathered: &Gathered) -> String {
         ("with saturated pixels", of_samples(saturated)),
         ("with pixels limited to the pad's thickness", of_samples(too_thick)),
     ];
-    let rows = rows.map(|(what, figure)| (what.to_owned(), figure));
     let kinds =
         [("not healthy", &gathered.unhealthy), ("not solved", &gathered.unconverged), ("rejected", &gathered.rejected)];
-    let reasons: Vec<Vec<String>> = kinds.iter().flat_map(|(what, reasons)| reason_rows(what, reasons)).collect();
-    let mut html = format!("<h2>Health and numerics</h2>\n{}", page::facts(&rows));
-    if !reasons.is_empty() {
-        let head = ["what", "<span class=\"text\">why</span>", "times", "<span class=\"text\">first keys</span>"];
-        html += &page::table(&head, reasons);
+    let reasons: Vec<Vec<Markup>> = kinds.iter().flat_map(|(what, reasons)| reason_rows(what, reasons)).collect();
+    let head = [html! { "what" }, page::words("why"), html! { "times" }, page::words("first keys")];
+    html! {
+        h2 { "Health and numerics" }
+        (page::facts(&rows))
+        @if !reasons.is_empty() { (page::table(&head, reasons)) }
+        (page::figures(section(gathered, About::Solver)))
     }
-    html + &page::figures(&section(gathered, About::Solver))
 }
 
-fn reason_rows(what: &str, reasons: &Reasons) -> Vec<Vec<String>> {
-    let text = |text: &str| format!("<span class=\"text\">{}</span>", escaped(text));
+fn reason_rows(what: &str, reasons: &Reasons) -> Vec<Vec<Markup>> {
     let row = |(why, count, keys): (&str, u64, Vec<&str>)| {
-        vec![what.to_owned(), text(why), HumanCount(count).to_string(), text(&keys.join(", "))]
+        vec![html! { (what) }, page::words(why), html! { (HumanCount(count)) }, page::words(keys.join(", "))]
     };
     reasons.ranked().into_iter().map(row).collect()
 }
 
 /// CPU time of each stage.
-pub(super) fn time(gathered: &Gathered) -> String {
+pub(super) fn time(gathered: &Gathered) -> Markup {
     let totals = &gathered.totals;
     let all: f64 = totals.seconds.stages().iter().map(|(_, seconds)| seconds).sum();
-    let mut html = String::from("<h2>Time</h2>\n");
     if totals.samples == 0 || all <= 0.0 {
-        return html + "<p>No shard's stats say how long it took.</p>\n";
+        return html! { h2 { "Time" } p { "No shard's stats say how long it took." } };
     }
     let row = |(name, seconds): (&str, f64)| {
         let part = seconds / all;
-        let bar = format!("<span class=\"share\" style=\"width: {:.0}px\"></span>", (120.0 * part).max(1.0));
+        let bar = html! { span.share style={ "width: " (format!("{:.0}", (120.0 * part).max(1.0))) "px" } {} };
         let each = 1e3 * seconds / totals.samples as f64;
-        vec![
-            name.to_owned(),
-            seconds_text(seconds),
-            figure(each),
-            percent(part),
-            format!("<span class=\"text\">{bar}</span>"),
-        ]
+        let texts = [name.to_owned(), seconds_text(seconds), figure(each), percent(part)];
+        texts.iter().map(|text| html! { (text) }).chain([page::words(bar)]).collect()
     };
     let stages = totals.seconds.stages().into_iter().chain([("all", all)]);
-    html += &page::table(&["stage", "CPU s", "ms a sample", "share", ""], stages.map(row));
-    let _ = writeln!(
-        html,
-        "<p class=\"note\">{} samples per CPU second, from the stats of {} shards. What it took on the wall depends on the \
-         number of cores.</p>",
-        figure(totals.samples as f64 / all),
-        HumanCount(totals.shards)
-    );
-    html
+    html! {
+        h2 { "Time" }
+        (page::table(&["stage", "CPU s", "ms a sample", "share", ""], stages.map(row)))
+        p.note {
+            (figure(totals.samples as f64 / all)) " samples per CPU second, from the stats of " (HumanCount(totals.shards))
+            " shards. What it took on the wall depends on the number of cores."
+        }
+    }
 }
 
 /// Bytes of files and shards.
-pub(super) fn size(dataset: &Dataset) -> String {
+pub(super) fn size(dataset: &Dataset) -> Markup {
     let (gathered, job) = (&dataset.gathered, &dataset.recorded.job);
     let [width, height] = job.sensor.resolution_px.map(u64::from);
     let row = |(suffix, (number, bytes)): (&String, &(u64, u64))| {
@@ -125,7 +121,7 @@ pub(super) fn size(dataset: &Dataset) -> String {
         let ratio = unpacked.filter(|_| each > 0).map(|unpacked| figure(unpacked as f64 / each as f64));
         let none = || String::from("-");
         vec![
-            escaped(suffix),
+            suffix.clone(),
             HumanCount(*number).to_string(),
             HumanBytes(*bytes).to_string(),
             HumanBytes(each).to_string(),
@@ -134,11 +130,12 @@ pub(super) fn size(dataset: &Dataset) -> String {
         ]
     };
     let head = ["file", "number", "in all", "each", "unpacked", "compression"];
-    let mut html = format!("<h2>Size</h2>\n{}", page::table(&head, gathered.files.iter().map(row)));
-    if gathered.totals.shards > 0 {
-        html += &page::figures(&drawn("Size of a shard", ["MiB", "shards"], "shards", &gathered.totals.shard_mib));
+    let shards = || drawn("Size of a shard", ["MiB", "shards"], "shards", &gathered.totals.shard_mib);
+    html! {
+        h2 { "Size" }
+        (page::table(&head, gathered.files.iter().map(row)))
+        @if gathered.totals.shards > 0 { (page::figures(shards())) }
     }
-    html
 }
 
 /// Bytes of a pixel in a file of a sample before it is packed, if it is an image whose kind is known.

@@ -15,7 +15,7 @@ use axis::{Axis, has_place};
 use placement::{Area, Obstacles};
 
 use super::{ObjectRows, Row, Tradeoff};
-use crate::page::ink::{Align, Colour, Page, Point, Shape, Type, fitted, width};
+use crate::page::canvas::{Align, Canvas, Colour, Point, Shape, Type, fitted, width};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_files::figures::figure;
 
@@ -48,7 +48,7 @@ const SHAPES: [Shape; 4] = [Shape::Circle, Shape::Square, Shape::Triangle, Shape
 const MARK_PX: f64 = 3.0;
 /// Room that a mark takes at the right edge, pixels.
 const DODGE_PX: f64 = 9.0;
-const RUNG_MARK_PX: f64 = 6.5;
+const LEVEL_MARK_PX: f64 = 6.5;
 
 const TITLE: Type = Type { size: 20, bold: true, colour: BLACK };
 const BOLD: Type = Type { size: 14, bold: true, colour: BLACK };
@@ -67,7 +67,7 @@ const CAPTION: &str =
 
 /// Draws what was measured. Times and errors that have no place on a logarithmic axis are left out; of all samples, a
 /// level with error 0 is shown at the lower edge, and one without place is named below the plot.
-pub fn draw(tradeoff: &Tradeoff) -> Page {
+pub fn draw(tradeoff: &Tradeoff) -> Canvas {
     let mut drawing = Drawing::new(tradeoff);
     drawing.axes();
     let model = drawing.model_error();
@@ -81,7 +81,7 @@ pub fn draw(tradeoff: &Tradeoff) -> Page {
     labels.iter().for_each(|label| drawing.label(label));
     drawing.legend();
     drawing.words();
-    drawing.page
+    drawing.canvas
 }
 
 struct Drawing<'a> {
@@ -91,7 +91,7 @@ struct Drawing<'a> {
     grid_error_um: Option<f64>,
     /// What the reference's theory is off by, um, over all samples.
     model_error_um: Option<f64>,
-    page: Page,
+    canvas: Canvas,
     x: Axis,
     y: Axis,
     obstacles: Obstacles,
@@ -119,8 +119,8 @@ impl<'a> Drawing<'a> {
         let models = rows().map(|row| row.errors.model_rms_um);
         let errors = rows().filter(|row| has_place(ms(row))).map(error_um).chain(grid_error_um).chain(models);
         let y = Axis::over(errors, 1.0, [0.13, 0.06], [FRAME.max[1], FRAME.min[1]]);
-        let (page, obstacles) = (Page::new(SIZE[0], SIZE[1]), Obstacles::new(FRAME));
-        Self { tradeoff, reference_ms, grid_error_um, model_error_um, page, x, y, obstacles }
+        let (canvas, obstacles) = (Canvas::new(SIZE[0], SIZE[1]), Obstacles::new(FRAME));
+        Self { tradeoff, reference_ms, grid_error_um, model_error_um, canvas, x, y, obstacles }
     }
 
     fn place(&self, row: &Row) -> Option<Point> {
@@ -134,23 +134,23 @@ impl<'a> Drawing<'a> {
         let (columns, rows) = (self.x.ticks(), self.y.ticks());
         for decade in [false, true] {
             for tick in columns.iter().filter(|tick| tick.decade == decade) {
-                self.page.line(&[[tick.px, top], [tick.px, bottom]], shade(decade), 1.0, None);
+                self.canvas.line(&[[tick.px, top], [tick.px, bottom]], shade(decade), 1.0, None);
             }
             for tick in rows.iter().filter(|tick| tick.decade == decade) {
-                self.page.line(&[[left, tick.px], [right, tick.px]], shade(decade), 1.0, None);
+                self.canvas.line(&[[left, tick.px], [right, tick.px]], shade(decade), 1.0, None);
             }
         }
         for tick in columns {
             if let Some(label) = tick.label {
-                self.page.text([tick.px, bottom + 19.0], &label, TICK, Align::Middle);
+                self.canvas.text([tick.px, bottom + 19.0], &label, TICK, Align::Middle);
             }
         }
         for tick in rows {
             if let Some(label) = tick.label {
-                self.page.text([left - 8.0, tick.px + 4.5], &label, TICK, Align::Right);
+                self.canvas.text([left - 8.0, tick.px + 4.5], &label, TICK, Align::Right);
             }
         }
-        self.page.line(&[[left, top], [left, bottom], [right, bottom]], GREY, 1.2, None);
+        self.canvas.line(&[[left, top], [left, bottom], [right, bottom]], GREY, 1.2, None);
     }
 
     fn objects(&mut self) {
@@ -160,13 +160,13 @@ impl<'a> Drawing<'a> {
         for (i, object) in self.tradeoff.objects.iter().enumerate() {
             let (colour, shape) = style(i);
             let points: Vec<Point> = object.levels.iter().filter_map(|level| self.place(level)).collect();
-            self.page.line(&points, faint(colour, line_share(many)), 1.2, None);
+            self.canvas.line(&points, faint(colour, line_share(many)), 1.2, None);
             self.obstacles.line(&points, weight);
             for level in &object.levels {
                 let Some(point) = self.place(level) else { continue };
                 let hint = format!("{}, {}: {}", object.object, level.level, numbers(level));
                 let (colour, radius) = (faint(colour, mark_share(many)), mark_px(many));
-                self.page.hinted(&hint, |page| page.mark(shape, point, radius, colour, colour));
+                self.canvas.hinted(&hint, |canvas| canvas.mark(shape, point, radius, colour, colour));
                 self.obstacles.area(Area::around(point, [2.5 * radius; 2]), weight);
             }
         }
@@ -178,11 +178,11 @@ impl<'a> Drawing<'a> {
         let points: Vec<Point> = self.tradeoff.levels.iter().filter_map(|level| self.place(level)).collect();
         if let (Some(last), Some(ms)) = (points.last(), self.reference_ms) {
             let way = [*last, [self.x.px(ms), bottom]];
-            self.page.line(&way, BLACK, 1.5, Some(4));
+            self.canvas.line(&way, BLACK, 1.5, Some(4));
             self.obstacles.line(&way, 2.0);
         }
-        self.page.line(&points, WHITE, 5.0, None);
-        self.page.line(&points, BLACK, 3.0, None);
+        self.canvas.line(&points, WHITE, 5.0, None);
+        self.canvas.line(&points, BLACK, 3.0, None);
         self.obstacles.line(&points, 6.0);
 
         let mut labels = Vec::new();
@@ -198,8 +198,8 @@ impl<'a> Drawing<'a> {
             };
             let fill = if level.pareto { BLACK } else { WHITE };
             let hint = format!("all samples, {}: {text}", level.level);
-            self.page.hinted(&hint, |page| page.mark(shape, point, RUNG_MARK_PX, fill, BLACK));
-            self.obstacles.area(Area::around(point, [2.2 * RUNG_MARK_PX; 2]), 20.0);
+            self.canvas.hinted(&hint, |canvas| canvas.mark(shape, point, LEVEL_MARK_PX, fill, BLACK));
+            self.obstacles.area(Area::around(point, [2.2 * LEVEL_MARK_PX; 2]), 20.0);
             labels.push(Label { point, lines: vec![(fitted(&level.level, BOLD, 180.0), BOLD), (text, NOTE)] });
         }
         labels
@@ -210,10 +210,10 @@ impl<'a> Drawing<'a> {
         let ms = self.reference_ms?;
         let [x, bottom] = [self.x.px(ms), FRAME.max[1]];
         let line = [[x, FRAME.min[1]], [x, bottom]];
-        self.page.line(&line, GREY, 1.2, Some(6));
+        self.canvas.line(&line, GREY, 1.2, Some(6));
         self.obstacles.line(&line, 2.0);
-        self.page.mark(Shape::Down, [x, bottom], RUNG_MARK_PX, BLACK, BLACK);
-        self.obstacles.area(Area::around([x, bottom], [2.4 * RUNG_MARK_PX; 2]), 20.0);
+        self.canvas.mark(Shape::Down, [x, bottom], LEVEL_MARK_PX, BLACK, BLACK);
+        self.obstacles.area(Area::around([x, bottom], [2.4 * LEVEL_MARK_PX; 2]), 20.0);
         let mut lines =
             vec![("reference".to_owned(), BOLD), (format!("{} ms, error 0 by definition", figure(ms)), NOTE)];
         if let Some(error) = self.grid_error_um {
@@ -227,7 +227,7 @@ impl<'a> Drawing<'a> {
         let error = self.grid_error_um?;
         let y = self.y.px(error);
         let line = [[FRAME.min[0], y], [FRAME.max[0], y]];
-        self.page.line(&line, GRID_ERROR.colour, 1.5, Some(6));
+        self.canvas.line(&line, GRID_ERROR.colour, 1.5, Some(6));
         self.obstacles.line(&line, 1.0);
         let lines = vec![
             (format!("error of the grid itself: {} \u{b5}m", figure(error)), GRID_ERROR),
@@ -242,13 +242,13 @@ impl<'a> Drawing<'a> {
         let error = self.model_error_um?;
         let (y, colour) = (self.y.px(error), MODEL_ERROR.colour);
         let [left, right] = [FRAME.min[0], FRAME.max[0]];
-        self.page.rectangle([left, y], FRAME.max, colour, 0.07);
-        self.page.line(&[[left, y], [right, y]], colour, 2.0, None);
+        self.canvas.rectangle([left, y], FRAME.max, colour, 0.07);
+        self.canvas.line(&[[left, y], [right, y]], colour, 2.0, None);
         self.obstacles.line(&[[left, y], [right, y]], 1.0);
         let total = |row: &Row| row.errors.total_rms_um;
         let shown = self.tradeoff.levels.iter().filter(|row| has_place(ms(row)) && has_place(total(row)));
         let both: Vec<Point> = shown.map(|row| [self.x.px(ms(row)), self.y.px(total(row))]).collect();
-        self.page.line(&both, colour, 2.0, Some(3));
+        self.canvas.line(&both, colour, 2.0, Some(3));
         self.obstacles.line(&both, 2.0);
         let lines = vec![
             (format!("error of the linear theory: {} \u{b5}m; dashed: both", figure(error)), MODEL_ERROR),
@@ -275,7 +275,7 @@ impl<'a> Drawing<'a> {
         for ((i, object, error, y), column) in own.into_iter().zip(columns) {
             let (at, (colour, shape)) = ([right - DODGE_PX * column as f64, y], style(i));
             let hint = format!("{object}: the linear theory is off by {} \u{b5}m", figure(error));
-            self.page.hinted(&hint, |page| page.mark(shape, at, MARK_PX, colour, colour));
+            self.canvas.hinted(&hint, |canvas| canvas.mark(shape, at, MARK_PX, colour, colour));
             self.obstacles.area(Area::around(at, [DODGE_PX; 2]), 20.0);
             topmost.get_or_insert(at);
         }
@@ -289,14 +289,14 @@ impl<'a> Drawing<'a> {
         let way = [near[0] - label.point[0], near[1] - label.point[1]];
         let distance = way[0].hypot(way[1]);
         if distance > 20.0 {
-            let start = [0, 1].map(|i| label.point[i] + way[i] * (RUNG_MARK_PX + 2.0) / distance);
-            self.page.line(&[start, near], GREY, 1.0, None);
+            let start = [0, 1].map(|i| label.point[i] + way[i] * (LEVEL_MARK_PX + 2.0) / distance);
+            self.canvas.line(&[start, near], GREY, 1.0, None);
         }
         // On a ground that lets little through.
-        self.page.rectangle(place.min, place.max, WHITE, 0.8);
+        self.canvas.rectangle(place.min, place.max, WHITE, 0.8);
         for (i, (text, how)) in label.lines.iter().enumerate() {
             let baseline = place.min[1] + LINE_PX * (i as f64 + 1.0) - 3.0;
-            self.page.text([place.min[0] + 3.0, baseline], text, *how, Align::Left);
+            self.canvas.text([place.min[0] + 3.0, baseline], text, *how, Align::Left);
         }
     }
 
@@ -304,18 +304,18 @@ impl<'a> Drawing<'a> {
         let [left, text_left] = LEGEND_PX;
         let middle = (left + text_left - 8.0) / 2.0;
         let mut y = FRAME.min[1] + 10.0;
-        self.page.line(&[[left, y], [text_left - 8.0, y]], BLACK, 3.0, None);
-        self.page.text([text_left, y + 4.5], "levels, over all samples", PLAIN, Align::Left);
+        self.canvas.line(&[[left, y], [text_left - 8.0, y]], BLACK, 3.0, None);
+        self.canvas.text([text_left, y + 4.5], "levels, over all samples", PLAIN, Align::Left);
         for (fill, text) in [(BLACK, "best for its time (Pareto)"), (WHITE, "beaten by another level")] {
             y += ROW_PX[1];
-            self.page.mark(Shape::Circle, [middle, y], RUNG_MARK_PX - 1.0, fill, BLACK);
-            self.page.text([text_left, y + 4.5], text, PLAIN, Align::Left);
+            self.canvas.mark(Shape::Circle, [middle, y], LEVEL_MARK_PX - 1.0, fill, BLACK);
+            self.canvas.text([text_left, y + 4.5], text, PLAIN, Align::Left);
         }
         y += 1.8 * ROW_PX[1];
         if self.tradeoff.objects.is_empty() {
             return;
         }
-        self.page.text([left, y + 4.5], "objects", BOLD, Align::Left);
+        self.canvas.text([left, y + 4.5], "objects", BOLD, Align::Left);
         y += ROW_PX[1] + 2.0;
         let rows = ((FRAME.max[1] - y) / ROW_PX[0]) as usize + 1;
         let objects = &self.tradeoff.objects;
@@ -323,14 +323,14 @@ impl<'a> Drawing<'a> {
         let pitch = ((FRAME.max[1] - y) / (objects.len() as f64)).clamp(ROW_PX[0], ROW_PX[1]);
         for (i, ObjectRows { object, .. }) in objects[..shown].iter().enumerate() {
             let (colour, shape) = style(i);
-            self.page.line(&[[left, y], [text_left - 8.0, y]], faint(colour, line_share(objects.len())), 1.2, None);
-            self.page.mark(shape, [middle, y], MARK_PX + 0.4, colour, colour);
+            self.canvas.line(&[[left, y], [text_left - 8.0, y]], faint(colour, line_share(objects.len())), 1.2, None);
+            self.canvas.mark(shape, [middle, y], MARK_PX + 0.4, colour, colour);
             let name = fitted(object, PLAIN, SIZE[0] - text_left - 8.0);
-            self.page.text([text_left, y + 4.5], &name, PLAIN, Align::Left);
+            self.canvas.text([text_left, y + 4.5], &name, PLAIN, Align::Left);
             y += pitch;
         }
         if shown < objects.len() {
-            self.page.text([text_left, y + 4.5], &format!("and {} more", objects.len() - shown), NOTE, Align::Left);
+            self.canvas.text([text_left, y + 4.5], &format!("and {} more", objects.len() - shown), NOTE, Align::Left);
         }
     }
 
@@ -339,15 +339,15 @@ impl<'a> Drawing<'a> {
         let [left, top] = FRAME.min;
         let [right, bottom] = FRAME.max;
         let title = fitted(&self.tradeoff.job, TITLE, SIZE[0] - 2.0 * NAME_PX);
-        self.page.text([NAME_PX, 38.0], &title, TITLE, Align::Left);
-        self.page.text([(left + right) / 2.0, bottom + 46.0], "CPU time per sample (ms)", AXIS, Align::Middle);
-        self.page.text([NAME_PX, top - 16.0], ERROR_NAME, AXIS, Align::Left);
-        self.page.text([NAME_PX, bottom + 82.0], CAPTION, AXIS, Align::Left);
+        self.canvas.text([NAME_PX, 38.0], &title, TITLE, Align::Left);
+        self.canvas.text([(left + right) / 2.0, bottom + 46.0], "CPU time per sample (ms)", AXIS, Align::Middle);
+        self.canvas.text([NAME_PX, top - 16.0], ERROR_NAME, AXIS, Align::Left);
+        self.canvas.text([NAME_PX, bottom + 82.0], CAPTION, AXIS, Align::Left);
         let is_lost = |row: &&Row| !has_place(ms(row)) || !has_place(error_um(row)) && error_um(row) != 0.0;
         let lost: Vec<&str> = self.tradeoff.levels.iter().filter(is_lost).map(|row| row.level.as_str()).collect();
         if !lost.is_empty() {
             let text = format!("Not shown, without a positive time and a number as error: {}.", lost.join(", "));
-            self.page.text([NAME_PX, bottom + 104.0], &fitted(&text, NOTE, right - left), NOTE, Align::Left);
+            self.canvas.text([NAME_PX, bottom + 104.0], &fitted(&text, NOTE, right - left), NOTE, Align::Left);
         }
     }
 }
@@ -449,8 +449,8 @@ mod tests {
     }
 
     #[test]
-    fn everything_needed_to_choose_a_rung_is_written_on_the_plot() {
-        let found = texts(&draw(&example(&NAMES)).svg());
+    fn everything_needed_to_choose_a_level_is_written_on_the_plot() {
+        let found = texts(&draw(&example(&NAMES)).svg().0);
         let numbers = [
             "1.5 ms, 4.7 \u{b5}m",
             "60 ms, error 0 by definition",
@@ -468,7 +468,7 @@ mod tests {
     fn the_more_objects_the_fainter_and_the_thick_line_stays_dark() {
         let lightest = |count: usize| {
             let names: Vec<String> = (0..count).map(|i| format!("object {i}")).collect();
-            let svg = draw(&example(&names.iter().map(String::as_str).collect::<Vec<_>>())).svg();
+            let svg = draw(&example(&names.iter().map(String::as_str).collect::<Vec<_>>())).svg().0;
             let explained = texts(&svg).iter().filter(|text| *text == "the linear theory's").count();
             assert_eq!(explained, usize::from(count > 1), "{count}");
             let document = roxmltree::Document::parse(&svg).expect("the SVG is XML");
@@ -507,12 +507,12 @@ mod tests {
     }
 
     #[test]
-    fn rungs_that_cannot_be_shown_are_named() {
+    fn levels_that_cannot_be_shown_are_named() {
         let mut tradeoff = example(&NAMES[..1]);
         tradeoff.levels[0].errors.height_rms_um = f64::NAN;
         tradeoff.levels[1].cpu_ms_median = 0.0;
         tradeoff.levels[2].errors.height_rms_um = 0.0;
-        let found = texts(&draw(&tradeoff).svg());
+        let found = texts(&draw(&tradeoff).svg().0);
         assert!(found.iter().any(|text| text.contains("Not shown") && text.contains("paper, draft")), "{found:?}");
         assert!(found.iter().any(|text| text == "15 ms, error 0"), "{found:?}");
     }
@@ -538,11 +538,11 @@ mod tests {
             grid_error_um in numbers(),
         ) {
             let objects = objects.into_iter().map(|(object, levels)| ObjectRows { object, levels }).collect();
-            let page = draw(&whole(&job, objects, all, grid_error_um));
-            let svg = page.svg();
+            let canvas = draw(&whole(&job, objects, all, grid_error_um));
+            let svg = canvas.svg().0;
             texts(&svg);
             prop_assert!(!svg.contains("NaN") && !svg.contains("inf"), "{}", svg);
-            page.png();
+            canvas.png();
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Every label tries places around its point and takes the one that covers least; labels placed first are obstacles
 //! to later ones.
 
-use crate::page::ink::Point;
+use crate::page::canvas::Point;
 
 /// A rectangle of the page, from its top left to its bottom right corner.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,22 +1,22 @@
-//! Lines, marks and text on a page, as SVG and as PNG from the same list of shapes.
+//! Lines, marks and text on a canvas, as SVG and as PNG from the same list of shapes.
 //!
 //! SVG text is in the viewer's font. In the PNG letters are those of a bitmap font whose neighbouring dots are joined by
 //! round strokes, and the edge of every shape is smoothed by the distance of the pixels' centres from it.
 
 use std::collections::BTreeSet;
-use std::fmt::Write;
 
 use embedded_graphics::text::Baseline;
 use image::RgbImage;
+use maud::{Markup, PreEscaped, html};
 
-use super::escaped;
+use super::legible;
 use super::letters::{self, Face, dots};
 use gelsim_files::png::encode_small;
 
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
-/// A point of the page, pixels from its top left corner.
+/// A point of the canvas, pixels from its top left corner.
 pub type Point = [f64; 2];
 
 /// Marks of a size: all of about the same area.
@@ -61,27 +61,59 @@ pub enum Align {
     Right,
 }
 
-/// What a page is made of.
+impl Align {
+    /// The SVG's word for it.
+    fn anchor(self) -> &'static str {
+        match self {
+            Self::Left => "start",
+            Self::Middle => "middle",
+            Self::Right => "end",
+        }
+    }
+}
+
+/// What a canvas is made of.
 enum Element {
-    Line { points: Vec<Point>, colour: Colour, width: f64, dash: Option<u32> },
-    Rectangle { min: Point, max: Point, fill: Colour, opacity: f64 },
-    Mark { shape: Shape, at: Point, radius: f64, fill: Colour, outline: Colour },
-    Text { at: Point, text: String, how: Type, align: Align },
-    HintStart(String),
-    HintEnd,
+    Line {
+        points: Vec<Point>,
+        colour: Colour,
+        width: f64,
+        dash: Option<u32>,
+    },
+    Rectangle {
+        min: Point,
+        max: Point,
+        fill: Colour,
+        opacity: f64,
+    },
+    Mark {
+        shape: Shape,
+        at: Point,
+        radius: f64,
+        fill: Colour,
+        outline: Colour,
+    },
+    Text {
+        at: Point,
+        text: String,
+        how: Type,
+        align: Align,
+    },
+    /// Elements that show a hint under the pointer, in SVG.
+    Hinted(String, Vec<Element>),
 }
 
 /// Width of a mark's outline, pixels.
 const OUTLINE_PX: f64 = 1.5;
 
-/// A page that shapes are added to; later ones cover earlier ones.
-pub struct Page {
+/// A canvas that shapes are added to; later ones cover earlier ones.
+pub struct Canvas {
     size: [f64; 2],
     elements: Vec<Element>,
 }
 
-impl Page {
-    /// A white page.
+impl Canvas {
+    /// A white one.
     pub fn new(width: f64, height: f64) -> Self {
         Self { size: [width, height], elements: Vec::new() }
     }
@@ -108,84 +140,66 @@ impl Page {
 
     /// What `draw` adds shows `hint` under the pointer, in SVG.
     pub fn hinted(&mut self, hint: &str, draw: impl FnOnce(&mut Self)) {
-        self.elements.push(Element::HintStart(hint.to_owned()));
+        let first = self.elements.len();
         draw(self);
-        self.elements.push(Element::HintEnd);
+        let elements = self.elements.split_off(first);
+        self.elements.push(Element::Hinted(hint.to_owned(), elements));
     }
 
-    /// The page as SVG. Text is text, in the viewer's font.
-    pub fn svg(&self) -> String {
+    /// The canvas as SVG. Text is text, in the viewer's font.
+    pub fn svg(&self) -> Markup {
         let [width, height] = self.size;
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
-             height=\"{height}\" font-family=\"sans-serif\" stroke-linecap=\"round\" stroke-linejoin=\"round\">\n\
-             <rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>\n"
-        );
-        for element in &self.elements {
-            let _ = writeln!(svg, "{}", element.svg());
-        }
-        svg + "</svg>\n"
+        let svg = html! {
+            svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (width) " " (height) } width=(width) height=(height)
+                font-family="sans-serif" stroke-linecap="round" stroke-linejoin="round" {
+                rect width=(width) height=(height) fill="#ffffff" {}
+                @for element in &self.elements { (element.svg()) }
+            }
+        };
+        PreEscaped(legible(&svg.0))
     }
 
-    /// The page as PNG file, two pixels for one.
+    /// The canvas as PNG file, two pixels for one.
     pub fn png(&self) -> Vec<u8> {
         let [width, height] = self.size.map(|length| (SCALE * length).ceil() as usize);
-        let mut canvas = Canvas { width, rgb: vec![255; 3 * width * height] };
-        self.elements.iter().for_each(|element| element.paint(&mut canvas));
-        let picture = RgbImage::from_raw(width as u32, height as u32, canvas.rgb);
+        let mut pixels = Pixels { width, rgb: vec![255; 3 * width * height] };
+        self.elements.iter().for_each(|element| element.paint(&mut pixels));
+        let picture = RgbImage::from_raw(width as u32, height as u32, pixels.rgb);
         encode_small(&picture.expect("three bytes for each pixel"))
     }
 }
 
 impl Element {
-    fn svg(&self) -> String {
+    fn svg(&self) -> Markup {
         let name = |[r, g, b]: Colour| format!("#{r:02x}{g:02x}{b:02x}");
-        let list = |points: &[Point]| {
-            let pairs: Vec<String> = points.iter().map(|[x, y]| format!("{x:.2},{y:.2}")).collect();
-            pairs.join(" ")
-        };
+        let px = |length: f64| format!("{length:.2}");
+        let list =
+            |points: &[Point]| points.iter().map(|[x, y]| format!("{x:.2},{y:.2}")).collect::<Vec<_>>().join(" ");
         match self {
-            Self::Line { points, colour, width, dash } => {
-                let dash = dash.map_or(String::new(), |length| format!(" stroke-dasharray=\"{length}\""));
-                let (points, colour) = (list(points), name(*colour));
-                format!(
-                    "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{dash}/>"
-                )
-            }
-            Self::Rectangle { min: [x, y], max, fill, opacity } => {
-                let (width, height, fill) = (max[0] - x, max[1] - y, name(*fill));
-                let opacity = if *opacity < 1.0 { format!(" opacity=\"{opacity}\"") } else { String::new() };
-                format!(
-                    "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" fill=\"{fill}\"{opacity}/>"
-                )
-            }
-            Self::Mark { shape, at: [x, y], radius, fill, outline } => {
-                let ink =
-                    format!("fill=\"{}\" stroke=\"{}\" stroke-width=\"{OUTLINE_PX}\"", name(*fill), name(*outline));
-                match shape {
-                    Shape::Circle => format!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" {ink}/>"),
-                    _ => format!("<polygon points=\"{}\" {ink}/>", list(&shape.corners([*x, *y], *radius))),
+            Self::Line { points, colour, width, dash } => html! {
+                polyline points=(list(points)) fill="none" stroke=(name(*colour)) stroke-width=(width) stroke-dasharray=[dash] {}
+            },
+            Self::Rectangle { min: [x, y], max, fill, opacity } => html! {
+                rect x=(px(*x)) y=(px(*y)) width=(px(max[0] - x)) height=(px(max[1] - y)) fill=(name(*fill))
+                    opacity=[(*opacity < 1.0).then_some(opacity)] {}
+            },
+            Self::Mark { shape, at: [x, y], radius, fill, outline } => html! {
+                g fill=(name(*fill)) stroke=(name(*outline)) stroke-width=(OUTLINE_PX) {
+                    @if *shape == Shape::Circle { circle cx=(px(*x)) cy=(px(*y)) r=(radius) {} }
+                    @else { polygon points=(list(&shape.corners([*x, *y], *radius))) {} }
                 }
+            },
+            Self::Text { at: [x, y], text, how, align } => html! {
+                text x=(px(*x)) y=(px(*y)) font-size=(how.size) fill=(name(how.colour)) text-anchor=(align.anchor())
+                    font-weight=[how.bold.then_some("bold")] { (text) }
+            },
+            Self::Hinted(hint, elements) => {
+                html! { g { title { (hint) } @for element in elements { (element.svg()) } } }
             }
-            Self::Text { at: [x, y], text, how, align } => {
-                let weight = if how.bold { " font-weight=\"bold\"" } else { "" };
-                let anchor = match align {
-                    Align::Left => "start",
-                    Align::Middle => "middle",
-                    Align::Right => "end",
-                };
-                let (size, fill, text) = (how.size, name(how.colour), escaped(text));
-                format!(
-                    "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" fill=\"{fill}\" text-anchor=\"{anchor}\"{weight}>\
-                     {text}</text>"
-                )
-            }
-            Self::HintStart(hint) => format!("<g><title>{}</title>", escaped(hint)),
-            Self::HintEnd => String::from("</g>"),
         }
     }
 
-    fn paint(&self, canvas: &mut Canvas) {
+    fn paint(&self, pixels: &mut Pixels) {
         match self {
             Self::Line { points, colour, width, dash } => {
                 for ends in points.windows(2) {
@@ -194,19 +208,19 @@ impl Element {
                     let at = |along: f64| [0, 1].map(|i| ends[0][i] + way[i] * (along / length).min(1.0));
                     let dash = dash.map_or(length, f64::from);
                     for start in (0..).map(|k| 2.0 * dash * f64::from(k)).take_while(|start| *start < length) {
-                        canvas.stroke([at(start), at(start + dash)], *colour, *width);
+                        pixels.stroke([at(start), at(start + dash)], *colour, *width);
                     }
                 }
             }
             Self::Rectangle { min: [x0, y0], max: [x1, y1], fill, opacity } => {
-                canvas.polygon(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], *fill, *opacity, 0.0);
+                pixels.polygon(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], *fill, *opacity, 0.0);
             }
             Self::Mark { shape, at, radius, fill, outline } => {
                 let corners = shape.corners(*at, *radius);
                 for (colour, grown) in [(outline, 0.5 * OUTLINE_PX), (fill, -0.5 * OUTLINE_PX)] {
                     match shape {
-                        Shape::Circle => canvas.stroke([*at; 2], *colour, 2.0 * (radius + grown)),
-                        _ => canvas.polygon(&corners, *colour, 1.0, grown),
+                        Shape::Circle => pixels.stroke([*at; 2], *colour, 2.0 * (radius + grown)),
+                        _ => pixels.polygon(&corners, *colour, 1.0, grown),
                     }
                 }
             }
@@ -221,25 +235,25 @@ impl Element {
                 let place =
                     |[x, y]: [i32; 2]| [start + (f64::from(x) + 0.5) * pitch, at[1] + (f64::from(y) - 0.5) * pitch];
                 for [from, to] in strokes(&dots(text, face, Baseline::Alphabetic)) {
-                    canvas.stroke([place(from), place(to)], how.colour, 1.2 * pitch);
+                    pixels.stroke([place(from), place(to)], how.colour, 1.2 * pitch);
                 }
             }
-            Self::HintStart(_) | Self::HintEnd => (),
+            Self::Hinted(_, elements) => elements.iter().for_each(|element| element.paint(pixels)),
         }
     }
 }
 
-/// Pixels of the PNG for one of the page.
+/// Pixels of the PNG for one of the canvas.
 const SCALE: f64 = 2.0;
 
 /// The PNG's pixels.
-struct Canvas {
+struct Pixels {
     width: usize,
     rgb: Vec<u8>,
 }
 
-impl Canvas {
-    /// Paints where `distance` from the edge, in pixels of the page, is below 0; that is nowhere outside `bounds`.
+impl Pixels {
+    /// Paints where `distance` from the edge, in pixels of the canvas, is below 0; that is nowhere outside `bounds`.
     fn cover(&mut self, [min, max]: [Point; 2], colour: Colour, opacity: f64, distance: impl Fn(Point) -> f64) {
         let (width, height) = (self.width, self.rgb.len() / 3 / self.width);
         let first = min.map(|at| (SCALE * at - 1.0).max(0.0) as usize);
