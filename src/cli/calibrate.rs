@@ -26,14 +26,14 @@ use gelsim_files::sensor::Sensor;
 use gelsim_files::write::write_output;
 use gelsim_job::plan::standalone;
 use gelsim_lab::calibrate::camera::{MeasuredCamera, measure};
-use gelsim_lab::calibrate::evaluate::{Evaluated, Evaluation, Options, evaluate, picture_name};
+use gelsim_lab::calibrate::evaluate::{EvaluatedPress, Evaluation, Options, evaluate, picture_name};
 use gelsim_lab::calibrate::gelsight::{self, Left};
 use gelsim_lab::calibrate::judge::{self, Findings, background, fit, scale};
 use gelsim_lab::calibrate::leds::FittedLeds;
 use gelsim_lab::calibrate::outliers::OutlierReason;
 use gelsim_lab::calibrate::page::{Page, PressPanel};
 use gelsim_lab::calibrate::run::{Calibration, LedsAlone, Request, Unfit, doubts, run_heard, run_leds};
-use gelsim_lab::calibrate::taxim::{Imported, import};
+use gelsim_lab::calibrate::taxim::{ImportedSensor, import};
 use gelsim_lab::calibrate::train::Settings;
 use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
 use gelsim_lab::compare::score::{Score, Scores};
@@ -131,9 +131,12 @@ fn above_zero(text: &str) -> Result<f64, String> {
 }
 
 fn steps(text: &str) -> Result<u32, String> {
-    whole(text).and_then(|steps| match (1..=1_000_000).contains(&steps) {
-        true => Ok(steps),
-        false => Err(String::from("write a whole number from 1 to 1000000")),
+    whole(text).and_then(|steps| {
+        if (1..=1_000_000).contains(&steps) {
+            Ok(steps)
+        } else {
+            Err(String::from("write a whole number from 1 to 1000000"))
+        }
     })
 }
 
@@ -224,7 +227,7 @@ impl Calibrate {
         self.judged(findings)?;
         fs::create_dir_all(&self.out).map_err(|error| denied(&self.out, &error))?;
         let mut lines = Vec::new();
-        for Evaluated { file, simulated, scores, .. } in &presses {
+        for EvaluatedPress { file, simulated, scores, .. } in &presses {
             let path = self.out.join(picture_name(file));
             let [width, height] = sensor.resolution_px;
             write(&path, &encode_rgb(width, height, simulated))?;
@@ -232,7 +235,7 @@ impl Calibrate {
             lines.push(format!("{file:<28} {}", figures.unwrap_or_default()));
         }
         let compared = presses.iter().filter(|press| press.scores.is_some()).count();
-        let means = |of: &dyn Fn(&Evaluated) -> Option<Scores>| {
+        let means = |of: &dyn Fn(&EvaluatedPress) -> Option<Scores>| {
             let scores: Vec<Scores> = presses.iter().filter_map(of).collect();
             let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
             (contact, Score::mean(scores.iter().map(|scores| &scores.full_image)))
@@ -245,11 +248,10 @@ impl Calibrate {
             && contact.mae >= fit::MOST_LEFT * bare.mae
         {
             let left = 100.0 * contact.mae / bare.mae;
-            let message = match left < 100.0 {
-                true => format!("the sensor leaves {left:.0} % of what presses change around the contact unexplained"),
-                false => {
-                    String::from("the sensor is further from the presses around the contact than the background alone")
-                }
+            let message = if left < 100.0 {
+                format!("the sensor leaves {left:.0} % of what presses change around the contact unexplained")
+            } else {
+                String::from("the sensor is further from the presses around the contact than the background alone")
             };
             let help = "fit a sensor file to presses of this very sensor; check circles and balls in the table";
             self.log().notes(&Diagnostic::warning(message).help(help).into());
@@ -282,7 +284,7 @@ impl Calibrate {
             drops_bad: self.drop_bad,
         };
         let doubts = doubts(&session);
-        said.extend(self.judged(before(&session, &request, named, &doubts))?);
+        said.extend(self.judged(find_doubts_before_fit(&session, &request, named, &doubts))?);
         if self.leds {
             return self.fit_leds(&session, &request);
         }
@@ -291,7 +293,7 @@ impl Calibrate {
         let found = run_heard(session, doubts, &request, &|done, what| bar.show((1000.0 * done) as u64, what));
         bar.end();
         let found = found.map_err(|unfit| unfit_failure(&unfit, files.len()))?;
-        said.extend(self.judged(after(&found))?);
+        said.extend(self.judged(find_doubts_after_fit(&found))?);
         self.write_fit(&found, &said)
     }
 
@@ -300,7 +302,7 @@ impl Calibrate {
         let sensor = with_leds(found.session.sensor(found.geometry.thickness_mm), &found.leds);
         let sensor = with_camera(with_print(sensor, &found.session), found.camera.as_ref());
         let sensor = self.named(sensor);
-        holds(&sensor, Some(&found.table))?;
+        check_representable(&sensor, Some(&found.table))?;
         self.write_surfaces(&found.session, found.geometry)?;
         let page_path = self.out.with_extension("html");
         let page = page(&self.name(), found, &summary, &report(said.to_vec()).texts());
@@ -339,7 +341,7 @@ impl Calibrate {
         let camera = measure(session);
         let sensor = with_print(with_leds(session.sensor(geometry.thickness_mm), leds), session);
         let sensor = self.named(with_camera(sensor, camera.as_ref()));
-        holds(&sensor, None)?;
+        check_representable(&sensor, None)?;
         self.write_surfaces(session, geometry)?;
         let about =
             [verdict_summary(verdict), dots_summary(session), leds_summary(leds), camera_summary(camera.as_ref())];
@@ -351,7 +353,7 @@ impl Calibrate {
     }
 
     fn import(&self, folder: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let Imported { name, resolution_px, field_of_view_mm, background, colors } = import(folder)?;
+        let ImportedSensor { name, resolution_px, field_of_view_mm, background, colors } = import(folder)?;
         let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
         let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
         let about = [(String::from("colours"), format!("Taxim's of {name}"))];
@@ -361,14 +363,15 @@ impl Calibrate {
         let mut findings = Findings::default();
         findings.extend(scale::view("`pixmm` in params.json", longer_px, mm_per_px));
         self.judged(findings)?;
-        holds(&sensor, Some(&table))?;
+        check_representable(&sensor, Some(&table))?;
         self.write_sensor(sensor, &background, Some(&table), &about, None)?;
         self.say_written(&self.out.display().to_string());
         Ok(())
     }
 
     fn import_lamps(&self, device: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let gelsight::Imported { name, resolution_px, field_of_view_mm, lamps, flat_field } = gelsight::import(device)?;
+        let gelsight::ImportedSensor { name, resolution_px, field_of_view_mm, lamps, flat_field } =
+            gelsight::import(device)?;
         let mut about = vec![(String::from("lamps"), format!("GelSight's of {name}"))];
         match flat_field {
             Err(reason) => {
@@ -410,7 +413,7 @@ impl Calibrate {
         findings.extend(scale::view("`mmperpixel`", longer_px, mm_per_px));
         findings.extend(gelsight::darkness(&lamps));
         self.judged(findings)?;
-        holds(&Sensor { lamp: lamps.clone(), ..sensor.clone() }, None)?;
+        check_representable(&Sensor { lamp: lamps.clone(), ..sensor.clone() }, None)?;
         let internal = |error: toml::ser::Error| Failure::running(error.to_string());
         let mut table = toml::Table::try_from(&sensor).map_err(internal)?;
         // The lamps show the untouched pad.
@@ -488,7 +491,7 @@ impl Calibrate {
 }
 
 /// What speaks against presses and table before the fit, the likely causes first.
-fn before(
+fn find_doubts_before_fit(
     session: &Session,
     request: &Request,
     named: Option<(&str, [f64; 2])>,
@@ -507,7 +510,7 @@ fn before(
 }
 
 /// What speaks against a fit, and what is new against its presses.
-fn after(found: &Calibration) -> Findings {
+fn find_doubts_after_fit(found: &Calibration) -> Findings {
     let all = found.session.observations.len();
     let doubtful = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
     let mut findings = Findings::default();
@@ -554,9 +557,10 @@ fn unfit_failure(unfit: &Unfit, count: usize) -> Failure {
         Unfit::TooFew(dropped) => {
             let message =
                 format!("of {count} presses {} are usable, and {} are needed", count - dropped.len(), session::FEWEST);
-            let help = match dropped.is_empty() {
-                true => "add presses to the table",
-                false => "correct those that the warnings name, or leave --drop-bad out",
+            let help = if dropped.is_empty() {
+                "add presses to the table"
+            } else {
+                "correct those that the warnings name, or leave --drop-bad out"
             };
             let first = Diagnostic::new(message).help(help);
             // What speaks against them without a fit is said already.
@@ -570,7 +574,7 @@ fn unfit_failure(unfit: &Unfit, count: usize) -> Failure {
 }
 
 /// Refuses a sensor that no job would take: what was fitted is no light that a sensor file can hold.
-fn holds(sensor: &Sensor, table: Option<&Table>) -> Result<(), Failure> {
+fn check_representable(sensor: &Sensor, table: Option<&Table>) -> Result<(), Failure> {
     let mut wrong = standalone::out_of_range(sensor);
     if let Some(Err(reason)) = table.map(|table| calibration::parse(&json(table))) {
         wrong.push(Diagnostic::new(reason));

@@ -10,7 +10,7 @@ use super::log::{Format, Log};
 use super::long_run::long_run;
 use super::store::{address, staging};
 use super::terminal::say;
-use super::{Extent, Failure, JobOverrides, settled};
+use super::{Extent, Failure, JobOverrides, settle_fidelity};
 use gelsim_dataset::folder::recorded_rung;
 use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
 use gelsim_dataset::verify::{Cure, Finding};
@@ -83,7 +83,7 @@ impl Generate {
                         --shards and --partition";
             return Err(user_error(message, help).into());
         }
-        let plan = settled(plan, recorded, log)?;
+        let plan = settle_fidelity(plan, recorded, log)?;
         let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
         let in_store = |address: &Address, watch: &Watch| {
             let store = open(address, &watch.stop).map_err(|error| GenerateError::Io(root.clone(), error))?;
@@ -97,19 +97,22 @@ impl Generate {
             Ok(done) => {
                 let root = root.display().to_string();
                 match log.format {
-                    Format::Json => log.event("done", figures(&done, &root)),
+                    Format::Json => log.event("done", summary_json(&done, &root)),
                     Format::Text if !self.quiet => {
                         // What was said before the run is not said again.
-                        let misses =
-                            if foreseen.misses { None } else { misses(&done, plan.job().indentation.no_contact) };
+                        let misses = if foreseen.misses {
+                            None
+                        } else {
+                            warn_of_misses(&done, plan.job().indentation.no_contact)
+                        };
                         say(&summary(&done, &root));
-                        misses.into_iter().chain(light(&done)).for_each(|note| log.notes(&note.into()));
+                        misses.into_iter().chain(note_unmeasured_light(&done)).for_each(|note| log.notes(&note.into()));
                     }
                     Format::Text => {}
                 }
                 Ok(())
             }
-            Err(stopped) => Err(failure(stopped, plan.seed(), signal)),
+            Err(stopped) => Err(explain_failure(stopped, plan.seed(), signal)),
         }
     }
 }
@@ -125,7 +128,7 @@ fn summary(done: &Done, root: &str) -> String {
         HumanCount(done.rejected),
         HumanBytes(done.bytes),
         done.seconds,
-        speed(done),
+        samples_per_second(done),
     );
     if done.skipped > 0 {
         let shards = if done.skipped == 1 { "shard was" } else { "shards were" };
@@ -154,7 +157,7 @@ fn summary(done: &Done, root: &str) -> String {
 
 /// What to say where more than a fifth of the samples touch nothing beyond the share of those that are meant to, and
 /// beyond twice the spread of their number.
-fn misses(done: &Done, no_contact: f64) -> Option<Diagnostic> {
+fn warn_of_misses(done: &Done, no_contact: f64) -> Option<Diagnostic> {
     let samples = done.samples as f64;
     let (meant, spread) = (no_contact * samples, (no_contact * (1.0 - no_contact) * samples).sqrt());
     let missed = done.samples - done.in_contact;
@@ -170,7 +173,7 @@ fn misses(done: &Done, no_contact: f64) -> Option<Diagnostic> {
 }
 
 /// What to say where light was asked for that nobody measured.
-fn light(done: &Done) -> Option<Diagnostic> {
+fn note_unmeasured_light(done: &Done) -> Option<Diagnostic> {
     done.light.note().map(|note| {
         Diagnostic::note(note)
             .help("leave such samples out by numerics.light_outside_range in their labels, or press less deep")
@@ -178,7 +181,7 @@ fn light(done: &Done) -> Option<Diagnostic> {
 }
 
 /// The same for pipelines.
-fn figures(done: &Done, root: &str) -> Value {
+fn summary_json(done: &Done, root: &str) -> Value {
     json!({
         "out": root,
         "samples": done.samples,
@@ -193,17 +196,17 @@ fn figures(done: &Done, root: &str) -> Value {
         "shards_made_again": done.damaged,
         "bytes": done.bytes,
         "seconds": done.seconds,
-        "samples_per_s": speed(done),
+        "samples_per_s": samples_per_second(done),
         "samples_before": done.grown_from,
         "complete": done.complete,
     })
 }
 
-fn speed(done: &Done) -> f64 {
+fn samples_per_second(done: &Done) -> f64 {
     done.samples as f64 / done.seconds.max(1e-9)
 }
 
-fn failure(stopped: GenerateError, seed: u64, signal: usize) -> Failure {
+fn explain_failure(stopped: GenerateError, seed: u64, signal: usize) -> Failure {
     match stopped {
         GenerateError::Usage(report) => report.into(),
         GenerateError::Io(path, error) => {

@@ -124,9 +124,10 @@ impl Inspect {
     }
 
     fn verdict(&self, meshes: &[Inspection]) -> Result<(), Failure> {
-        let (bearable, what) = match self.strict {
-            true => (Some(Severity::Note), "errors or warnings"),
-            false => (Some(Severity::Warning), "errors"),
+        let (bearable, what) = if self.strict {
+            (Some(Severity::Note), "errors or warnings")
+        } else {
+            (Some(Severity::Warning), "errors")
         };
         let bad = meshes.iter().filter(|mesh| mesh.severity > bearable).count();
         match bad {

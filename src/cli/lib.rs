@@ -172,7 +172,7 @@ fn no_threads(error: &dyn std::fmt::Display) -> Failure {
 
 /// A plan whose fidelity level is known: one that the job leaves to be chosen is the recorded one, or is found by
 /// probing.
-fn settled(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Failure> {
+fn settle_fidelity(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Failure> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     if let Some(level) = recorded {
         log.note(&format!("fidelity {}, with which the dataset was begun", level.name()));

@@ -91,10 +91,7 @@ impl List {
                 .collect(),
         };
         let (lines, values): (Vec<String>, Vec<Value>) = rows.into_iter().unzip();
-        match self.json {
-            true => print(&format!("{:#}\n", Value::Array(values))),
-            false => print(&(lines.join("\n") + "\n")),
-        }
+        if self.json { print(&format!("{:#}\n", Value::Array(values))) } else { print(&(lines.join("\n") + "\n")) }
     }
 }
 
@@ -146,28 +143,28 @@ fn level(level: Fidelity) -> Result<Row, Failure> {
         "{name:<9}  {}\n{:<9}  gelpad: {}\n{:<9}  optics: {}; where light was measured, {}",
         level.summary(),
         "",
-        spoken(&gelpad),
+        describe_value(&gelpad),
         "",
-        spoken(&optics),
-        spoken(&measured),
+        describe_value(&optics),
+        describe_value(&measured),
     );
     let value = json!({ "name": name, "summary": level.summary(), "gelpad": gelpad, "optics": optics, "optics_where_measured": measured });
     Ok((line, value))
 }
 
 /// A model and its parameters in words: `elastic, resolution half, tolerance_um 1`.
-fn spoken(value: &Value) -> String {
+fn describe_value(value: &Value) -> String {
     match value {
         Value::Object(fields) => {
             let fields = fields.iter().filter(|(_, value)| !value.is_null());
             let words = fields.map(|(name, value)| match value {
                 Value::Object(inner) if inner.is_empty() => name.clone(),
-                Value::Object(inner) if inner.len() > 1 => format!("{name} ({})", spoken(value)),
-                value => format!("{name} {}", spoken(value)),
+                Value::Object(inner) if inner.len() > 1 => format!("{name} ({})", describe_value(value)),
+                value => format!("{name} {}", describe_value(value)),
             });
             words.collect::<Vec<_>>().join(", ")
         }
-        Value::Array(items) => items.iter().map(spoken).collect::<Vec<_>>().join(" "),
+        Value::Array(items) => items.iter().map(describe_value).collect::<Vec<_>>().join(" "),
         Value::String(text) => text.clone(),
         value => value.to_string(),
     }

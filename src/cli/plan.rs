@@ -8,7 +8,7 @@ use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount, HumanDuration};
 
 use super::store::address;
-use super::{Extent, Failure, JobOverrides, Log, print, settled};
+use super::{Extent, Failure, JobOverrides, Log, print, settle_fidelity};
 use gelsim_core::effects::Effect;
 use gelsim_dataset::folder::recorded_rung;
 use gelsim_dataset::forecast::{Forecast, first_draw, forecast};
@@ -47,7 +47,7 @@ impl Plan {
         self.overrides.note(&foreseen.notes, Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
-        let plan = settled(plan, recorded_rung(&root), Log::text(self.quiet))?;
+        let plan = settle_fidelity(plan, recorded_rung(&root), Log::text(self.quiet))?;
         let count = plan.layout.shard_count();
         let shards = self.extent.shards(count)?.unwrap_or(0..count);
         let samples = shards.clone().map(|number| plan.layout.shard(number).samples).sum();
@@ -59,7 +59,7 @@ impl Plan {
             let missed = missed.map_or_else(Report::default, Report::from);
             self.overrides.note(&missed, Log::text(self.quiet))?;
         }
-        let rejected = rejected(&plan, &forecast).map_or_else(Report::default, Report::from);
+        let rejected = warn_of_rejections(&plan, &forecast).map_or_else(Report::default, Report::from);
         self.overrides.note(&rejected, Log::text(self.quiet))?;
         let mut text = heading(&plan, &forecast);
         text += &plan.pressed_sides().map_or_else(String::new, |sides| format!("{sides}\n\n"));
@@ -71,7 +71,7 @@ impl Plan {
 }
 
 /// That most of what is drawn is thrown away, if it is.
-fn rejected(plan: &plan::Plan, forecast: &Forecast) -> Option<Diagnostic> {
+fn warn_of_rejections(plan: &plan::Plan, forecast: &Forecast) -> Option<Diagnostic> {
     let (ill, all) = (forecast.unhealthy, forecast.probed);
     (plan.output().on_unhealthy == OnUnhealthy::Reject && 2 * ill > all).then(|| {
         let message = format!(

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::guesses::whole;
 use super::store::{folder_only, local_output};
-use super::{Failure, JobOverrides, Log, output_file, settled};
+use super::{Failure, JobOverrides, Log, output_file, settle_fidelity};
 use gelsim_core::effects::Effect;
 use gelsim_dataset::recorded::Recorded;
 use gelsim_files::diagnostic::{Diagnostic, user_error};
@@ -23,7 +23,7 @@ use gelsim_lab::preview::choice::{Choice, choose};
 use gelsim_lab::preview::effects::{self, EffectComparison, compare};
 use gelsim_lab::preview::film::animation;
 use gelsim_lab::preview::panel::has_picture;
-use gelsim_lab::preview::{Tile, Wanted, sample_files, sheet};
+use gelsim_lab::preview::{LayerSelection, Tile, sample_files, sheet};
 
 /// Draw a contact sheet: tactile image, depth and (where there is one) contact, or the layers that are named, with class, depth and
 /// split under each; of a dataset every split and class as often as it is there. Or show what each effect changes in a job's
@@ -104,24 +104,21 @@ impl Preview {
             );
             user_error(message, help).into()
         };
-        let film = match self.source.is_dir() {
-            true => {
-                let dataset = self.dataset()?;
-                if dataset.job.sequence.is_none() {
-                    return Err(still("the samples of this dataset are"));
-                }
-                self.checked_key(key, dataset.layout.samples())?;
-                let film = dataset.sample(key).and_then(|files| animation(&files));
-                film.map_err(|reason| self.unreadable(reason))?
+        let film = if self.source.is_dir() {
+            let dataset = self.dataset()?;
+            if dataset.job.sequence.is_none() {
+                return Err(still("the samples of this dataset are"));
             }
-            false => {
-                let plan = self.plan()?;
-                if plan.job().sequence.is_none() {
-                    return Err(still("the samples of this job are"));
-                }
-                self.checked_key(key, plan.layout.samples())?;
-                animation(&sample_files(&plan, key)).map_err(Failure::running)?
+            self.checked_key(key, dataset.layout.samples())?;
+            let film = dataset.sample(key).and_then(|files| animation(&files));
+            film.map_err(|reason| self.unreadable(reason))?
+        } else {
+            let plan = self.plan()?;
+            if plan.job().sequence.is_none() {
+                return Err(still("the samples of this job are"));
             }
+            self.checked_key(key, plan.layout.samples())?;
+            animation(&sample_files(&plan, key)).map_err(Failure::running)?
         };
         output_file::write(&self.out, &film.ok_or_else(|| still("this sample is"))?)
     }
@@ -132,7 +129,7 @@ impl Preview {
             let names: Vec<String> = self.layers.iter().map(|layer| format!("\"{}\"", layer.name())).collect();
             overrides.set.push((String::from("--layers"), format!("output.layers = [{}]", names.join(", "))));
         }
-        let plan = settled(Plan::load(&self.source, &overrides)?, None, Log::text(false))?;
+        let plan = settle_fidelity(Plan::load(&self.source, &overrides)?, None, Log::text(false))?;
         self.overrides.note(&foresee(&plan).notes, Log::text(false))?;
         Ok(plan)
     }
@@ -235,8 +232,8 @@ impl Preview {
         Ok(samples)
     }
 
-    fn wanted(&self) -> Wanted {
-        if self.layers.is_empty() { Wanted::Usual } else { Wanted::These(self.layers.clone()) }
+    fn wanted(&self) -> LayerSelection {
+        if self.layers.is_empty() { LayerSelection::Usual } else { LayerSelection::These(self.layers.clone()) }
     }
 
     /// Refuses layers that a dataset was made without.
@@ -251,9 +248,10 @@ impl Preview {
         let shown: Vec<&str> = there.iter().filter(|layer| has_picture(**layer)).map(|layer| layer.name()).collect();
         let (job, out) = (shell_word(&self.source.join("job.toml")), shell_word(&self.out));
         let render = format!("its job renders others: gelsim preview {job} --layers {} --out {out}", asked.join(","));
-        let help = match shown.is_empty() {
-            true => format!("leave --layers out, for there are tactile images alone; {render}"),
-            false => format!("there are --layers {}; {render}", shown.join(",")),
+        let help = if shown.is_empty() {
+            format!("leave --layers out, for there are tactile images alone; {render}")
+        } else {
+            format!("there are --layers {}; {render}", shown.join(","))
         };
         let message = format!("{} was made without {}", self.source.display(), missing.join(", "));
         Err(user_error(message, help).into())

@@ -393,16 +393,14 @@ impl Render {
         // Mistakes are told before anything is read. A plan for a small view finds them soon; the first frame brings the
         // size for which the plan is made, unless it is said beforehand.
         const SMALL: [usize; 2] = [64, 48];
-        let plan = match self.is_perspective() {
-            false => self.plan(SMALL, &[])?,
-            true => self.plan_for(None, &[])?,
-        };
+        let plan = if self.is_perspective() { self.plan_for(None, &[])? } else { self.plan(SMALL, &[])? };
         let is_known = plan.simulator.view().resolution_px != SMALL;
-        let for_size = |size: [usize; 2]| match is_known
-            && (self.is_perspective() || plan.simulator.view().resolution_px == size)
-        {
-            true => Ok(plan),
-            false => self.plan_for(Some(size), &[]),
+        let for_size = |size: [usize; 2]| {
+            if is_known && (self.is_perspective() || plan.simulator.view().resolution_px == size) {
+                Ok(plan)
+            } else {
+                self.plan_for(Some(size), &[])
+            }
         };
         let sequence = self.in_sequence();
         let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));

@@ -50,11 +50,12 @@ impl Report {
         let folder = output_file::folder_of(out);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
         let lock = cleanup::lock(&self.dir);
-        let _alone = match same(folder, &self.dir) {
-            true => Some(Lock::wait(&lock).map_err(|error| {
+        let _alone = if same(folder, &self.dir) {
+            Some(Lock::wait(&lock).map_err(|error| {
                 Failure::denied(&format!("{}: {error}", lock.display()), &error, "nothing was written")
-            })?),
-            false => None,
+            })?)
+        } else {
+            None
         };
         output_file::write(out, page)
     }

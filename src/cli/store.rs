@@ -33,10 +33,7 @@ pub(super) fn output() -> impl TypedValueParser<Value = PathBuf> {
 
 /// Takes a place to write to on this machine.
 pub(super) fn local_output() -> impl TypedValueParser<Value = PathBuf> {
-    output().try_map(|path| match Address::is_one(&path) {
-        true => Err(ONLY_LOCAL),
-        false => Ok(path),
-    })
+    output().try_map(|path| if Address::is_one(&path) { Err(ONLY_LOCAL) } else { Ok(path) })
 }
 
 const ONLY_LOCAL: &str = "it is in an object store, where only `generate` and `finalize` work: write to a folder, and copy that (docs/stores.md)";

@@ -48,12 +48,11 @@ pub(super) fn show(text: &clap::builder::StyledStr, is_error: bool) -> io::Resul
     let Display { columns, .. } = if is_error { errors() } else { output() };
     let styled = fold(&text.ansi().to_string(), columns).into_owned();
     // Colours go where the stream has none.
-    match is_error {
-        true => anstream::stderr().write_all(styled.as_bytes()),
-        false => {
-            let mut stream = anstream::stdout();
-            stream.write_all(styled.as_bytes()).and_then(|()| stream.flush())
-        }
+    if is_error {
+        anstream::stderr().write_all(styled.as_bytes())
+    } else {
+        let mut stream = anstream::stdout();
+        stream.write_all(styled.as_bytes()).and_then(|()| stream.flush())
     }
 }
 
@@ -73,10 +72,9 @@ pub(super) fn fold(text: &str, columns: Option<usize>) -> Cow<'_, str> {
     let is_long = |line: &str, columns: usize| textwrap::core::display_width(line) > columns;
     match columns {
         Some(columns) if text.lines().any(|line| is_long(line, columns)) => {
-            let folded = text.split('\n').map(|line| match is_long(line, columns) {
-                true => fold_line(line, columns),
-                false => line.to_owned(),
-            });
+            let folded = text
+                .split('\n')
+                .map(|line| if is_long(line, columns) { fold_line(line, columns) } else { line.to_owned() });
             Cow::Owned(folded.collect::<Vec<_>>().join("\n"))
         }
         _ => Cow::Borrowed(text),

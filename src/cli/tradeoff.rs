@@ -85,7 +85,7 @@ impl Tradeoff {
         }
         let failed = |path: &Path, error: &dyn std::fmt::Display| Failure::from_path(path, error);
         // Before the work, lest it be in vain.
-        made(&folder)?;
+        create_folder(&folder)?;
         let heard = !self.quiet && std::io::stderr().is_terminal();
         let said = |what: &str| {
             if heard {
@@ -131,7 +131,7 @@ impl Tradeoff {
         let options = Options { sticking: self.sticking, rounding_mm: self.edge_mm, refine: self.refine };
         if let Some(folder) = &self.out {
             // Before the work, lest it be in vain.
-            made(folder)?;
+            create_folder(folder)?;
         }
         let bar = Bar::thousandths(!self.quiet);
         let result = finite(plan, options, |object, share| bar.show((1000.0 * share) as u64, object));
@@ -158,7 +158,7 @@ impl Tradeoff {
 }
 
 /// Makes the folder for the results.
-fn made(folder: &Path) -> Result<(), Failure> {
+fn create_folder(folder: &Path) -> Result<(), Failure> {
     let denied = |error: io::Error| {
         let left = match error.kind() {
             io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => "choose another folder with --out",
@@ -174,14 +174,14 @@ fn samples(text: &str) -> Result<u64, String> {
 }
 
 fn edge(text: &str) -> Result<f64, String> {
-    within(text, 0.02, 5.0, "a radius of 0.02 to 5 mm")
+    parse_within(text, 0.02, 5.0, "a radius of 0.02 to 5 mm")
 }
 
 fn refine(text: &str) -> Result<f64, String> {
-    within(text, 0.25, 4.0, "0.25 (four times as coarse) to 4 (four times as fine, 64 times as slow)")
+    parse_within(text, 0.25, 4.0, "0.25 (four times as coarse) to 4 (four times as fine, 64 times as slow)")
 }
 
-fn within(text: &str, least: f64, most: f64, allowed: &str) -> Result<f64, String> {
+fn parse_within(text: &str, least: f64, most: f64, allowed: &str) -> Result<f64, String> {
     let number = text.parse::<f64>().ok().filter(|number| (least..=most).contains(number));
     number.ok_or_else(|| format!("give {allowed}"))
 }

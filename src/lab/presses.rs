@@ -103,9 +103,10 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Table, Report> {
     // An empty one has a message of its own.
     if let Some(foreign) = foreign::recognise(bytes).filter(|_| !bytes.is_empty()) {
         let message = format!("{} is no table: it is {}", path.display(), foreign.what);
-        let help = match foreign.what.contains("ZIP") {
-            true => "a spreadsheet (.xlsx, .ods) is such an archive: save it as CSV in UTF-8, and name that file",
-            false => foreign.help,
+        let help = if foreign.what.contains("ZIP") {
+            "a spreadsheet (.xlsx, .ods) is such an archive: save it as CSV in UTF-8, and name that file"
+        } else {
+            foreign.help
         };
         return Err(user_error(message, help));
     }
@@ -366,11 +367,12 @@ impl Layout {
         let placed = matches!(column, Column::CentreX | Column::CentreY);
         let what = if placed { "a number" } else { "a number above 0" };
         // An empty cell helps where a circle may be looked for, and all three are empty.
-        let or_none = match CIRCLE.contains(&column) {
-            true => format!(
+        let or_none = if CIRCLE.contains(&column) {
+            format!(
                 "write {what}; or leave the three cells of the circle empty, and have `gelsim calibrate --detect` look for it"
-            ),
-            false => format!("write {what}"),
+            )
+        } else {
+            format!("write {what}")
         };
         let (message, cause, help) = match text.parse::<f64>() {
             Ok(number) if number.is_finite() && (placed || number > 0.0) => return Some(number),

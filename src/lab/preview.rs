@@ -63,14 +63,14 @@ struct Row {
 
 /// Layers that a sheet shows beside the tactile image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub enum LayerSelection {
     /// Of presses and grips depth and contact, where they are there; of sequences none.
     Usual,
     /// These, all of which must be there.
     These(Vec<OutputLayer>),
 }
 
-/// The layers of [`Wanted::Usual`].
+/// The layers of [`LayerSelection::Usual`].
 const USUAL: [OutputLayer; 2] = [OutputLayer::Depth, OutputLayer::Contact];
 /// Frames of a sequence that a sheet shows, at most.
 const FRAMES: usize = 6;
@@ -79,14 +79,14 @@ const PHASE_LETTERS: usize = 20;
 
 impl Tile {
     /// Renders sample `index` of a plan, whose output has the layers that are wanted by name.
-    pub fn rendered(plan: &Plan, index: u64, wanted: &Wanted) -> Self {
+    pub fn rendered(plan: &Plan, index: u64, wanted: &LayerSelection) -> Self {
         if plan.job().sequence.is_some() || plan.job().gripper.is_some() {
             return Self::read(&sample_files(plan, index), wanted).expect("files that were made just now");
         }
         let sample = shown(plan, index);
         let layers = match wanted {
-            Wanted::Usual => USUAL.to_vec(),
-            Wanted::These(layers) => layers.clone(),
+            LayerSelection::Usual => USUAL.to_vec(),
+            LayerSelection::These(layers) => layers.clone(),
         };
         let shown = layers.into_iter().filter_map(|layer| Some((View::Layer(layer), computed(&sample, layer)?)));
         let tactile = (View::Tactile, Panel::Picture(picture(&sample.impression.image)));
@@ -97,7 +97,7 @@ impl Tile {
     }
 
     /// Shows a sample of a dataset from its files.
-    pub fn read(files: &Files, wanted: &Wanted) -> Result<Self, String> {
+    pub fn read(files: &Files, wanted: &LayerSelection) -> Result<Self, String> {
         let named = |reason: String| format!("{}.json: {reason}", files.key);
         let json = files.member("json").ok_or_else(|| named(String::from("is not in the shard")))?;
         let label = SampleLabel::read(json).map_err(named)?;
@@ -136,7 +136,7 @@ impl Tile {
         files: &Files,
         times: &[(f64, String)],
         fingers: &[(Option<&'static str>, &Steps)],
-        wanted: &Wanted,
+        wanted: &LayerSelection,
         summary: &Label,
     ) -> Result<Self, String> {
         let numbers = frames_shown(times.len());
@@ -145,8 +145,8 @@ impl Tile {
             Column::Frame { t_s: figure(*t_s), phase: letters::fitted(phase, PHASE_LETTERS) }
         });
         let layers = match wanted {
-            Wanted::Usual => &[],
-            Wanted::These(layers) => layers.as_slice(),
+            LayerSelection::Usual => &[],
+            LayerSelection::These(layers) => layers.as_slice(),
         };
         let mut rows = Vec::new();
         for (finger, steps) in fingers {
@@ -219,10 +219,7 @@ impl Tile {
         };
         let rows: Vec<Vec<RgbImage>> = self.rows.iter().filter(tactile).map(drawn).collect();
         // The images of two fingers stand beside each other, their frames below each other.
-        match rows.iter().all(|row| row.len() == 1) {
-            true => joined(&[rows.concat()]),
-            false => joined(&rows),
-        }
+        if rows.iter().all(|row| row.len() == 1) { joined(&[rows.concat()]) } else { joined(&rows) }
     }
 }
 
@@ -236,18 +233,18 @@ fn frames_shown(count: usize) -> Vec<usize> {
 fn read_row(
     files: &Files,
     finger: Option<&'static str>,
-    wanted: &Wanted,
+    wanted: &LayerSelection,
     steps: &Steps,
 ) -> Result<(Vec<Column>, Row), String> {
     let part = finger.map_or(String::new(), |finger| format!("{finger}."));
     let mut found = vec![(View::Tactile, needed(files, &part, View::Tactile, steps)?)];
     match wanted {
-        Wanted::Usual => {
+        LayerSelection::Usual => {
             for view in USUAL.map(View::Layer) {
                 found.extend(read(files, &part, view, steps)?.map(|panel| (view, panel)));
             }
         }
-        Wanted::These(layers) => {
+        LayerSelection::These(layers) => {
             for view in layers.iter().copied().map(View::Layer) {
                 found.push((view, needed(files, &part, view, steps)?));
             }
@@ -327,9 +324,10 @@ fn frame_image(files: &Files, number: usize, finger: &str) -> Result<RgbImage, S
 }
 
 fn caption(label: &Label) -> String {
-    let depth = match label.contact.in_contact {
-        true => format!("{:.2} mm", label.contact.max_depth_mm),
-        false => String::from("no contact"),
+    let depth = if label.contact.in_contact {
+        format!("{:.2} mm", label.contact.max_depth_mm)
+    } else {
+        String::from("no contact")
     };
     let others = match label.objects.len() {
         0 | 1 => String::new(),
@@ -341,12 +339,11 @@ fn caption(label: &Label) -> String {
 /// Left finger, right finger, and how they hold the object.
 fn grip_caption(label: &GripLabel) -> String {
     let deep = label.fingers().map(|(_, finger)| finger.contact.max_depth_mm);
-    let held = match label.fingers().iter().any(|(_, finger)| finger.contact.in_contact) {
-        true => {
-            let force = label.gripper.force_n.map_or(String::new(), |force| format!(" {force:.2} N"));
-            format!("left {:.2} mm, right {:.2} mm{force}", deep[0], deep[1])
-        }
-        false => String::from("no contact"),
+    let held = if label.fingers().iter().any(|(_, finger)| finger.contact.in_contact) {
+        let force = label.gripper.force_n.map_or(String::new(), |force| format!(" {force:.2} N"));
+        format!("left {:.2} mm, right {:.2} mm{force}", deep[0], deep[1])
+    } else {
+        String::from("no contact")
     };
     format!("{}  {held}", label.header.object.class)
 }

@@ -41,7 +41,7 @@ use gelsim_job::layout::Layout;
 use gelsim_job::plan::Plan;
 use gelsim_job::steps::{self, Steps};
 use gelsim_lab::presses::{self as press_file, Circle};
-use gelsim_lab::preview::{Tile, Wanted, sheet};
+use gelsim_lab::preview::{LayerSelection, Tile, sheet};
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
@@ -310,7 +310,7 @@ pub fn shard(bytes: &[u8]) {
     let (mut length, mut samples) = (0, Vec::new());
     let read = archive::read(bytes, |files| {
         length += files.members.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
-        Tile::read(&files, &Wanted::Usual).map(|tile| sheet(&[tile], 1, 64)).ok();
+        Tile::read(&files, &LayerSelection::Usual).map(|tile| sheet(&[tile], 1, 64)).ok();
         samples.push(files);
         ControlFlow::Continue(())
     });

@@ -6,7 +6,7 @@ use gelsim_core::base::grid::Grid;
 use gelsim_core::base::simd::simd_dispatch;
 use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch};
 use gelsim_files::npz::Npz;
-use gelsim_lab::calibrate::taxim::{Imported, import};
+use gelsim_lab::calibrate::taxim::{ImportedSensor, import};
 
 use super::colours::bins;
 
@@ -56,7 +56,7 @@ struct Agreement {
     sum: f64,
 }
 
-fn compare(sensor: &Imported, case: &Case) -> [(Part, Agreement); 3] {
+fn compare(sensor: &ImportedSensor, case: &Case) -> [(Part, Agreement); 3] {
     let [width, height] = sensor.colors.resolution_px;
     let mm_per_px = sensor.field_of_view_mm[0] / width as f64;
     let lookup = Lookup::new(&sensor.colors, [width, height]);

@@ -19,10 +19,11 @@ impl Bins {
         let (min, max) = distribution.support();
         let ends = [min, max].into_iter().filter(|end| end.is_finite()).chain(values);
         let (from, to) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(from, to), v| (from.min(v), to.max(v)));
-        match from < to {
-            true => Self { from, to, count },
+        if from < to {
+            Self { from, to, count }
+        } else {
             // One value, or none: one part holds all.
-            false => Self { from, to: from, count: 1 },
+            Self { from, to: from, count: 1 }
         }
     }
 
@@ -74,12 +75,11 @@ impl Cells {
 
     /// The cell of a press; none if something that counts is not known of it.
     pub fn index(&self, press: &PressFeatures<'_>) -> Option<usize> {
-        let mut cell = match self.classes.is_empty() {
-            true => 0,
-            false => {
-                let wanted = press.class?;
-                self.classes.binary_search_by(|class| class.as_str().cmp(wanted)).ok()?
-            }
+        let mut cell = if self.classes.is_empty() {
+            0
+        } else {
+            let wanted = press.class?;
+            self.classes.binary_search_by(|class| class.as_str().cmp(wanted)).ok()?
         };
         let mut add = |bins: &Option<Bins>, value: Option<f64>| {
             if let Some(bins) = bins {

@@ -31,7 +31,7 @@ pub mod trace;
 use input::most_bytes;
 use make::{Maker, Raw};
 use output::labels::Labels;
-use output::place::{Place, SUMMARY, Unfinished};
+use output::place::{IncompleteOutput, Place, SUMMARY};
 use output::{Units, Writer};
 pub use recipe::Recipe;
 pub use report::Summary;
@@ -89,8 +89,8 @@ pub fn augment(recipe: &Recipe, target: &Target, watch: &Watch) -> Result<Summar
     let _ = watch.expected.set(expected);
     let mut summary = pool.install(|| write(recipe, &place.partial, watch))?;
     place.finish().map_err(|unfinished| match unfinished {
-        Unfinished::NothingWritten(path, error) => AugmentError::Io(path, error),
-        Unfinished::OldStays(path, error) => AugmentError::OldStays(path, error),
+        IncompleteOutput::NothingWritten(path, error) => AugmentError::Io(path, error),
+        IncompleteOutput::OldStays(path, error) => AugmentError::OldStays(path, error),
     })?;
     summary.seconds = start.elapsed().as_secs_f64();
     Ok(summary)

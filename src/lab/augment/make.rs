@@ -17,8 +17,8 @@ use super::input::images::{inside, with_slashes};
 use super::input::{Form, Real};
 use super::output::labels::{Labels, cells, object};
 use super::output::pictures::{encode_as, is_of_format};
-use super::output::{Piece, Placed, Units};
-use super::photometric::Applied;
+use super::output::{ImagePlacement, Piece, Units};
+use super::photometric::AppliedAugmentation;
 use super::report::{SampleEntry, tile};
 use super::trace::{Source, Trace};
 use super::{AugmentError, Recipe};
@@ -72,7 +72,7 @@ struct PhotometricTrace<'a> {
     recipe: usize,
     copy: u32,
     #[serde(flatten)]
-    applied: &'a Applied,
+    applied: &'a AppliedAugmentation,
 }
 
 /// What was done for a counterpart.
@@ -143,9 +143,8 @@ impl<'a> Maker<'a> {
         let images: Vec<RgbImage> = raws.par_iter().map(decode).collect::<Result<_, _>>()?;
         let tasks: Vec<(usize, Task)> =
             raws.iter().enumerate().flat_map(|(k, raw)| self.tasks(raw.number).map(move |task| (k, task))).collect();
-        let made = tasks.par_iter().map(|(k, task)| match tick() {
-            true => Err(AugmentError::Interrupted),
-            false => self.make_one(&raws[*k], &images[*k], task),
+        let made = tasks.par_iter().map(|(k, task)| {
+            if tick() { Err(AugmentError::Interrupted) } else { self.make_one(&raws[*k], &images[*k], task) }
         });
         made.collect()
     }
@@ -255,7 +254,7 @@ impl<'a> Maker<'a> {
                 piece.tar_files.push(Member::new(set.label.as_str(), label));
             }
         } else {
-            let Placed { file, name } = self.units.image(real, split, tag);
+            let ImagePlacement { file, name } = self.units.image(real, split, tag);
             let own = self.units.image(real, split, "").name;
             let as_written = if real.has_backslashes { real.image.replace('/', "\\") } else { real.image.clone() };
             let mut changes = Vec::new();
@@ -411,9 +410,12 @@ pub fn collision(recipe: &Recipe) -> Option<String> {
         return Some(real.image.clone());
     }
     let units = Units::new(set, division);
-    let name = |(number, real): (usize, &Real), tag: &str| match set.in_tars() {
-        true => set.units[real.unit].file.join(format!("{}{tag}", real.image)),
-        false => units.image(real, division.of_reals[number], tag).file,
+    let name = |(number, real): (usize, &Real), tag: &str| {
+        if set.in_tars() {
+            set.units[real.unit].file.join(format!("{}{tag}", real.image))
+        } else {
+            units.image(real, division.of_reals[number], tag).file
+        }
     };
     let copies = recipe.photometric.iter().enumerate();
     let copies = copies.flat_map(|(k, made)| (0..made.copies()).map(move |copy| format!("-photometric-{k}-{copy}")));

@@ -95,14 +95,14 @@ const NAMED: usize = 3;
 
 /// Why it is not known which object a label names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Unknown {
+enum UnknownObject {
     /// No object is called so.
     NoSuch,
     /// Several are of this class.
     Several,
 }
 
-impl Unknown {
+impl UnknownObject {
     fn message(self, name: &str) -> String {
         match self {
             Self::NoSuch => format!("no [[object]] is called `{name}`"),
@@ -119,7 +119,7 @@ impl Unknown {
 }
 
 /// The object that a label names by its id or its class; else why it is not known, and what to do.
-fn find_object(plan: &Plan, name: &str) -> Result<usize, (Unknown, String)> {
+fn find_object(plan: &Plan, name: &str) -> Result<usize, (UnknownObject, String)> {
     let objects = &plan.sampling.objects;
     if let Some(number) = objects.iter().position(|object| object.id == name) {
         return Ok(number);
@@ -137,13 +137,13 @@ fn find_object(plan: &Plan, name: &str) -> Result<usize, (Unknown, String)> {
             "call the object so that it is: class = {name:?} under its [[object]] (there are {}){near}",
             and_list(&ids)
         );
-        return Err((Unknown::NoSuch, help));
+        return Err((UnknownObject::NoSuch, help));
     }
     let help = format!(
         "give each a class of its own, or name them in a column, which input.columns.object names: {}",
         one_of(&ids(&mut of_class.into_iter()))
     );
-    Err((Unknown::Several, help))
+    Err((UnknownObject::Several, help))
 }
 
 /// `a`, `b` and `c`; of many the first.

@@ -61,10 +61,7 @@ impl MeasuredCamera {
             let std = rounded(std, 1e4);
             let end = |sign: f64| Some(rounded(1.0 + 3.0 * sign * std, 1e4));
             let normal = Normal { mean: 1.0, std, min: end(-1.0), max: end(1.0) };
-            match std > UNSEEN_DRIFT {
-                true => Quantity::Random(Distribution::Normal(normal)),
-                false => Quantity::Constant(1.0),
-            }
+            if std > UNSEEN_DRIFT { Quantity::Random(Distribution::Normal(normal)) } else { Quantity::Constant(1.0) }
         };
         let [green, red, blue] = self.gains;
         let neighbours = 0.5 * (self.correlation[0] + self.correlation[1]);
@@ -87,7 +84,7 @@ impl MeasuredCamera {
     fn noise_color(&self) -> [f64; 3] {
         let of =
             |channel: usize| self.read_noise_levels[channel].hypot(self.shot_noise_levels[channel] * 0.5_f64.sqrt());
-        let channels = [0, 1, 2].map(of);
+        let channels = std::array::from_fn(of);
         let all = rms(channels);
         channels.map(|channel| if all > 0.0 { rounded(channel / all, 1e2) } else { 1.0 })
     }
@@ -125,10 +122,10 @@ pub fn measure(session: &Session) -> Option<MeasuredCamera> {
     let shot_noise_levels = [0, 1, 2].map(|channel| noise[channel][1]);
     let drift = |of: &dyn Fn(&[f64; 3]) -> f64| spread(known.iter().map(|(_, gains)| libm::log(of(gains))).collect());
     Some(MeasuredCamera {
-        read_noise_levels: [0, 1, 2].map(|channel| noise[channel][0]),
+        read_noise_levels: std::array::from_fn(|channel| noise[channel][0]),
         shot_noise_levels,
-        correlation: [0, 1].map(correlation),
-        drift: [0, 1, 2].map(|channel| drift(&|gains| gains[channel])),
+        correlation: std::array::from_fn(correlation),
+        drift: std::array::from_fn(|channel| drift(&|gains| gains[channel])),
         gains: [
             drift(&|[_, green, _]| *green),
             drift(&|[red, green, _]| red / green),

@@ -66,7 +66,7 @@ struct Spot {
 
 /// An image without its dots.
 #[derive(Clone, Debug)]
-pub struct Cleared {
+pub struct InpaintedImage {
     /// The image, filled where dots were.
     pub image: RgbImage,
     /// True at the pixels that were filled.
@@ -75,7 +75,7 @@ pub struct Cleared {
 
 impl Dots {
     /// The dots of an untouched pad, and its picture without them; `None` without any.
-    pub fn find(background: &RgbImage) -> Option<(Self, Cleared)> {
+    pub fn find(background: &RgbImage) -> Option<(Self, InpaintedImage)> {
         let level = brightness(background);
         // Between dark dots the pad is a grid of bright spots, and the other way round: dots are the smaller ones.
         let found = [true, false].into_iter().filter_map(|is_dark| Grids::find(&level, is_dark));
@@ -98,14 +98,14 @@ impl Dots {
             area,
         };
         let ink = dots.covered(&spots, &level);
-        let cleared = Cleared { image: filled(background, &ink), ink };
+        let cleared = InpaintedImage { image: filled(background, &ink), ink };
         dots.measure(background, &cleared.image);
         dots.measure_grid();
         Some((dots, cleared))
     }
 
     /// The image of a press without dots; the second picture of each is how far they were carried, px.
-    pub fn clear(&self, image: &RgbImage) -> (Cleared, Vec<f64>) {
+    pub fn clear(&self, image: &RgbImage) -> (InpaintedImage, Vec<f64>) {
         let level = brightness(image);
         let spots: Vec<Spot> = spots(&level, self.window, self.is_dark)
             .into_iter()
@@ -124,7 +124,7 @@ impl Dots {
         for (centre, _) in self.centres.iter().zip(&away).filter(|(_, away)| **away >= reach) {
             cover_disc(&mut ink, [level.width, level.height], *centre, 0.5 * self.diameter_px + self.margin() + moved);
         }
-        (Cleared { image: filled(image, &ink), ink }, motion)
+        (InpaintedImage { image: filled(image, &ink), ink }, motion)
     }
 
     /// Remembers how far dots were carried in all presses.
@@ -446,15 +446,14 @@ fn cover_disc(ink: &mut [bool], [width, height]: [usize; 2], [x, y]: [f64; 2], r
 /// The image with what `ink` covers filled from around it: from coarse means of what is not covered to fine ones.
 fn filled(image: &RgbImage, ink: &[bool]) -> RgbImage {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let data = image.pixels().zip(ink).map(|(pixel, covered)| match covered {
-        true => [0.0; 4],
-        false => [f32::from(pixel[0]), f32::from(pixel[1]), f32::from(pixel[2]), 1.0],
+    let data = image.pixels().zip(ink).map(|(pixel, covered)| {
+        if *covered { [0.0; 4] } else { [f32::from(pixel[0]), f32::from(pixel[1]), f32::from(pixel[2]), 1.0] }
     });
     let smooth = settled(&Grid { width, height, data: data.collect() });
     let mut out = image.clone();
     for ((pixel, covered), value) in out.pixels_mut().zip(ink).zip(&smooth.data) {
         if *covered {
-            *pixel = Rgb([0, 1, 2].map(|k| value[k].round().clamp(0.0, 255.0) as u8));
+            *pixel = Rgb(std::array::from_fn(|k| value[k].round().clamp(0.0, 255.0) as u8));
         }
     }
     out

@@ -24,7 +24,7 @@ use gelsim_files::image_file;
 use gelsim_files::sensor;
 
 /// A simulated press.
-pub struct Evaluated {
+pub struct EvaluatedPress {
     /// The image's file, as the table has it.
     pub file: String,
     /// The picture.
@@ -38,7 +38,7 @@ pub struct Evaluated {
 /// Presses of a table, simulated.
 pub struct Evaluation {
     /// One for each row.
-    pub presses: Vec<Evaluated>,
+    pub presses: Vec<EvaluatedPress>,
     /// What speaks against table, images and sensor.
     pub findings: Findings,
 }
@@ -92,7 +92,7 @@ pub fn evaluate(table: &Path, sensor: &Sensor, options: Options) -> Result<Evalu
         let of_size = image.as_ref().ok().filter(|image| image.dimensions() == untouched.dimensions());
         Some(simulate(press, (*circle)?, ball, contact_over_disc, &simulator, of_size.map(|image| (image, &untouched))))
     };
-    let (presses, too_large): (Vec<Evaluated>, Vec<bool>) = rows.filter_map(one).unzip();
+    let (presses, too_large): (Vec<EvaluatedPress>, Vec<bool>) = rows.filter_map(one).unzip();
     let session = of_images(&table, &circles, images, untouched, &simulator);
     let as_warning = |found: Diagnostic| Diagnostic { severity: Severity::Warning, ..found };
     let mut findings = Findings::default();
@@ -169,12 +169,13 @@ fn circles_of(
     let circles: Vec<Option<Circle>> = table.presses.par_iter().zip(images).map(look).collect();
     for (press, _) in table.presses.iter().zip(&circles).filter(|(_, circle)| circle.is_none()) {
         let problem = table.problem(press.line, format!("{}: no circle", press.file));
-        let (cause, help) = match detects {
-            true => ("images show no press that is found", "write the circle into the table, or leave the row out"),
-            false => (
+        let (cause, help) = if detects {
+            ("images show no press that is found", "write the circle into the table, or leave the row out")
+        } else {
+            (
                 "images have no circle in the table",
                 "write the circle into the table, or add --detect to have it looked for",
-            ),
+            )
         };
         problems.push(problem.of(press.file.as_str(), cause).help(help));
     }
@@ -251,7 +252,7 @@ fn simulate(
     contact_over_disc: f64,
     simulator: &Simulator,
     real: Option<(&RgbImage, &RgbImage)>,
-) -> (Evaluated, bool) {
+) -> (EvaluatedPress, bool) {
     let view = simulator.view();
     let found = ball.depth_mm(circle.radius_px * view.mm_per_px[0] * contact_over_disc);
     let contact = ball.press(simulator.pad(), view, circle.centre_px, found.unwrap_or(ball.deepest_mm()));
@@ -259,7 +260,7 @@ fn simulate(
     let simulated = picture(&light, simulator.background());
     let scores = real.map(|(real, _)| score(real, &simulated, Some(&circle), DILATE));
     let bare = real.map(|(real, untouched)| score(real, untouched, Some(&circle), DILATE));
-    (Evaluated { file: press.file.clone(), simulated, scores, bare }, found.is_none())
+    (EvaluatedPress { file: press.file.clone(), simulated, scores, bare }, found.is_none())
 }
 
 /// What the picture for an image is called: its name without folders, with the ending of a PNG.

@@ -35,7 +35,7 @@ const SMALLEST_TILE: f64 = 8.0;
 
 /// What a calibration says of its device.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Imported {
+pub struct ImportedSensor {
     /// The file's name without its end.
     pub name: String,
     /// Width and height of the sensor's image, px: a quarter of the device's.
@@ -58,7 +58,7 @@ pub struct Left {
 }
 
 /// Reads the calibration at `path`. On failure, everything that is wrong in it.
-pub fn import(path: &Path) -> Result<Imported, Report> {
+pub fn import(path: &Path) -> Result<ImportedSensor, Report> {
     let shown = path.display().to_string();
     let text = input::read(path, MOST_YAML).map_err(|error| error.to_string());
     let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| String::from("it is not UTF-8")));
@@ -102,7 +102,7 @@ pub fn import(path: &Path) -> Result<Imported, Report> {
         quadratic: quadratics[k],
         flat_field: fitted.as_ref().map_or(even, |fitted| fitted[k].0),
     });
-    Ok(Imported {
+    Ok(ImportedSensor {
         name: path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
         resolution_px: size_px.map(|px| libm::round(px / REDUCTION).max(1.0) as u32),
         field_of_view_mm: size_px.map(|px| libm::round(1e4 * px * mm_per_px) / 1e4),
@@ -139,10 +139,7 @@ impl Device {
             let last = matrix.last().cloned().unwrap_or_default();
             last.as_chunks::<3>().0.iter().map(|[x, y, _]| libm::atan2(*y, *x)).collect()
         });
-        let flat_field = match yaml.has_section("flatfield") {
-            true => FlatField::read(yaml).map(Some),
-            false => Some(None),
-        };
+        let flat_field = if yaml.has_section("flatfield") { FlatField::read(yaml).map(Some) } else { Some(None) };
         lamps?;
         let [Some(width), Some(height)] = size_px else { return None };
         Some(Self {
@@ -389,9 +386,10 @@ impl<'a> Yaml<'a> {
         let (value, place) = self.value(section, key)?;
         let read = value.parse().ok().filter(|number| range.contains(number));
         if read.is_none() {
-            let allowed = match range.start() == range.end() {
-                true => format!("allowed: {}", range.start()),
-                false => format!("allowed: {} to {}", range.start(), range.end()),
+            let allowed = if range.start() == range.end() {
+                format!("allowed: {}", range.start())
+            } else {
+                format!("allowed: {} to {}", range.start(), range.end())
             };
             self.wrong(place, format!("`{key}` is {value}"), &allowed);
         }

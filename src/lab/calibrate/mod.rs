@@ -77,7 +77,7 @@ impl Observation {
 
 /// Dots printed on a pad, and its picture with them.
 #[derive(Clone, Debug)]
-pub struct Printed {
+pub struct PrintedDots {
     /// The dots.
     pub dots: Dots,
     /// The background image with them.
@@ -96,7 +96,7 @@ pub struct Session {
     /// The presses.
     pub observations: Vec<Observation>,
     /// The dots that are printed on the pad.
-    pub printed: Option<Printed>,
+    pub printed: Option<PrintedDots>,
 }
 
 /// What decides the surface of all presses.

@@ -18,11 +18,6 @@ impl<'a> Work<'a> {
         Self { done: AtomicU64::new(0), all: all.max(1), heard }
     }
 
-    /// Work that nobody is told of.
-    pub fn unheard() -> Self {
-        Self::new(1, &|_, _| {})
-    }
-
     /// So many more steps are done; what they were for.
     pub fn add(&self, steps: u64, what: &str) {
         let done = self.done.fetch_add(steps, Ordering::Relaxed) + steps;

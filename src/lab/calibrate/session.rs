@@ -6,8 +6,8 @@ use std::path::Path;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::dots::{Cleared, Dots};
-use super::{Observation, Printed, Session};
+use super::dots::{Dots, InpaintedImage};
+use super::{Observation, PrintedDots, Session};
 use crate::calibrate::detect::{Detection, detect};
 use crate::presses::{self, Column, Press, Table};
 use gelsim_core::base::view::View;
@@ -44,13 +44,10 @@ pub fn unreadable(table: &Table, press: &Press, reason: &str) -> Diagnostic {
         },
         () => String::from("put the image in its place, or leave its row out"),
     };
-    let (what, cause) = match is_missing {
-        true => {
-            (format!("cannot read {}: it does not exist", press.path.display()), String::from("images do not exist"))
-        }
-        false => {
-            (format!("cannot read {}: {reason}", press.path.display()), format!("images cannot be read: {reason}"))
-        }
+    let (what, cause) = if is_missing {
+        (format!("cannot read {}: it does not exist", press.path.display()), String::from("images do not exist"))
+    } else {
+        (format!("cannot read {}: {reason}", press.path.display()), format!("images cannot be read: {reason}"))
     };
     table.problem(press.line, what).of(press.file.as_str(), cause).help(help)
 }
@@ -100,11 +97,11 @@ pub fn read(
     problems.extend(numbers(&table, pitch));
     let printed = background.as_ref().and_then(Dots::find);
     let rest = printed.as_ref().map(|(_, cleared)| &cleared.image).or(background.as_ref());
-    let looked: Vec<Looked> = table
+    let looked: Vec<PressReading> = table
         .presses
         .par_iter()
         .zip(images)
-        .filter_map(|(press, image)| Some(look(press, image.ok()?, rest?, printed.as_ref(), detects)))
+        .filter_map(|(press, image)| Some(inspect_press(press, image.ok()?, rest?, printed.as_ref(), detects)))
         .collect();
     let mut notes = Diagnostics::default();
     for press in table.presses.iter().filter(|press| press.circle.is_none() && !detects) {
@@ -112,7 +109,7 @@ pub fn read(
         let problem = problem.of(press.file.as_str(), "images have no circle in the table");
         problems.push(problem.help("write the circle into the table, or add --detect to have it looked for"));
     }
-    for Looked { press, found, .. } in looked.iter().filter(|looked| looked.is_looked_for) {
+    for PressReading { press, found, .. } in looked.iter().filter(|looked| looked.is_looked_for) {
         match found {
             None => {
                 let problem = table.problem(press.line, format!("{}: no press is found in it", press.file));
@@ -136,10 +133,10 @@ pub fn read(
     let sensor = Sensor { resolution_px, field_of_view_mm, ..sensor };
     let camera = View { resolution_px: resolution_px.map(|px| px as usize), mm_per_px: [pitch; 2] };
     let motion = looked.iter().flat_map(|looked| looked.motion.iter().copied()).collect();
-    let observations = looked.into_iter().filter_map(Looked::observation).collect();
+    let observations = looked.into_iter().filter_map(PressReading::observation).collect();
     let (printed, background) = match printed {
         None => (None, background),
-        Some((dots, cleared)) => (Some(Printed { dots: dots.with_motion(motion), background }), cleared.image),
+        Some((dots, cleared)) => (Some(PrintedDots { dots: dots.with_motion(motion), background }), cleared.image),
     };
     Ok((Session { sensor, camera, background, observations, printed }, notes))
 }
@@ -222,24 +219,24 @@ fn numbers(table: &Table, pitch: Option<f64>) -> Vec<Diagnostic> {
 }
 
 /// What was seen in the image of a row.
-struct Looked<'a> {
+struct PressReading<'a> {
     press: &'a Press,
-    cleared: Cleared,
+    cleared: InpaintedImage,
     motion: Vec<f64>,
     is_looked_for: bool,
     found: Option<Detection>,
 }
 
-fn look<'a>(
+fn inspect_press<'a>(
     press: &'a Press,
     image: RgbImage,
     rest: &RgbImage,
-    printed: Option<&(Dots, Cleared)>,
+    printed: Option<&(Dots, InpaintedImage)>,
     detects: bool,
-) -> Looked<'a> {
+) -> PressReading<'a> {
     let is_of_size = image.dimensions() == rest.dimensions();
     let (cleared, motion) = match printed.filter(|_| is_of_size) {
-        None => (Cleared { image, ink: Vec::new() }, Vec::new()),
+        None => (InpaintedImage { image, ink: Vec::new() }, Vec::new()),
         Some((dots, untouched)) => {
             let (mut cleared, motion) = dots.clear(&image);
             cleared.ink.iter_mut().zip(&untouched.ink).for_each(|(ink, other)| *ink |= *other);
@@ -248,12 +245,12 @@ fn look<'a>(
     };
     let is_looked_for = detects && press.circle.is_none() && is_of_size;
     let found = if is_looked_for { detect(&cleared.image, rest) } else { None };
-    Looked { press, cleared, motion, is_looked_for, found }
+    PressReading { press, cleared, motion, is_looked_for, found }
 }
 
-impl Looked<'_> {
+impl PressReading<'_> {
     fn observation(self) -> Option<Observation> {
-        let Self { press, cleared: Cleared { image, ink }, found, .. } = self;
+        let Self { press, cleared: InpaintedImage { image, ink }, found, .. } = self;
         Some(Observation {
             file: press.file.clone(),
             image,
@@ -270,12 +267,12 @@ fn detected(press: &Press, found: &Detection) -> Diagnostic {
     let ([x, y], radius) = (found.circle.centre_px, found.circle.radius_px);
     let sure = (100.0 * found.confidence).round();
     let message = format!("{}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure} % sure", press.file);
-    match found.confidence < SURE {
-        true => {
-            let cause = "circles were found, but not surely";
-            let help = "look at them in the page beside the sensor file; where one is wrong, write the right one into the table";
-            Diagnostic::warning(message).of(format!("{} ({sure} % sure)", press.file), cause).help(help)
-        }
-        false => Diagnostic::note(message).of(format!("{} ({sure} % sure)", press.file), "circles were found"),
+    if found.confidence < SURE {
+        let cause = "circles were found, but not surely";
+        let help =
+            "look at them in the page beside the sensor file; where one is wrong, write the right one into the table";
+        Diagnostic::warning(message).of(format!("{} ({sure} % sure)", press.file), cause).help(help)
+    } else {
+        Diagnostic::note(message).of(format!("{} ({sure} % sure)", press.file), "circles were found")
     }
 }

@@ -19,7 +19,7 @@ use gelsim_files::npz::Npz;
 
 /// What a folder says of its sensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Imported {
+pub struct ImportedSensor {
     /// The folder's name.
     pub name: String,
     /// Width and height of the image, px.
@@ -33,7 +33,7 @@ pub struct Imported {
 }
 
 /// Reads a folder. On failure, everything that is wrong in it.
-pub fn import(folder: &Path) -> Result<Imported, Report> {
+pub fn import(folder: &Path) -> Result<ImportedSensor, Report> {
     if !folder.is_dir() {
         let what = if folder.exists() { "is no folder" } else { "does not exist" };
         return Err(user_error(format!("{} {what}", folder.display()), FOLDER_HELP));
@@ -57,7 +57,7 @@ pub fn import(folder: &Path) -> Result<Imported, Report> {
             }
             Ok(()) => {
                 let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-                return Ok(Imported {
+                return Ok(ImportedSensor {
                     name: absolute
                         .file_name()
                         .map_or_else(|| String::from("taxim"), |name| name.to_string_lossy().into()),
@@ -140,12 +140,15 @@ fn params(path: &Path) -> Result<Params, Wrong> {
     gelsim_core::base::view::sides([sensor.w, sensor.h]).map_err(|reason| {
         out_of_range(format!("`w` and `h`: {reason}"), "write the images' width and height in pixels")
     })?;
-    let number = |name: &str, value: f64, least: f64, most: f64| match (least..=most).contains(&value) {
-        true => Ok(()),
-        false => Err(Wrong {
-            reason: format!("`{name}` is {value}; allowed: {least} to {most}"),
-            help: format!("write a `{name}` of this range there"),
-        }),
+    let number = |name: &str, value: f64, least: f64, most: f64| {
+        if (least..=most).contains(&value) {
+            Ok(())
+        } else {
+            Err(Wrong {
+                reason: format!("`{name}` is {value}; allowed: {least} to {most}"),
+                help: format!("write a `{name}` of this range there"),
+            })
+        }
     };
     number("pixmm", sensor.pixmm, 1e-4, 10.0)?;
     number("num_bins", sensor.num_bins as f64, 2.0, MOST_BINS as f64)?;
@@ -186,10 +189,7 @@ impl Table {
                 help: format!("write \"num_bins\": {bins} into params.json, if both are of one calibration"),
             });
         }
-        match wrong.is_empty() {
-            true => Ok(Self { bins, polynomials }),
-            false => Err(wrong),
-        }
+        if wrong.is_empty() { Ok(Self { bins, polynomials }) } else { Err(wrong) }
     }
 }
 
@@ -255,7 +255,7 @@ fn background(photograph: &RgbImage, simulator: &Simulator) -> RgbImage {
             fraction * blurred + (1.0 - fraction) * f64::from(own[channel])
         };
         // To the nearest level; rounding errors of the blur are far below half of one.
-        image::Rgb([0, 1, 2].map(|channel| (mixed(channel) + 0.5) as u8))
+        image::Rgb(std::array::from_fn(|channel| (mixed(channel) + 0.5) as u8))
     })
 }
 

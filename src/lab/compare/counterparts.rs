@@ -7,7 +7,7 @@ use crate::presses::Column;
 
 /// What two folders are that have no pair of images.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Missing {
+pub struct MissingPairs {
     real: String,
     sim: String,
     real_is: Real,
@@ -34,7 +34,7 @@ enum Sim {
     Shaped,
 }
 
-impl Missing {
+impl MissingPairs {
     /// What two sides are.
     pub fn between([real_path, sim_path]: [&Path; 2], real: &Images, sim: &Images) -> Self {
         let needed = [Column::CentreX, Column::CentreY, Column::Radius, Column::BallRadius];

@@ -195,15 +195,16 @@ pub fn read(entry: &Entry) -> Result<RgbImage, Unusable> {
     };
     decode().map_err(|reason| {
         let path = entry.path.display().to_string();
-        let (cause, help) = match entry.path.exists() {
-            true => (
+        let (cause, help) = if entry.path.exists() {
+            (
                 format!("images cannot be read: {reason}"),
                 "save them with 8 bits a channel, for example as PNG; or leave them out",
-            ),
-            false => (
+            )
+        } else {
+            (
                 String::from("images do not exist"),
                 "put them where annotations.csv says, from its own folder; or leave their rows out",
-            ),
+            )
         };
         let problem = Diagnostic::new(format!("cannot read the image {path}: {reason}"));
         Unusable::new(entry, problem.of(path, cause).help(help))

@@ -25,7 +25,7 @@ pub mod score;
 pub mod spectrum;
 pub mod verdict;
 
-use counterparts::Missing;
+use counterparts::MissingPairs;
 use distribution::{Distances, Tally};
 use images::{Entry, SensorImages, Unusable};
 use pairs::{Group, Side};
@@ -53,7 +53,7 @@ pub struct Comparison {
     pub diagnostics: Vec<Diagnostic>,
     /// Why no two images belong together, where none do.
     #[serde(skip)]
-    pub missing: Option<Missing>,
+    pub missing: Option<MissingPairs>,
 }
 
 /// One sensor.
@@ -109,7 +109,7 @@ pub fn compare(real: &Path, sim: &Path, dilate: f64) -> Result<Comparison, Repor
     };
     let (groups, mut notes) = pairs::pair(&real, &sim);
     let is_apart = groups.iter().any(|group| matches!(group, Group::Apart { .. }));
-    let missing = is_apart.then(|| Missing::between(folders, &real, &sim));
+    let missing = is_apart.then(|| MissingPairs::between(folders, &real, &sim));
     let (mut sensors, mut images, mut wrong) = (Vec::new(), Vec::new(), Report::default());
     for group in groups {
         let result = match group {

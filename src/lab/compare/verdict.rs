@@ -60,9 +60,10 @@ pub fn verdict(distances: &Distances, scenes: Scenes) -> String {
         ),
     }));
     parts.extend(coarser.chunk_by(|a, b| way(a) == way(b)).filter_map(|octaves| structure(octaves, scenes)));
-    match parts.is_empty() {
-        true => String::from("no difference in colour, contrast, edges or grain that is worth a word"),
-        false => parts.join(", "),
+    if parts.is_empty() {
+        String::from("no difference in colour, contrast, edges or grain that is worth a word")
+    } else {
+        parts.join(", ")
     }
 }
 

@@ -7,7 +7,7 @@ const BLOCK: usize = 4;
 
 /// A symmetric matrix: each row from its diagonal to `band` columns beyond.
 #[derive(Clone, Debug)]
-pub struct Banded {
+pub struct BandMatrix {
     size: usize,
     stride: usize,
     rows: Vec<f64>,
@@ -15,9 +15,9 @@ pub struct Banded {
 
 /// The factors of such a matrix: U of A = U^T D^-1 U, with D the diagonal of U.
 #[derive(Debug)]
-pub struct Factored(Banded);
+pub struct BandFactors(BandMatrix);
 
-impl Banded {
+impl BandMatrix {
     /// Zeros, for entries up to `band` columns from the diagonal.
     pub fn new(size: usize, band: usize) -> Self {
         // Room for what a block's last row has beyond its first, and rows to fill the last block.
@@ -37,13 +37,13 @@ impl Banded {
 
     /// Eliminates without exchanging rows, which is stable as long as displacements alone are (the matrix is then
     /// quasi-definite). `None` where a pivot is nothing or no number.
-    pub fn factor(mut self) -> Option<Factored> {
+    pub fn factor(mut self) -> Option<BandFactors> {
         let mut done = None;
         simd_dispatch(
             #[inline(always)]
             || done = self.eliminate(),
         );
-        done.map(|()| Factored(self))
+        done.map(|()| BandFactors(self))
     }
 
     #[inline(always)]
@@ -88,10 +88,10 @@ fn eliminate(block: &[f64], below: &mut [f64], stride: usize) {
     }
 }
 
-impl Factored {
+impl BandFactors {
     /// Solves for a right-hand side, in its place.
     pub fn solve(&self, values: &mut [f64]) {
-        let Banded { size, stride, rows } = &self.0;
+        let BandMatrix { size, stride, rows } = &self.0;
         let row = |k: usize| &rows[k * stride..][..*stride.min(&(size - k))];
         for k in 0..*size {
             let own = row(k);
@@ -130,7 +130,7 @@ mod tests {
                     _ => 0.0,
                 }
             };
-            let mut matrix = Banded::new(size, band);
+            let mut matrix = BandMatrix::new(size, band);
             for row in 0..size {
                 for column in row.saturating_sub(band)..size.min(row + band + 1) {
                     matrix.add(row, column, entry(row, column));
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn a_singular_matrix_has_no_factors() {
-        let mut matrix = Banded::new(2, 1);
+        let mut matrix = BandMatrix::new(2, 1);
         for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
             matrix.add(row, column, 1.0);
         }

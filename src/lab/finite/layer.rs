@@ -1,6 +1,6 @@
 //! The layer: its elements, which of their unknowns are free, and the system of equations at a state.
 
-use super::band::Banded;
+use super::band::BandMatrix;
 use super::element::{DISPLACEMENTS, Element, Response, Rubber, UNKNOWNS};
 use super::mesh::Mesh;
 
@@ -26,7 +26,7 @@ pub struct System {
     /// What is not in balance.
     pub forces: Vec<f64>,
     /// Derivatives of the forces.
-    pub matrix: Banded,
+    pub matrix: BandMatrix,
 }
 
 impl Layer {
@@ -91,7 +91,7 @@ impl Layer {
 
     /// Forces within the rubber and their derivatives at a state. `None` where it would be turned inside out.
     pub fn system(&self, state: &[f64]) -> Option<System> {
-        let mut system = System { forces: vec![0.0; self.unknowns], matrix: Banded::new(self.unknowns, self.band) };
+        let mut system = System { forces: vec![0.0; self.unknowns], matrix: BandMatrix::new(self.unknowns, self.band) };
         for (element, unknowns) in &self.elements {
             let own = unknowns.map(|unknown| if unknown == HELD { 0.0 } else { state[unknown] });
             let Response { forces, matrix } = element.response(self.rubber, &own)?;

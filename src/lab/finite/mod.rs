@@ -59,7 +59,7 @@ pub struct Comparison {
     #[serde(flatten)]
     pub options: Options,
     /// A press for each object.
-    pub presses: Vec<Compared>,
+    pub presses: Vec<PressComparison>,
     /// Objects without one, and why.
     pub left_out: Vec<LeftOut>,
 }
@@ -77,7 +77,7 @@ pub struct LeftOut {
 
 /// One press, by finite elements and by the linear layer.
 #[derive(Clone, Debug, Serialize)]
-pub struct Compared {
+pub struct PressComparison {
     /// Name of the object.
     pub object: String,
     /// Number of the sample whose depth it is.
@@ -188,7 +188,7 @@ fn chosen(plan: &Plan, object: &str, scene: &Scene) -> Result<Chosen, LeftOut> {
 }
 
 /// Presses by both.
-fn compared(chosen: &Chosen, options: Options, progress: impl Fn(f64)) -> Result<Compared, String> {
+fn compared(chosen: &Chosen, options: Options, progress: impl Fn(f64)) -> Result<PressComparison, String> {
     let Chosen { sensor, body, .. } = chosen;
     let mut clock = Clock::start();
     let thickness = sensor.gelpad.thickness_mm;
@@ -221,7 +221,7 @@ fn compared(chosen: &Chosen, options: Options, progress: impl Fn(f64)) -> Result
     let ring = ring(&press, &linear, drop);
     let force_n = press.force() * sensor.gelpad.youngs_modulus_kpa * 1e-3;
     let linear_force_n = linear.contact.force_n.unwrap_or(0.0);
-    Ok(Compared {
+    Ok(PressComparison {
         object: chosen.object.clone(),
         sample: chosen.sample,
         tilt_deg: chosen.tilt_deg,

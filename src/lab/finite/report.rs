@@ -2,11 +2,11 @@
 
 use std::fmt::Write;
 
-use super::{Compared, Comparison};
+use super::{Comparison, PressComparison};
 use crate::text_table::TextTable;
 
 /// Columns of the CSV: name and value.
-fn columns(press: &Compared) -> Vec<(&'static str, String)> {
+fn columns(press: &PressComparison) -> Vec<(&'static str, String)> {
     let number = |value: f64| format!("{value:?}");
     vec![
         // Names of objects are names of files.

@@ -216,10 +216,7 @@ fn tables(
     pad: &SensorPad,
 ) -> String {
     let size = |size: Size, count: usize| {
-        let of = match group.format.knows_its_unit() {
-            true => ", against what the file says",
-            false => "",
-        };
+        let of = if group.format.knows_its_unit() { ", against what the file says" } else { "" };
         match size {
             Size::AsItIs => String::new(),
             Size::In(unit) if count == 1 => {
@@ -241,10 +238,8 @@ fn tables(
     };
     let stems: BTreeSet<_> = group.files.iter().filter_map(|path| path.file_stem()).collect();
     // Where few share theirs, the folders that tell those apart name their classes anyway.
-    let class = match 2 * stems.len() <= group.files.len() {
-        true => "class_from = \"folder\"   # files share their names\n",
-        false => "",
-    };
+    let class =
+        if 2 * stems.len() <= group.files.len() { "class_from = \"folder\"   # files share their names\n" } else { "" };
     let is_bad = |mesh: &Inspection| mesh.mesh.is_none();
     if sizes.iter().all(|other| *other == sizes[0]) {
         let bad = inspected.iter().filter(|mesh| is_bad(mesh)).count();

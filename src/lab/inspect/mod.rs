@@ -110,13 +110,12 @@ impl MeshFacts {
         });
         let rows_per_capture = sides::rows(&mesh, pad);
         let is_captured = (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm) && rows_per_capture <= sides::MOST_ROWS;
-        let (sides, auto_face) = match is_captured {
-            true => {
-                let object = Clusters::new(&mesh);
-                let auto = Face::of(faces::richest(&object, pad.thickness_mm));
-                (sides::sides(&object, size_mm, pad), Some(auto))
-            }
-            false => (Vec::new(), None),
+        let (sides, auto_face) = if is_captured {
+            let object = Clusters::new(&mesh);
+            let auto = Face::of(faces::richest(&object, pad.thickness_mm));
+            (sides::sides(&object, size_mm, pad), Some(auto))
+        } else {
+            (Vec::new(), None)
         };
         Self {
             given,

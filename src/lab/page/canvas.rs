@@ -203,9 +203,13 @@ impl Element {
         match self {
             Self::Line { points, colour, width, dash } => {
                 for ends in points.windows(2) {
-                    let way = [0, 1].map(|i| ends[1][i] - ends[0][i]);
+                    let [x, y] = ends[0];
+                    let way = [ends[1][0] - x, ends[1][1] - y];
                     let length = way[0].hypot(way[1]);
-                    let at = |along: f64| [0, 1].map(|i| ends[0][i] + way[i] * (along / length).min(1.0));
+                    let at = |along: f64| {
+                        let share = (along / length).min(1.0);
+                        [x + way[0] * share, y + way[1] * share]
+                    };
                     let dash = dash.map_or(length, f64::from);
                     for start in (0..).map(|k| 2.0 * dash * f64::from(k)).take_while(|start| *start < length) {
                         pixels.stroke([at(start), at(start + dash)], *colour, *width);

@@ -65,12 +65,11 @@ pub fn scaled(panels: &[RgbImage], width: u32) -> Vec<RgbImage> {
 
 /// A picture made `width` px wide at the most.
 pub fn shrunk(panel: &RgbImage, width: u32) -> RgbImage {
-    match panel.width() > width {
-        true => {
-            let height = (u64::from(panel.height()) * u64::from(width)).div_ceil(u64::from(panel.width()));
-            imageops::resize(panel, width, height as u32, FilterType::Triangle)
-        }
-        false => panel.clone(),
+    if panel.width() > width {
+        let height = (u64::from(panel.height()) * u64::from(width)).div_ceil(u64::from(panel.width()));
+        imageops::resize(panel, width, height as u32, FilterType::Triangle)
+    } else {
+        panel.clone()
     }
 }
 

@@ -70,7 +70,7 @@ fn classes(dataset: &Recorded, shards: &[(Shard, BTreeSet<u64>)]) -> Result<Vec<
         let before = found.len();
         let visit = |files: Files| {
             let read = files.key.parse().ok().zip(files.member("json"));
-            match read.map(|(index, json)| (index, serde_json::from_slice::<Classed>(json))) {
+            match read.map(|(index, json)| (index, serde_json::from_slice::<ClassLabel>(json))) {
                 Some((index, Ok(label))) => found.push((index, label.object.class)),
                 Some((_, Err(error))) => wrong = Some(format!("{}.json: {error}", files.key)),
                 None => wrong = Some(format!("{}.json: is not in the shard", files.key)),
@@ -91,7 +91,7 @@ fn classes(dataset: &Recorded, shards: &[(Shard, BTreeSet<u64>)]) -> Result<Vec<
 
 /// What of a label says its class.
 #[derive(Deserialize)]
-struct Classed {
+struct ClassLabel {
     object: NamedClass,
 }
 

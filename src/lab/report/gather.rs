@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::histogram::{Histogram, PerSplit};
+use super::histogram::{Histogram, PerSplit, add};
 use super::places::Places;
 use super::quantities::QUANTITIES;
 use super::sequences::Sequences;
@@ -16,7 +16,7 @@ use gelsim_job::label::Label;
 use gelsim_job::layout::Split;
 
 /// What is known of the samples of some shards.
-pub struct Gathered {
+pub struct DatasetStats {
     /// Samples whose labels were read.
     pub samples: PerSplit,
     /// Those among them in contact.
@@ -145,7 +145,7 @@ fn without_numbers(text: &str) -> String {
     out
 }
 
-impl Gathered {
+impl DatasetStats {
     /// Of no samples, in a view of this width and height.
     pub fn new(view_mm: [f64; 2]) -> Self {
         Self {
@@ -288,10 +288,6 @@ impl Totals {
         self.generators.extend(other.generators);
         self.fingerprints.extend(other.fingerprints);
     }
-}
-
-fn add(sum: &mut PerSplit, counts: &PerSplit) {
-    sum.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
 }
 
 /// The entry of a name, whose text is copied only once.

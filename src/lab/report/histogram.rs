@@ -147,7 +147,8 @@ impl Histogram {
     }
 }
 
-fn add(sum: &mut PerSplit, counts: &PerSplit) {
+/// Adds counts of the same splits.
+pub fn add(sum: &mut PerSplit, counts: &PerSplit) {
     sum.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
 }
 

@@ -17,9 +17,9 @@ pub mod places;
 pub mod quantities;
 pub mod sequences;
 
-use gather::{Gathered, counted};
+use gather::{DatasetStats, counted};
 
-use crate::preview::{Tile, Wanted};
+use crate::preview::{LayerSelection, Tile};
 use gelsim_dataset::archive::{Files, Head};
 use gelsim_dataset::labels::{self, SampleLabel};
 use gelsim_dataset::manifest::Manifest;
@@ -50,14 +50,14 @@ pub struct Dataset {
     /// Its manifest, if it is complete.
     pub manifest: Option<Manifest>,
     /// What its shards hold.
-    pub gathered: Gathered,
+    pub gathered: DatasetStats,
     /// Shards that are not there, as ranges of neighbours.
-    pub missing: Vec<Missing>,
+    pub missing: Vec<MissingShards>,
 }
 
 /// Neighbouring shards that are not there.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Missing {
+pub struct MissingShards {
     /// The first one.
     pub first: Shard,
     /// The last one.
@@ -71,17 +71,17 @@ pub fn read(root: &Path) -> Result<Dataset, Refused> {
     let text = input::read(&job, MOST_READ).map_err(|error| Refused::Io(job, error))?;
     let manifest = Manifest::read(&root.join("dataset.json"))?;
     let layout = &recorded.layout;
-    let (mut complete, mut missing) = (Vec::new(), Vec::<Missing>::new());
+    let (mut complete, mut missing) = (Vec::new(), Vec::<MissingShards>::new());
     for shard in (0..layout.shard_count()).map(|number| layout.shard(number)) {
         let paths = recorded.paths(&shard);
         match (paths.data.exists() || paths.stats.exists(), missing.last_mut()) {
             (true, _) => complete.push(shard),
-            (false, Some(Missing { last, .. })) if last.number + 1 == shard.number => *last = shard,
-            (false, _) => missing.push(Missing { first: shard, last: shard }),
+            (false, Some(MissingShards { last, .. })) if last.number + 1 == shard.number => *last = shard,
+            (false, _) => missing.push(MissingShards { first: shard, last: shard }),
         }
     }
     let picks = Picks::from_layout(layout, &complete);
-    let mut gathered = Gathered::new(recorded.job.sensor.field_of_view_mm);
+    let mut gathered = DatasetStats::new(recorded.job.sensor.field_of_view_mm);
     // A few shards at a time, added in their order, so that sums do not depend on the threads.
     for shards in complete.chunks(4 * rayon::current_num_threads()) {
         let parts: Vec<_> =
@@ -142,11 +142,11 @@ fn spread(layout: &Layout, shards: &[Shard], count: u64) -> BTreeSet<u64> {
 }
 
 /// Gathers what one shard holds.
-fn gather_shard(recorded: &Recorded, shard: &Shard, picks: &Picks) -> Result<Gathered, Refused> {
+fn gather_shard(recorded: &Recorded, shard: &Shard, picks: &Picks) -> Result<DatasetStats, Refused> {
     let paths = recorded.paths(shard);
     let (file, stats_name) = (paths.container.file(shard), format!("stats/{}.json", shard.name()));
     let stats = Stats::read(&paths.stats)?;
-    let mut gathered = Gathered::new(recorded.job.sensor.field_of_view_mm);
+    let mut gathered = DatasetStats::new(recorded.job.sensor.field_of_view_mm);
     let mut found = Vec::new();
     match &stats {
         Some(stats) => gathered.count_shard(shard.split, stats),
@@ -173,7 +173,7 @@ fn gather_shard(recorded: &Recorded, shard: &Shard, picks: &Picks) -> Result<Gat
 }
 
 /// Reads the labels of a shard, and the images that were picked. What is wrong there.
-fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gathered) -> Vec<String> {
+fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut DatasetStats) -> Vec<String> {
     let (mut wrong, mut files, mut seen, mut strangers) = (Vec::new(), BTreeMap::new(), 0, 0);
     let picked = |picks: &BTreeSet<u64>, key: &str| key.parse().is_ok_and(|index| picks.contains(&index));
     let wanted = |head: Head| {
@@ -209,7 +209,7 @@ fn labels(recorded: &Recorded, shard: &Shard, picks: &Picks, gathered: &mut Gath
 }
 
 /// Counts a sample.
-fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -> Result<(), String> {
+fn count(gathered: &mut DatasetStats, split: Split, picks: &Picks, sample: &Files) -> Result<(), String> {
     let key = &sample.key;
     let bytes = sample.member("json").ok_or_else(|| format!("{key}.json is missing"))?;
     let label = SampleLabel::read(bytes).map_err(|error| format!("{key}.json: {error}"))?;
@@ -235,7 +235,7 @@ fn count(gathered: &mut Gathered, split: Split, picks: &Picks, sample: &Files) -
         gathered.brightness.count(split, sum as f64 / (image.len().max(1)) as f64);
     }
     if picks.sheet.contains(&index) {
-        gathered.show(index, split, Tile::read(sample, &Wanted::Usual)?);
+        gathered.show(index, split, Tile::read(sample, &LayerSelection::Usual)?);
     }
     Ok(())
 }
@@ -276,13 +276,13 @@ mod tests {
             (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number)).collect();
         let picks = Picks::from_layout(&recorded.layout, &shards);
         let sum = |order: &mut dyn Iterator<Item = &Shard>| {
-            let mut sum = Gathered::new(recorded.job.sensor.field_of_view_mm);
+            let mut sum = DatasetStats::new(recorded.job.sensor.field_of_view_mm);
             order.for_each(|shard| sum.merge(gather_shard(&recorded, shard, &picks).expect("readable")));
             sum.tiles.sort_by_key(|tile| tile.index);
             sum
         };
         let (forth, back) = (sum(&mut shards.iter()), sum(&mut shards.iter().rev()));
-        let counts = |sum: &Gathered| {
+        let counts = |sum: &DatasetStats| {
             let bars: Vec<_> = sum.histograms.iter().chain([&sum.brightness]).map(|one| one.bars(20)).collect();
             let tiles: Vec<_> =
                 sum.tiles.iter().map(|tile| (tile.index, tile.tile.strip(&Scales::default(), 108))).collect();

@@ -127,13 +127,13 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     };
     let samples = chosen(count);
     progress("reference");
-    let reference = Measured::new(&plan.with_fidelity(Fidelity::Reference), &samples);
+    let reference = LevelMeasurement::new(&plan.with_fidelity(Fidelity::Reference), &samples);
     let mut compared = Vec::new();
     for level in Fidelity::ALL {
         progress(level.name());
         compared.push(match level {
             Fidelity::Reference => reference.compared(level.name(), &reference),
-            _ => Measured::new(&plan.with_fidelity(level), &samples).compared(level.name(), &reference),
+            _ => LevelMeasurement::new(&plan.with_fidelity(level), &samples).compared(level.name(), &reference),
         });
     }
     let everything: Vec<usize> = (0..samples.len()).collect();
@@ -147,16 +147,16 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
 
     let few = chosen(STUDIED.min(count));
     let exact = plan.with_fidelity(Fidelity::Reference);
-    let exact_few = Measured::new(&exact, &few);
+    let exact_few = LevelMeasurement::new(&exact, &few);
     progress("other grids");
     let grids = grids(&exact, &few);
     let study = |variants: Vec<(String, Model)>| {
-        let measured: Vec<Compared> = variants
+        let measured: Vec<LevelComparison> = variants
             .into_iter()
             .map(|(name, gelpad)| {
                 progress(&name);
                 let models = Models { gelpad, optics: exact.simulator.models().optics.clone() };
-                Measured::new(&exact.with_models(models), &few).compared(&name, &exact_few)
+                LevelMeasurement::new(&exact.with_models(models), &few).compared(&name, &exact_few)
             })
             .collect();
         rows(&measured, &(0..few.len()).collect::<Vec<_>>())
@@ -183,12 +183,12 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
 }
 
 /// What a plan makes of some samples.
-struct Measured {
+struct LevelMeasurement {
     samples: Vec<Sample>,
     seconds: Vec<Seconds>,
 }
 
-impl Measured {
+impl LevelMeasurement {
     fn new(plan: &Plan, indices: &[u64]) -> Self {
         let (mut samples, mut seconds) = (Vec::new(), Vec::new());
         for index in indices {
@@ -206,23 +206,23 @@ impl Measured {
         Self { samples, seconds }
     }
 
-    fn compared(&self, name: &str, reference: &Self) -> Compared {
+    fn compared(&self, name: &str, reference: &Self) -> LevelComparison {
         let pairs = self.samples.iter().zip(&reference.samples);
         let errors = pairs.map(|(sample, exact)| Errors::new(sample, exact)).collect();
-        Compared { name: name.to_owned(), errors, seconds: self.seconds.clone() }
+        LevelComparison { name: name.to_owned(), errors, seconds: self.seconds.clone() }
     }
 }
 
 /// A choice of models against the reference, sample by sample.
-struct Compared {
+struct LevelComparison {
     name: String,
     errors: Vec<Errors>,
     seconds: Vec<Seconds>,
 }
 
 /// One row for each, over the samples `chosen`.
-fn rows(all: &[Compared], chosen: &[usize]) -> Vec<Row> {
-    let row = |compared: &Compared| {
+fn rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<Row> {
+    let row = |compared: &LevelComparison| {
         let seconds: Vec<&Seconds> = chosen.iter().map(|k| &compared.seconds[*k]).collect();
         let ms = |of: &dyn Fn(&Seconds) -> f64| seconds.iter().map(|all| 1e3 * of(all)).collect::<Vec<f64>>();
         let middle = |of: &dyn Fn(&Seconds) -> f64| median(&ms(of)).unwrap_or(0.0) * 1e-3;
@@ -327,7 +327,7 @@ impl Sums {
 }
 
 /// The reference's images without each of the effects that it runs.
-fn left_out(plan: &Plan, reference: &Measured, indices: &[u64]) -> Vec<LeftOut> {
+fn left_out(plan: &Plan, reference: &LevelMeasurement, indices: &[u64]) -> Vec<LeftOut> {
     let ran = |effect: &Effect| reference.samples.iter().any(|sample| sample.label.effects[*effect].ran);
     let rows = Effect::ALL.into_iter().filter(ran).map(|effect| {
         let without = plan.with_policy(EffectPolicy::Without(effect));

@@ -137,7 +137,7 @@ impl Sums {
         let largest = (0..reference.label.frames.len()).map(|k| size(force(&reference.label, k))).fold(1e-12, f64::max);
         for frame in 0..seen.label.frames.len() {
             let (a, b) = (force(&seen.label, frame), force(&reference.label, finer(frame)));
-            let off = size([0, 1, 2].map(|k| a[k] - b[k])) / largest;
+            let off = size(std::array::from_fn(|k| a[k] - b[k])) / largest;
             self.force += off;
             self.force_max = self.force_max.max(off);
             self.frames += 1;

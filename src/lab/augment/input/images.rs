@@ -40,9 +40,10 @@ pub fn is_absolute(name: &str) -> bool {
 
 /// A path as a label has it, with `/` between folders: one that was written on Windows has `\`, unless a file is called so.
 pub fn with_slashes(folder: &Path, written: &str) -> String {
-    match written.contains('\\') && !folder.join(written).exists() {
-        true => written.replace('\\', "/"),
-        false => written.to_owned(),
+    if written.contains('\\') && !folder.join(written).exists() {
+        written.replace('\\', "/")
+    } else {
+        written.to_owned()
     }
 }
 
@@ -82,15 +83,16 @@ pub struct Unreadable {
 
 /// What is wrong with an image that could not be read for `reason`.
 pub(super) fn unreadable(draft: &Draft<'_>, real: &Real, reason: &str) -> Unreadable {
-    match is_missing(draft, real) {
-        true => Unreadable {
+    if is_missing(draft, real) {
+        Unreadable {
             message: format!("cannot read the image {}: it is not there", real.key),
             cause: String::from("images are not there"),
-        },
-        false => Unreadable {
+        }
+    } else {
+        Unreadable {
             message: format!("cannot read the image {}: {reason}", real.key),
             cause: format!("images cannot be read ({reason})"),
-        },
+        }
     }
 }
 

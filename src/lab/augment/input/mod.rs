@@ -194,12 +194,13 @@ impl Set {
         let mut found = None;
         let wanted =
             |head: Head<'_>| (head.key == real.image && head.suffix == self.image).then_some(MOST_MEMBER_BYTES);
-        archive::open(&unit, wanted, |files| match files.key == real.image {
-            true => {
+        archive::open(&unit, wanted, |files| {
+            if files.key == real.image {
                 found = files.members.into_iter().next().map(|(_, bytes)| bytes);
                 ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
             }
-            false => ControlFlow::Continue(()),
         })?;
         found.ok_or_else(|| String::from("it is not there any more"))
     }

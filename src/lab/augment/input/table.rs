@@ -54,9 +54,10 @@ pub(super) fn read(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize) ->
     };
     if let Some(foreign) = foreign::recognise(&bytes) {
         let what = if bytes.is_empty() { "the table is empty" } else { foreign.what };
-        let help = match bytes.is_empty() {
-            true => "write the names of the columns in its first line, and a row for each image",
-            false => "save the table as CSV or JSON Lines, which are text",
+        let help = if bytes.is_empty() {
+            "write the names of the columns in its first line, and a row for each image"
+        } else {
+            "save the table as CSV or JSON Lines, which are text"
         };
         let message =
             if bytes.is_empty() { format!("{shown}: {what}") } else { format!("{shown} is {what}, no table") };
@@ -84,7 +85,7 @@ pub(super) fn read(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize) ->
         draft.found.push(Diagnostic::new(message).help("write a row for each image, with its name"));
         return None;
     }
-    let mut known = Known::default();
+    let mut known = PrecedingRows::default();
     let from = draft.root.join(&folder);
     let mut kept = Vec::new();
     for row in rows {
@@ -105,7 +106,7 @@ pub(super) fn read(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize) ->
 
 /// What is known of the rows before one.
 #[derive(Default)]
-struct Known {
+struct PrecedingRows {
     /// Lines of images, by their paths.
     lines: HashMap<PathBuf, u64>,
     /// What to do about paths that lead out: folders are looked through for it, once.
@@ -113,7 +114,7 @@ struct Known {
 }
 
 /// The image's path from the set's folder, if it is a file of the set's own that no row before it names.
-fn once(draft: &mut Draft<'_>, unit: usize, known: &mut Known, row: &Row, image: &str) -> Option<PathBuf> {
+fn once(draft: &mut Draft<'_>, unit: usize, known: &mut PrecedingRows, row: &Row, image: &str) -> Option<PathBuf> {
     let line = format!("line {}", row.line);
     let text = &draft.sources[unit].text;
     let wrong = |message: String, subject: String, cause: &str| {
@@ -127,19 +128,18 @@ fn once(draft: &mut Draft<'_>, unit: usize, known: &mut Known, row: &Row, image:
     let folder = &draft.units[unit].images;
     let Some(path) = images::inside(folder, image) else {
         let is_absolute = images::is_absolute(image);
-        let (message, cause) = match is_absolute {
-            true => (format!("{image} is an absolute path, of another place or machine"), "images have absolute paths"),
-            false => (
-                format!("{} is not in the folder of input.path", row.image),
-                "images are not in the folder of input.path",
-            ),
+        let (message, cause) = if is_absolute {
+            (format!("{image} is an absolute path, of another place or machine"), "images have absolute paths")
+        } else {
+            (format!("{} is not in the folder of input.path", row.image), "images are not in the folder of input.path")
         };
         let problem = wrong(message, row.image.clone(), cause);
         let help = known.ways_in.entry(is_absolute).or_insert_with(|| {
             let real = Real::of_image(unit, image);
-            images::elsewhere(draft, &real).unwrap_or_else(|| match is_absolute {
-                true => String::from("write names from the table's folder, or from one that input.images names"),
-                false => {
+            images::elsewhere(draft, &real).unwrap_or_else(|| {
+                if is_absolute {
+                    String::from("write names from the table's folder, or from one that input.images names")
+                } else {
                     String::from("name a folder above both with input.path, and the table from there with input.labels")
                 }
             })
@@ -304,9 +304,10 @@ fn json_lines(check: &mut Check<'_>, draft: &mut Draft<'_>, unit: usize, text: &
                 let problem = Diagnostic::new(format!("no JSON object: {reason}"));
                 let problem = problem.at(Place { source: unit, start: at, end: at });
                 let problem = problem.of(format!("line {}", number + 1), "lines are no JSON objects");
-                let help = match text.trim_start().starts_with('[') {
-                    true => "write each object on a line of its own, without [ ] around all and commas between them",
-                    false => "write one object on each line",
+                let help = if text.trim_start().starts_with('[') {
+                    "write each object on a line of its own, without [ ] around all and commas between them"
+                } else {
+                    "write one object on each line"
                 };
                 draft.found.push(problem.help(help));
                 continue;

@@ -86,14 +86,15 @@ fn sample(
             let all: Vec<&str> = suffixes.iter().map(String::as_str).collect();
             let key = if draft.written.image.is_some() { "input.image" } else { "input.path" };
             let message = format!("{name}: {}: no file of the sample is its image", files.key);
-            let help = match images.is_empty() {
-                false => format!("say which one under [input]: image = {:?} ({})", images[0], one_of(&images)),
-                true => format!(
+            let help = if images.is_empty() {
+                format!(
                     "put the image into the tar as KEY.png or KEY.jpg ({} are read; there are {}), or say which file is one \
                      with input.image",
                     image_file::NAMES,
                     one_of(&all)
-                ),
+                )
+            } else {
+                format!("say which one under [input]: image = {:?} ({})", images[0], one_of(&images))
             };
             check.error(key, message, help);
             return;

@@ -71,9 +71,10 @@ impl Maker<'_> {
             if *form == Form::Tar {
                 if tactile {
                     let failed = |reason: String| AugmentError::Sample(format!("{key}: {reason}"));
-                    let image = match is_of_format(&bytes, &set.image) {
-                        true => bytes,
-                        false => encode_as(&set.image, &sample.impression.image).map_err(failed)?,
+                    let image = if is_of_format(&bytes, &set.image) {
+                        bytes
+                    } else {
+                        encode_as(&set.image, &sample.impression.image).map_err(failed)?
                     };
                     piece.tar_files.push(Member::new(set.image.as_str(), image));
                 } else if self.columns.contains(&suffix) {

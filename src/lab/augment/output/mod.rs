@@ -44,14 +44,14 @@ pub struct Piece {
 
 /// Where an image goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Placed {
+pub struct ImagePlacement {
     /// Its file, from the output's folder.
     pub file: PathBuf,
     /// The file's name as labels have it.
     pub name: String,
 }
 
-impl Placed {
+impl ImagePlacement {
     /// The image of another name beside it; `rename` gives the name of a file from this one's.
     fn beside(&self, rename: impl Fn(&str) -> String) -> Self {
         let new = rename(&self.file.file_name().unwrap_or_default().to_string_lossy());
@@ -128,7 +128,7 @@ impl<'a> Units<'a> {
     }
 
     /// Where the image of a real sample goes; with a `tag` that of one made of it, which is a PNG.
-    pub fn image(&self, real: &Real, split: usize, tag: &str) -> Placed {
+    pub fn image(&self, real: &Real, split: usize, tag: &str) -> ImagePlacement {
         let placed = self.real(real, split);
         match tag {
             "" => placed.spelled_as(real),
@@ -137,7 +137,7 @@ impl<'a> Units<'a> {
     }
 
     /// Where the image of a synthetic sample of a class goes that follows a real one.
-    pub fn synthetic(&self, follows: &Real, split: usize, class: &str, key: &str) -> Placed {
+    pub fn synthetic(&self, follows: &Real, split: usize, class: &str, key: &str) -> ImagePlacement {
         let name = format!("{key}.png");
         let Layout::ClassFolders(kind) = self.set.layout else {
             return self.real(follows, split).beside(|_| name.clone()).spelled_as(follows);
@@ -149,10 +149,10 @@ impl<'a> Units<'a> {
         };
         let class = kind.are_classes.then(|| class.to_owned());
         let file: PathBuf = split.into_iter().chain(class).chain([name]).collect();
-        Placed { name: file.to_string_lossy().into_owned(), file }
+        ImagePlacement { name: file.to_string_lossy().into_owned(), file }
     }
 
-    fn real(&self, real: &Real, split: usize) -> Placed {
+    fn real(&self, real: &Real, split: usize) -> ImagePlacement {
         match self.set.layout {
             Layout::ClassFolders(kind) if self.division.anew => {
                 let rest = without_split(&real.path);
@@ -166,22 +166,21 @@ impl<'a> Units<'a> {
                     _ => rest,
                 };
                 let file = Path::new(&self.division.names[split]).join(rest);
-                Placed { name: file.to_string_lossy().into_owned(), file }
+                ImagePlacement { name: file.to_string_lossy().into_owned(), file }
             }
             _ if self.division.apart => {
                 let steps = Path::new(&real.image).components();
                 let steps_back = |step: &Component<'_>| matches!(step, Component::ParentDir);
-                let name = match steps.clone().any(|step| steps_back(&step)) {
-                    true => {
-                        let steps = steps.filter(|step| !steps_back(step)).collect::<PathBuf>();
-                        steps.to_string_lossy().into_owned()
-                    }
-                    false => real.image.clone(),
+                let name = if steps.clone().any(|step| steps_back(&step)) {
+                    let steps = steps.filter(|step| !steps_back(step)).collect::<PathBuf>();
+                    steps.to_string_lossy().into_owned()
+                } else {
+                    real.image.clone()
                 };
                 let folder = self.folder(real.unit, split);
-                Placed { file: inside(&folder, &name).unwrap_or_else(|| folder.join(&name)), name }
+                ImagePlacement { file: inside(&folder, &name).unwrap_or_else(|| folder.join(&name)), name }
             }
-            _ => Placed { file: real.path.clone(), name: real.image.clone() },
+            _ => ImagePlacement { file: real.path.clone(), name: real.image.clone() },
         }
     }
 }

@@ -91,7 +91,7 @@ impl Place {
 
     /// Gives the folder its name, in place of what is there: at every instant one of the two has it. What gelsim made of
     /// the other goes; if that fails, the output is there all the same.
-    pub fn finish(mut self) -> Result<(), Unfinished> {
+    pub fn finish(mut self) -> Result<(), IncompleteOutput> {
         let exchange = || {
             sync_all_in(&fs::File::open(&self.partial)?)?;
             if self.root.is_dir() {
@@ -104,7 +104,7 @@ impl Place {
         if let Err(error) = exchange() {
             // The run fails for another reason; the next one knows the file.
             let _ = fs::remove_file(self.root.join(MARKER));
-            return Err(Unfinished::NothingWritten(self.root.clone(), error));
+            return Err(IncompleteOutput::NothingWritten(self.root.clone(), error));
         }
         self.finished = true;
         let clear = || {
@@ -118,12 +118,12 @@ impl Place {
             }
             remove(&self.partial)
         };
-        clear().map_err(|error| Unfinished::OldStays(self.partial.clone(), error))
+        clear().map_err(|error| IncompleteOutput::OldStays(self.partial.clone(), error))
     }
 }
 
 /// Why an output is not as it should be.
-pub enum Unfinished {
+pub enum IncompleteOutput {
     /// It has not got its name.
     NothingWritten(PathBuf, io::Error),
     /// It has, but what was there before is still in this folder.

@@ -79,6 +79,6 @@ impl BackgroundSwap {
             let pixels = rgb.iter().zip(&self.difference).skip(k).step_by(3);
             pixels.map(|(level, change)| f32::from(i16::from(*level) + change) * (1.0 / 255.0)).collect()
         };
-        [0, 1, 2].map(levels)
+        std::array::from_fn(levels)
     }
 }

@@ -26,7 +26,7 @@ pub mod recipe;
 mod tests;
 
 use noise::NoiseLevel;
-pub use recipe::{Applied, PhotometricRecipe};
+pub use recipe::{AppliedAugmentation, PhotometricRecipe};
 
 /// One `[[photometric]]` table. What is left out changes nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

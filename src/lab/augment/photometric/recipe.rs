@@ -31,7 +31,7 @@ pub struct PhotometricRecipe {
 
 /// What was drawn for one image and done to it. What did not run has its neutral value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Applied {
+pub struct AppliedAugmentation {
     /// The background that took the place of the image's own; empty if that stayed.
     pub background: String,
     /// Factors on the LEDs of red, green and blue.
@@ -77,7 +77,7 @@ impl PhotometricRecipe {
     }
 
     /// Augments an image of the view's size. All that is random is addressed by `seed` and `number`.
-    pub fn apply(&self, image: &RgbImage, seed: u64, number: u64) -> (Image, Applied) {
+    pub fn apply(&self, image: &RgbImage, seed: u64, number: u64) -> (Image, AppliedAugmentation) {
         let draws = Draws { seed, number };
         let [width, height] = self.view.resolution_px;
         let real = BackgroundImage::new(width, height, image.as_raw().clone());
@@ -128,7 +128,7 @@ impl PhotometricRecipe {
         );
         let MarkerPattern { pitch_mm, diameter_mm, jitter_mm } =
             pattern.unwrap_or(MarkerPattern { pitch_mm: 0.0, diameter_mm: 0.0, jitter_mm: 0.0 });
-        let applied = Applied {
+        let applied = AppliedAugmentation {
             background: swap.map(|swap| swap.name.clone()).unwrap_or_default(),
             led_gains,
             white_balance,

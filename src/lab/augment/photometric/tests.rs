@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::background::BackgroundSwap;
 use super::noise::NoiseLevel;
-use super::{Applied, Photometric, PhotometricRecipe, SensorProfile};
+use super::{AppliedAugmentation, Photometric, PhotometricRecipe, SensorProfile};
 use gelsim_core::base::light::quantise;
 use gelsim_core::base::view::View;
 use gelsim_core::camera::noise::Noise;
@@ -43,7 +43,7 @@ fn reference(picture: &RgbImage) -> BackgroundImage {
     BackgroundImage::new(picture.width() as usize, picture.height() as usize, picture.as_raw().clone())
 }
 
-fn made(text: &str, image: &RgbImage) -> (Vec<u8>, Applied) {
+fn made(text: &str, image: &RgbImage) -> (Vec<u8>, AppliedAugmentation) {
     let (image, applied) = PhotometricRecipe::new(table(text), &profile(None), Vec::new()).apply(image, 7, 3);
     (image.rgb, applied)
 }
@@ -103,7 +103,7 @@ fn a_swap_is_image_minus_own_plus_other_and_what_is_cut_is_counted() {
 fn gains_multiply_each_channel_and_are_reported() {
     let image = picture(1);
     let (out, applied) = made("led_gain = [0.7, 1.2]\nwhite_balance = [0.9, 1.1]\nexposure_ev = [-0.5, 0.5]", &image);
-    let Applied { led_gains: led, white_balance: [red, blue], exposure_ev, .. } = applied;
+    let AppliedAugmentation { led_gains: led, white_balance: [red, blue], exposure_ev, .. } = applied;
     assert!(led[0] != led[1] && led[1] != led[2] && red != blue && exposure_ev != 0.0, "{applied:?}");
     assert!(led.iter().all(|gain| (0.7..=1.2).contains(gain)) && (0.9..=1.1).contains(&red));
     let gains = [led[0] * red, led[1], led[2] * blue].map(|gain| gain * exposure_ev.exp2());
@@ -176,7 +176,7 @@ fn noisy(levels: f64, number: u32) -> RgbImage {
     Noise { read, shot: 0.0, color: [1.0; 3], correlation: 0.0, key: u64::from(number) }.add(width, &mut planes, None);
     RgbImage::from_fn(width as u32, height as u32, |x, y| {
         let at = y as usize * width + x as usize;
-        Rgb([0, 1, 2].map(|k| quantise(planes[k][at])))
+        Rgb(std::array::from_fn(|k| quantise(planes[k][at])))
     })
 }
 

@@ -8,7 +8,7 @@ use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
 use super::super::detect::change::{Change, block_px, energy, means};
-use super::super::{Printed, Session};
+use super::super::{PrintedDots, Session};
 use crate::metrics::statistics::median;
 use gelsim_core::base::grid::Grid;
 use gelsim_files::diagnostic::Diagnostic;
@@ -95,9 +95,10 @@ impl Match {
             let [red, green, blue] = self.factors;
             done.push(format!("is multiplied by {red:.2} (red), {green:.2} (green) and {blue:.2} (blue)"));
         }
-        match done.is_empty() {
-            true => String::from("the background image agrees with the presses: --match-background changes nothing"),
-            false => format!("the background image {}, as the presses have it", done.join(", ")),
+        if done.is_empty() {
+            String::from("the background image agrees with the presses: --match-background changes nothing")
+        } else {
+            format!("the background image {}, as the presses have it", done.join(", "))
         }
     }
 
@@ -456,7 +457,7 @@ pub fn matched(session: Session) -> (Session, String) {
         Some(found) => {
             let background = found.apply(&session.background);
             let printed =
-                session.printed.map(|printed| Printed { background: found.apply(&printed.background), ..printed });
+                session.printed.map(|printed| PrintedDots { background: found.apply(&printed.background), ..printed });
             (Session { background, printed, ..session }, found.text())
         }
     }

@@ -29,7 +29,7 @@ const OFF: f64 = 0.8;
 const UNCHANGED: f64 = 6.0;
 
 /// What a press changed, above what changes anyhow, on blocks.
-struct Changed {
+struct ChangeMap {
     block_px: f64,
     width: usize,
     /// Fraction of all that changed in each block.
@@ -37,7 +37,7 @@ struct Changed {
     is_none: bool,
 }
 
-impl Changed {
+impl ChangeMap {
     fn of(press: &Observation, session: &Session) -> Self {
         let change = Change::coarse(&press.image, &session.background);
         let usual = change.usual();
@@ -204,7 +204,7 @@ fn mistakes([width, height]: [f64; 2], mm_per_px: f64) -> Vec<Mistake> {
 }
 
 /// How much of the change given circles hold.
-fn held(changed: &[Changed], circles: &[Circle]) -> Vec<f64> {
+fn held(changed: &[ChangeMap], circles: &[Circle]) -> Vec<f64> {
     changed.par_iter().zip(circles).map(|(changed, circle)| changed.held(circle)).collect()
 }
 
@@ -214,7 +214,7 @@ fn middle(values: &[f64]) -> f64 {
 
 /// How much of the change the circles of a session hold, and the radius that holds 80 % of it in radii of theirs: medians.
 pub fn figures(session: &Session) -> [f64; 2] {
-    let changed: Vec<Changed> = session.observations.par_iter().map(|press| Changed::of(press, session)).collect();
+    let changed: Vec<ChangeMap> = session.observations.par_iter().map(|press| ChangeMap::of(press, session)).collect();
     let circles: Vec<Circle> = session.observations.iter().map(|press| press.circle).collect();
     let holding: Vec<f64> = changed.iter().zip(&circles).map(|(changed, circle)| changed.holding(circle)).collect();
     [middle(&held(&changed, &circles)), middle(&holding)]
@@ -223,7 +223,7 @@ pub fn figures(session: &Session) -> [f64; 2] {
 /// What speaks against the circles of all presses.
 pub fn findings(session: &Session) -> Vec<Diagnostic> {
     let presses = &session.observations;
-    let changed: Vec<Changed> = presses.par_iter().map(|press| Changed::of(press, session)).collect();
+    let changed: Vec<ChangeMap> = presses.par_iter().map(|press| ChangeMap::of(press, session)).collect();
     let same: Vec<&Observation> =
         presses.iter().zip(&changed).filter(|(_, changed)| changed.is_none).map(|(press, _)| press).collect();
     if 2 * same.len() >= presses.len().max(1) {
@@ -237,10 +237,10 @@ pub fn findings(session: &Session) -> Vec<Diagnostic> {
     }
     let circles: Vec<Circle> = presses.iter().map(|press| press.circle).collect();
     let own = held(&changed, &circles);
-    let of_each = |of: fn(&Changed, &Circle) -> f64| {
+    let of_each = |of: fn(&ChangeMap, &Circle) -> f64| {
         middle(&changed.iter().zip(&circles).map(|(changed, circle)| of(changed, circle)).collect::<Vec<_>>())
     };
-    let (radius, is_on_disc) = (of_each(Changed::holding), of_each(Changed::off) < OFF);
+    let (radius, is_on_disc) = (of_each(ChangeMap::holding), of_each(ChangeMap::off) < OFF);
     if is_on_disc && radius < DIAMETERS {
         let message = format!(
             "`radius_px` looks like a diameter: 80 % of what changed lies within {radius:.2} of it, of real discs 0.95 to 1.5"
@@ -259,7 +259,7 @@ pub fn findings(session: &Session) -> Vec<Diagnostic> {
 }
 
 /// The mistake that explains best why the circles, which hold `own`, are not on the discs.
-fn moved(session: &Session, changed: &[Changed], circles: &[Circle], own: &[f64]) -> Option<Diagnostic> {
+fn moved(session: &Session, changed: &[ChangeMap], circles: &[Circle], own: &[f64]) -> Option<Diagnostic> {
     let is_better = |tried: &[f64]| {
         let better = tried.iter().zip(own).filter(|(tried, own)| tried > own).count() as f64;
         middle(tried) >= MOVED && middle(tried) >= middle(own) + BETTER && better >= MOST_PRESSES * own.len() as f64
@@ -283,13 +283,13 @@ fn moved(session: &Session, changed: &[Changed], circles: &[Circle], own: &[f64]
 }
 
 /// That circles belong to other rows' images: for each press the circle that holds most of its change.
-fn other_rows(session: &Session, changed: &[Changed], circles: &[Circle]) -> Option<(Vec<f64>, Diagnostic)> {
+fn other_rows(session: &Session, changed: &[ChangeMap], circles: &[Circle]) -> Option<(Vec<f64>, Diagnostic)> {
     /// With more rows that each are tried with each this takes minutes.
     const MOST_ROWS: usize = 300;
     if circles.len() > MOST_ROWS {
         return None;
     }
-    let best = |changed: &Changed| {
+    let best = |changed: &ChangeMap| {
         let held = circles.iter().map(|circle| changed.held(circle)).enumerate();
         held.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
     };

@@ -163,9 +163,10 @@ pub fn judged(sizes: &Sizes) -> Vec<Diagnostic> {
         ([], balls) => return vec![unit("ball_radius_mm", sizes.ball_mm, balls)],
         // Either would do: the one that is out of its own range is the wrong one.
         (pixels, balls) => {
-            return match VIEWS_MM.contains(&sizes.view_mm()) {
-                true => vec![unit("ball_radius_mm", sizes.ball_mm, balls)],
-                false => vec![unit("mm_per_px", sizes.mm_per_px, pixels)],
+            return if VIEWS_MM.contains(&sizes.view_mm()) {
+                vec![unit("ball_radius_mm", sizes.ball_mm, balls)]
+            } else {
+                vec![unit("mm_per_px", sizes.mm_per_px, pixels)]
             };
         }
     }

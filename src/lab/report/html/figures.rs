@@ -7,7 +7,7 @@ use crate::numbers::HumanCount;
 use super::{SPLITS, total};
 use crate::page::{self, bars};
 use crate::report::MOST_IMAGES;
-use crate::report::gather::Gathered;
+use crate::report::gather::DatasetStats;
 use crate::report::histogram::{Histogram, HistogramSummary};
 use crate::report::quantities::{About, Absent, LabelQuantity, NO_CONTACT, QUANTITIES};
 use gelsim_files::figures::figure;
@@ -17,7 +17,7 @@ use gelsim_job::layout::Split;
 const MOST_BARS: usize = 30;
 
 /// All distributions but the solver's.
-pub(super) fn distributions(gathered: &Gathered) -> Markup {
+pub(super) fn distributions(gathered: &DatasetStats) -> Markup {
     let sections = [
         ("Contact", About::Contact, brightness(gathered)),
         ("Pose", About::Pose, places(gathered)),
@@ -35,12 +35,12 @@ pub(super) fn distributions(gathered: &Gathered) -> Markup {
 }
 
 /// The histograms of the quantities that are about one thing.
-pub(super) fn section(gathered: &Gathered, about: About) -> Markup {
+pub(super) fn section(gathered: &DatasetStats, about: About) -> Markup {
     let all = QUANTITIES.iter().zip(&gathered.histograms).filter(|(quantity, _)| quantity.about == about);
     html! { @for (quantity, histogram) in all { (figure_of(gathered, quantity, histogram)) } }
 }
 
-fn figure_of(gathered: &Gathered, quantity: &LabelQuantity, histogram: &Histogram) -> Markup {
+fn figure_of(gathered: &DatasetStats, quantity: &LabelQuantity, histogram: &Histogram) -> Markup {
     let LabelQuantity { title, axis, among, absent, .. } = quantity;
     if histogram.all().count > 0 {
         return drawn(title, [axis, "samples"], among, histogram);
@@ -74,7 +74,7 @@ pub(super) fn drawn(title: &str, axes: [&str; 2], among: &str, histogram: &Histo
     page::figure(svg, format!("n {number} {among}; mean {mean}, {least_text} to {largest_text}\u{a0}{axis}"))
 }
 
-fn brightness(gathered: &Gathered) -> Markup {
+fn brightness(gathered: &DatasetStats) -> Markup {
     let (images, samples) = (gathered.brightness.all().count, total(&gathered.samples));
     if images == 0 {
         return Markup::default();
@@ -87,7 +87,7 @@ fn brightness(gathered: &Gathered) -> Markup {
     drawn("Brightness of the image", ["grey levels", "images"], &among, &gathered.brightness)
 }
 
-fn places(gathered: &Gathered) -> Markup {
+fn places(gathered: &DatasetStats) -> Markup {
     const TITLE: &str = "Middle of the contact";
     let contacts = total(&gathered.in_contact);
     if contacts == 0 {
@@ -100,7 +100,7 @@ fn places(gathered: &Gathered) -> Markup {
 }
 
 /// Mean of every quantity in each split.
-fn by_split(gathered: &Gathered) -> Markup {
+fn by_split(gathered: &DatasetStats) -> Markup {
     let row = |name: String, histogram: &Histogram| -> Option<Vec<String>> {
         let all = histogram.all();
         let told = |value: f64| bars::told(value, all.largest - all.least);

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 
 use crate::numbers::{HumanBytes, HumanCount};
 
-use super::gather::{Gathered, Picture};
+use super::gather::{DatasetStats, Picture};
 use super::histogram::PerSplit;
-use super::{Dataset, Missing};
+use super::{Dataset, MissingShards};
 use crate::page;
 use crate::page::canvas::Colour;
 use crate::preview::panel::Scales;
@@ -70,11 +70,10 @@ pub(super) fn warnings(dataset: &Dataset) -> Vec<String> {
     let mut texts = Vec::new();
     let mut cured: Vec<Finding> = Vec::new();
     if !missing.is_empty() {
-        let range = |Missing { first, last }: &Missing| match first == last {
-            true => first.name(),
-            false => format!("{} to {}", first.name(), last.name()),
+        let range = |MissingShards { first, last }: &MissingShards| {
+            if first == last { first.name() } else { format!("{} to {}", first.name(), last.name()) }
         };
-        let count: u64 = missing.iter().map(|Missing { first, last }| last.number - first.number + 1).sum();
+        let count: u64 = missing.iter().map(|MissingShards { first, last }| last.number - first.number + 1).sum();
         let mut ranges: Vec<String> = missing.iter().take(MOST_LISTED).map(range).collect();
         if missing.len() > MOST_LISTED {
             ranges.push(String::from("and others"));
@@ -138,7 +137,7 @@ fn fingerprints(dataset: &Dataset) -> BTreeSet<String> {
 }
 
 /// The figures that people ask for first.
-fn cards(gathered: &Gathered) -> Markup {
+fn cards(gathered: &DatasetStats) -> Markup {
     let samples = total(&gathered.samples);
     let totals = &gathered.totals;
     let seconds = totals.seconds.simulation() + totals.seconds.encode;
@@ -195,7 +194,7 @@ fn about(dataset: &Dataset) -> Markup {
 }
 
 /// Samples by class and object.
-fn counts(gathered: &Gathered) -> Markup {
+fn counts(gathered: &DatasetStats) -> Markup {
     let all = total(&gathered.samples);
     let cells = |name: Markup, counts: &PerSplit| -> Vec<Markup> {
         let sum = total(counts);
@@ -233,7 +232,7 @@ fn listed(what: &str, rows: Vec<Vec<Markup>>, all: usize) -> Markup {
 }
 
 /// Some samples of each split.
-fn sheet(gathered: &Gathered) -> Markup {
+fn sheet(gathered: &DatasetStats) -> Markup {
     let tiles = &gathered.tiles;
     if tiles.is_empty() {
         return Markup::default();
@@ -254,11 +253,12 @@ fn sheet(gathered: &Gathered) -> Markup {
 }
 
 /// What the pictures of the samples show, in sentences.
-fn shown(gathered: &Gathered, scales: &Scales) -> String {
+fn shown(gathered: &DatasetStats, scales: &Scales) -> String {
     let has = |layer: OutputLayer| gathered.tiles.iter().any(|picture| picture.tile.shows(layer));
-    let fingers = match gathered.tiles.iter().any(|picture| picture.tile.has_fingers()) {
-        true => "; above the left finger, below the right one",
-        false => "",
+    let fingers = if gathered.tiles.iter().any(|picture| picture.tile.has_fingers()) {
+        "; above the left finger, below the right one"
+    } else {
+        ""
     };
     if gathered.sequences.frames > 0 {
         return format!(

@@ -7,7 +7,7 @@ use crate::numbers::HumanCount;
 use crate::page;
 use crate::page::canvas::Colour;
 use crate::page::plot::Plot;
-use crate::report::gather::Gathered;
+use crate::report::gather::DatasetStats;
 use crate::report::sequences::{Curve, EACH, Point, QUANTITIES};
 use gelsim_files::figures::figure;
 use gelsim_job::sequence::label::SlipState;
@@ -20,7 +20,7 @@ const INCIPIENT: Colour = [240, 228, 66];
 const GROSS: Colour = [204, 121, 167];
 
 /// Slip and forces; nothing where samples are presses.
-pub(super) fn sequences(gathered: &Gathered) -> Markup {
+pub(super) fn sequences(gathered: &DatasetStats) -> Markup {
     let sequences = &gathered.sequences;
     if sequences.frames == 0 {
         return Markup::default();

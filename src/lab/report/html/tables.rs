@@ -8,7 +8,7 @@ use super::figures::{drawn, section};
 use super::{fraction, total};
 use crate::page;
 use crate::report::Dataset;
-use crate::report::gather::{Gathered, Reasons};
+use crate::report::gather::{DatasetStats, Reasons};
 use crate::report::quantities::About;
 use gelsim_core::effects::Effect;
 use gelsim_files::figures::{figure, percent};
@@ -19,7 +19,7 @@ use gelsim_job::layers::{Form, OutputLayer};
 const MOST_REASONS: usize = 3;
 
 /// How often each effect ran, what it took, and why.
-pub(super) fn effects(gathered: &Gathered) -> Markup {
+pub(super) fn effects(gathered: &DatasetStats) -> Markup {
     let row = |effect: Effect| {
         let reasons = &gathered.reasons[effect];
         let number = |wanted: bool| reasons.iter().filter(|((ran, _), _)| *ran == wanted).map(|(_, count)| count).sum();
@@ -53,7 +53,7 @@ pub(super) fn effects(gathered: &Gathered) -> Markup {
 }
 
 /// What is unsound, and how the contacts were solved.
-pub(super) fn health(gathered: &Gathered) -> Markup {
+pub(super) fn health(gathered: &DatasetStats) -> Markup {
     let samples = total(&gathered.samples);
     let of_samples = |count: u64| format!("{} ({})", HumanCount(count), fraction(count, samples));
     let [clipped, saturated, too_thick] = gathered.pixels;
@@ -87,7 +87,7 @@ fn reason_rows(what: &str, reasons: &Reasons) -> Vec<Vec<Markup>> {
 }
 
 /// CPU time of each stage.
-pub(super) fn time(gathered: &Gathered) -> Markup {
+pub(super) fn time(gathered: &DatasetStats) -> Markup {
     let totals = &gathered.totals;
     let all: f64 = totals.seconds.stages().iter().map(|(_, seconds)| seconds).sum();
     if totals.samples == 0 || all <= 0.0 {

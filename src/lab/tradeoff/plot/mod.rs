@@ -289,7 +289,8 @@ impl<'a> Drawing<'a> {
         let way = [near[0] - label.point[0], near[1] - label.point[1]];
         let distance = way[0].hypot(way[1]);
         if distance > 20.0 {
-            let start = [0, 1].map(|i| label.point[i] + way[i] * (LEVEL_MARK_PX + 2.0) / distance);
+            let outside = (LEVEL_MARK_PX + 2.0) / distance;
+            let start = [label.point[0] + way[0] * outside, label.point[1] + way[1] * outside];
             self.canvas.line(&[start, near], GREY, 1.0, None);
         }
         // On a ground that lets little through.

@@ -21,13 +21,13 @@ impl Area {
 
     /// The point in it that is nearest to `point`.
     pub fn nearest(&self, point: Point) -> Point {
-        [0, 1].map(|i| point[i].max(self.min[i]).min(self.max[i]))
+        std::array::from_fn(|i| point[i].max(self.min[i]).min(self.max[i]))
     }
 
     /// Square pixels that are in both.
     pub fn overlap(&self, other: &Self) -> f64 {
-        let shared = [0, 1].map(|i| (self.max[i].min(other.max[i]) - self.min[i].max(other.min[i])).max(0.0));
-        shared[0] * shared[1]
+        let shared = |i: usize| (self.max[i].min(other.max[i]) - self.min[i].max(other.min[i])).max(0.0);
+        shared(0) * shared(1)
     }
 }
 
@@ -52,12 +52,13 @@ impl Obstacles {
     /// Adds a line through `points`; `weight` is for a pixel of it.
     pub fn line(&mut self, points: &[Point], weight: f64) {
         for ends in points.windows(2) {
-            let way = [0, 1].map(|i| ends[1][i] - ends[0][i]);
+            let [x, y] = ends[0];
+            let way = [ends[1][0] - x, ends[1][1] - y];
             // As squares of about this size, which are as bad as what they hold of it.
             let count = (way[0].hypot(way[1]) / 3.0).ceil();
             for step in 0..count as usize {
                 let share = (step as f64 + 0.5) / count;
-                self.area(Area::around([0, 1].map(|i| ends[0][i] + share * way[i]), [3.0; 2]), weight / 3.0);
+                self.area(Area::around([x + share * way[0], y + share * way[1]], [3.0; 2]), weight / 3.0);
             }
         }
     }
