@@ -216,7 +216,7 @@ impl Summary {
         let figures = [("Brightness", "grey levels", &self.brightness), ("Indentation depth", "mm", &self.depths_mm)];
         html! {
             h2 { "Input and output" }
-            (page::table(&head, rows))
+            (page::table(head, rows))
             p.note {
                 "Means over images, in grey levels: of the channels; of the standard deviation over an image; of the difference "
                 "between neighbours in a row."
@@ -287,7 +287,7 @@ fn counts<'a>(title: &str, what: &str, all: impl Iterator<Item = (&'a str, &'a P
     html! {
         @if !rows.is_empty() {
             h2 { (title) }
-            (page::table(&head.collect::<Vec<_>>(), rows))
+            (page::table(head, rows))
             @if more > 0 { p.note { "And " (more) " more." } }
         }
     }
@@ -342,7 +342,7 @@ fn coverage(coverage: &Coverage) -> Markup {
         (page::facts(&facts))
         details {
             summary { (counted(number.min(MOST_ROWS), "cell", "cells")) ", those with the fewest real samples first" }
-            (page::table(&["cell", "real", "all"], order.iter().take(MOST_ROWS).map(row)))
+            (page::table(["cell", "real", "all"], order.iter().take(MOST_ROWS).map(row)))
         }
     }
 }

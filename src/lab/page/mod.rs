@@ -46,7 +46,7 @@ pub fn facts(rows: &[(impl Render, impl Render)]) -> Markup {
 }
 
 /// A table under a head. It scrolls by itself where the window is too narrow for it.
-pub fn table<C: Render>(head: &[impl Render], rows: impl IntoIterator<Item = Vec<C>>) -> Markup {
+pub fn table<C: Render>(head: impl IntoIterator<Item = impl Render>, rows: impl IntoIterator<Item = Vec<C>>) -> Markup {
     html! {
         div.wide {
             table.columns {
@@ -146,7 +146,7 @@ mod tests {
         let odd = String::from("<b> & \"quotes\" ]]> \u{0}\u{1b}\u{fffe} \u{1f600}\nnext");
         let body = html! {
             (facts(&[(&odd, &odd)]))
-            (table(&["a", "b"], [vec![odd.as_str(), "1"]]))
+            (table(["a", "b"], [vec![odd.as_str(), "1"]]))
             (warnings(std::slice::from_ref(&odd)))
             (figure(html! { svg {} }, &odd))
         };

@@ -118,7 +118,7 @@ fn by_split(gathered: &DatasetStats) -> Markup {
     html! {
         @if !rows.is_empty() {
             h3 { "Means by split" }
-            (page::table(&head.collect::<Vec<_>>(), rows))
+            (page::table(head, rows))
         }
     }
 }

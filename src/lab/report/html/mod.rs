@@ -221,12 +221,9 @@ fn counts(gathered: &DatasetStats) -> Markup {
 
 /// A table of counts, and how many rows it has not.
 fn listed(what: &str, rows: Vec<Vec<Markup>>, all: usize) -> Markup {
-    let head = [html! { (what) }]
-        .into_iter()
-        .chain(SPLITS.map(page::key))
-        .chain(["all", "share"].map(|name| html! { (name) }));
+    let [what, all_splits, share] = [what, "all", "share"].map(|name| html! { (name) });
     html! {
-        (page::table(&head.collect::<Vec<_>>(), rows))
+        (page::table([what].into_iter().chain(SPLITS.map(page::key)).chain([all_splits, share]), rows))
         @if all > MOST_ROWS { p.note { "The first " (MOST_ROWS) " of " (all) ", by name." } }
     }
 }

@@ -49,7 +49,7 @@ pub(super) fn effects(gathered: &DatasetStats) -> Markup {
     };
     let [ran, skipped, share, seconds] = ["ran", "skipped", "share", "CPU s"].map(|name| html! { (name) });
     let head = [html! { "effect" }, ran, skipped, share, seconds, page::words("why, and why not")];
-    html! { h2 { "Effects" } (page::table(&head, Effect::ALL.map(row))) }
+    html! { h2 { "Effects" } (page::table(head, Effect::ALL.map(row))) }
 }
 
 /// What is unsound, and how the contacts were solved.
@@ -74,7 +74,7 @@ pub(super) fn health(gathered: &DatasetStats) -> Markup {
     html! {
         h2 { "Health and numerics" }
         (page::facts(&rows))
-        @if !reasons.is_empty() { (page::table(&head, reasons)) }
+        @if !reasons.is_empty() { (page::table(head, reasons)) }
         (page::figures(section(gathered, About::Solver)))
     }
 }
@@ -103,7 +103,7 @@ pub(super) fn time(gathered: &DatasetStats) -> Markup {
     let stages = totals.seconds.stages().into_iter().chain([("all", all)]);
     html! {
         h2 { "Time" }
-        (page::table(&["stage", "CPU s", "ms a sample", "share", ""], stages.map(row)))
+        (page::table(["stage", "CPU s", "ms a sample", "share", ""], stages.map(row)))
         p.note {
             (figure(totals.samples as f64 / all)) " samples per CPU second, from the stats of " (HumanCount(totals.shards))
             " shards. What it took on the wall depends on the number of cores."
@@ -133,7 +133,7 @@ pub(super) fn size(dataset: &Dataset) -> Markup {
     let shards = || drawn("Size of a shard", ["MiB", "shards"], "shards", &gathered.totals.shard_mib);
     html! {
         h2 { "Size" }
-        (page::table(&head, gathered.files.iter().map(row)))
+        (page::table(head, gathered.files.iter().map(row)))
         @if gathered.totals.shards > 0 { (page::figures(shards())) }
     }
 }
