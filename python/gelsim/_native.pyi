@@ -1,4 +1,4 @@
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any, Literal, Optional, SupportsIndex, Union, final
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gelsim.sample import Sample
+from gelsim.scene import Led
 
 __version__: str
 
@@ -25,6 +26,12 @@ def main(argv: Sequence[str]) -> int:
 class Job:
     """A job as a map-style dataset: sample `i` is what `gelsim generate` writes, rendered when it is asked for.
 
+    ```python
+    job = gelsim.Job.load("job.toml", samples=1000, set={"sensor.preset": "digit"})
+    sample = job[42]
+    image, depth_mm, label = sample["tactile"], sample["depth"], sample["label"]
+    ```
+
     It can be pickled: another process reads the objects again, and refuses them if they changed.
     """
 
@@ -36,12 +43,13 @@ class Job:
         seed: Optional[int] = None,
         fidelity: Optional[str] = None,
         all_effects: bool = False,
-        set: Sequence[str] = ...,
+        set: Union[Sequence[str], Mapping[str, object]] = ...,
         threads: Optional[int] = None,
     ) -> Job:
-        """Reads and resolves a job. The arguments are the command's flags: `set=['indentation.depth_mm=0.5']`.
+        """Reads and resolves a job. The arguments are the flags of `gelsim generate`.
 
-        `threads` is for `samples`: all cores if it is left out, one in a process that multiprocessing started.
+        `set` changes keys of the job: a dict as in `{"indentation.depth_mm": [0.3, 0.9], "sensor.preset": "digit"}`, or a list of
+        texts as the command takes them, `["indentation.depth_mm=[0.3, 0.9]"]`. `threads` is for `samples`: all cores if it is left out, one in a process that multiprocessing started.
         Raises UsageError with every mistake in the job.
         """
 
@@ -69,7 +77,7 @@ class Job:
 
     @property
     def fidelity(self) -> str:
-        """Rung of the accuracy ladder."""
+        """Fidelity level."""
 
     @property
     def fingerprint(self) -> str:
@@ -85,22 +93,31 @@ class Job:
 
 @final
 class Sensor:
-    """A sensor that renders tactile images of depth maps: those of a simulator, or what a network made.
+    """A sensor: a preset, or a file. It renders tactile images of depth maps; `Simulator` presses meshes into it.
+
+    ```python
+    sensor = gelsim.Sensor.preset("digit", set={"camera.exposure": 1.2})
+    sensor = sensor.with_leds([*sensor.leds, gelsim.Led(azimuth_deg=45.0, intensity=0.5)])
+    depth_mm = np.zeros((320, 240), np.float32)
+    depth_mm[120:200, 80:160] = 0.5
+    image = sensor.render(depth_mm)["tactile"]
+    ```
 
     It can be pickled: another process reads its file again.
     """
 
     @staticmethod
-    def preset(name: str, *, set: Sequence[str] = ..., threads: Optional[int] = None) -> Sensor:
-        """One of `gelsim list sensors`, changed by `set` as the command's flag does: `set=['camera.exposure=1.2']`.
+    def preset(name: str, *, set: Union[Sequence[str], Mapping[str, object]] = ..., threads: Optional[int] = None) -> Sensor:
+        """One of `gelsim list sensors`, changed by `set`: keys of a job, as in `{"camera.exposure": 1.2}`, or a list of texts as the
+        command takes them.
 
         `threads` is for batches: all cores if it is left out, one in a process that multiprocessing started.
         Raises UsageError with every mistake.
         """
 
     @staticmethod
-    def load(path: Union[str, PathLike[str]], *, set: Sequence[str] = ..., threads: Optional[int] = None) -> Sensor:
-        """A sensor file, such as `gelsim calibrate` writes."""
+    def load(path: Union[str, PathLike[str]], *, set: Union[Sequence[str], Mapping[str, object]] = ..., threads: Optional[int] = None) -> Sensor:
+        """A sensor file, such as `gelsim calibrate` writes. `set` and `threads` are those of `preset`."""
 
     def render(
         self,
@@ -143,3 +160,84 @@ class Sensor:
     @property
     def gelpad_thickness_mm(self) -> float:
         """Thickness of the gelpad."""
+
+    @property
+    def leds(self) -> list[Led]:
+        """Its LEDs; `with_leds` gives a sensor with others."""
+
+    def with_leds(self, leds: Sequence[Led]) -> Sensor:
+        """The same sensor with these LEDs in place of its own: `sensor.with_leds([*sensor.leds, gelsim.Led(45.0)])`.
+
+        Raises UsageError with every mistake; warns where the sensor's light is measured, so that LEDs are no part of it.
+        """
+
+@final
+class ReadyMesh:
+    """A mesh, cleaned and made ready to be pressed; `gelsim.Mesh` has one."""
+
+    @property
+    def triangles(self) -> int: ...
+    @property
+    def bounds_mm(self) -> list[list[float]]: ...
+
+def mesh_of_file(path: Union[str, PathLike[str]], mm_per_unit: Optional[float]) -> tuple[ReadyMesh, list[str]]:
+    """The mesh of a file, and what to warn of."""
+
+def mesh_of_arrays(vertices_mm: NDArray[np.float64], faces: NDArray[np.uint32]) -> tuple[ReadyMesh, list[str]]:
+    """The mesh of corners and triangles, and what to warn of."""
+
+@final
+class Engine:
+    """A sensor made ready at a fidelity level; `gelsim.Simulator` has one."""
+
+    def __new__(
+        cls,
+        sensor: Sensor,
+        fidelity: str,
+        resolution_px: Optional[tuple[int, int]],
+        set: Union[Sequence[str], Mapping[str, object]],
+        flow: bool,
+    ) -> Engine: ...
+    def copy(self) -> Engine: ...
+    @property
+    def resolution_px(self) -> tuple[int, int]: ...
+    @property
+    def fidelity(self) -> str: ...
+    def press(
+        self,
+        name: str,
+        object: Any,
+        pose: Any,
+        texture: Any,
+        shear: Any,
+        friction: Optional[float],
+        youngs_modulus_kpa: Optional[float],
+        poisson_ratio: float,
+        index: int,
+        seed: int,
+    ) -> Pressing: ...
+    def reset(self, friction: Optional[float], index: int, seed: int) -> None: ...
+    def step(self, name: str, object: Any, pose: Any, texture: Any) -> Pressing: ...
+
+@final
+class Pressing:
+    """What a press gave; `gelsim.Impression` has one."""
+
+    def image(self) -> Any: ...
+    def layer(self, name: str) -> Any: ...
+    def label(self) -> Any: ...
+    @property
+    def frame(self) -> Optional[int]: ...
+
+def generate(
+    job: Any,
+    out: Any,
+    samples: Any,
+    seed: Any,
+    fidelity: Any,
+    all_effects: Any,
+    set: Any,
+    threads: Any,
+    overwrite: Any,
+) -> dict[str, Any]:
+    """Writes a dataset; what was done, by name. `gelsim.generate` is this."""

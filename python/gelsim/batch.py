@@ -15,18 +15,30 @@ if TYPE_CHECKING:
 
 
 def collate(samples: Sequence[Sample]) -> dict[str, Any]:
-    """Makes one batch of samples of `Job` or `load`: tensors of torch, or arrays of numpy where torch is not installed.
+    """Makes one batch of samples of `Job`, `load` or `Impression.sample`, with arrays of numpy whatever is installed.
 
     Images and layers get the samples as first axis and keep their types. `pose` is float32 (N, 7), `wrench` float32 (N, 6)
     (`gelsim.vectors`; NaN is what a label does not know). `label`, `key`, `markers` and `pins` are lists.
     Of grips, `left` and `right` are such batches, of each finger by itself.
     Sequences are padded with zeros to the longest: arrays are (N, T, ...), bool `mask` (N, T) is true for a frame that is
-    there. Layers of different sizes stay lists.
+    there. Layers of different sizes stay lists. `collate_torch` gives tensors.
     """
+    return batch_of(samples, lambda array: array)
+
+
+def collate_torch(samples: Sequence[Sample]) -> dict[str, Any]:
+    """The same as `collate` with tensors of PyTorch in place of arrays: `DataLoader(..., collate_fn=gelsim.collate_torch)`.
+
+    Raises ImportError where there is no torch, or one that cannot use the numpy that is installed.
+    """
+    return batch_of(samples, from_numpy())
+
+
+def batch_of(samples: Sequence[Sample], tensor: Callable[[Any], Any]) -> dict[str, Any]:
+    """A batch whose arrays go through `tensor`."""
     if len(samples) == 0:
         raise UsageError("samples is empty: a batch needs at least one")
     numpy = need("numpy")
-    tensor = converter()
     names = list(samples[0])
     for sample in samples:
         if set(sample) != set(names):
@@ -38,7 +50,7 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     rows = [vectors.parts(sample["label"]) for sample in each]
     batch: dict[str, Any]
     if vectors.has_fingers(each[0]["label"]):
-        batch = {finger: collate([of_finger(grip, finger) for grip in each]) for finger in vectors.FINGERS}
+        batch = {finger: batch_of([of_finger(grip, finger) for grip in each], tensor) for finger in vectors.FINGERS}
         for finger in vectors.FINGERS:
             del batch[finger]["label"]
     elif "frames" in names:
@@ -65,12 +77,14 @@ def of_finger(grip: dict[str, Any], finger: str) -> Any:
     return {"frames": frames, "label": {"sequence": label["sequence"], "frames": [frame[finger] for frame in label["frames"]]}}
 
 
-def converter() -> Callable[[Any], Any]:
-    """`torch.from_numpy`, or what leaves arrays as they are where there is no torch."""
+def from_numpy() -> Callable[[Any], Any]:
+    """`torch.from_numpy`."""
     try:
         torch = import_module("torch")
-    except ImportError:
-        return lambda array: array
+    except ImportError as error:
+        raise ImportError(
+            f"collate_torch gives tensors of PyTorch, which cannot be imported ({error}): pip install torch; gelsim.collate gives arrays"
+        ) from error
     made: Callable[[Any], Any] = torch.from_numpy
     numpy = need("numpy")
     try:

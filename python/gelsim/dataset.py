@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from operator import index as as_index
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Optional, SupportsIndex, Union, cast
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Optional, SupportsIndex, TypeVar, Union, cast, overload
 
 from gelsim import shards, vectors
 from gelsim._native import UsageError
+from gelsim.checks import kind
 from gelsim.needed import need_all
 from gelsim.shards import Entry, Files, Index, damaged
 
@@ -24,23 +25,68 @@ if TYPE_CHECKING:
 MANIFEST_VERSION = 1
 
 
-def load(path: Union[str, PathLike[str]], split: Optional[str] = None) -> Dataset:
+T = TypeVar("T")
+S = TypeVar("S", covariant=True)
+
+
+@overload
+def load(
+    path: Union[str, PathLike[str]],
+    split: Optional[str] = None,
+    *,
+    transform: None = None,
+    layers: Optional[Sequence[str]] = None,
+) -> Dataset[Sample]: ...
+@overload
+def load(
+    path: Union[str, PathLike[str]],
+    split: Optional[str] = None,
+    *,
+    transform: Callable[[Sample], T],
+    layers: Optional[Sequence[str]] = None,
+) -> Dataset[T]: ...
+def load(
+    path: Union[str, PathLike[str]],
+    split: Optional[str] = None,
+    *,
+    transform: Optional[Callable[[Sample], Any]] = None,
+    layers: Optional[Sequence[str]] = None,
+) -> Dataset[Any]:
     """The dataset that `gelsim generate` wrote to the folder `path`, or its samples of one split.
 
-    Raises UsageError for a folder that is none or is not complete, with a way out; shards are looked at when a sample is
-    asked for.
+    ```python
+    train = gelsim.load("out/presses", "train", layers=["tactile", "depth"])
+    image, depth_mm = train[0]["tactile"], train[0]["depth"]
+    ```
+
+    `layers` names the layers to read, `tactile` among them; the others are not decoded. Without it samples have all. A sample is
+    what `transform` makes of it, if that is given: a function at the top of a module, where other processes find it.
+
+    Raises UsageError for a folder that is none or is not complete, with a way out, and for a layer that is not there; shards are
+    looked at when a sample is asked for.
     """
-    return Dataset(path, split)
+    return Dataset(path, split, transform=transform, layers=layers)
 
 
-class Dataset:
+class Dataset(Generic[S]):
     """A map-style dataset over a folder: train, val and test one after another, each in the order of `Job.indices`.
 
-    Samples are those of `Job`, with `key` besides. It can be pickled, and forked at any time.
+    `load` makes one. Samples are those of `Job` with `key` besides, or what `transform` makes of them. It can be pickled, and
+    forked at any time.
     """
 
-    def __init__(self, path: Union[str, PathLike[str]], split: Optional[str] = None) -> None:
+    def __init__(
+        self,
+        path: Union[str, PathLike[str]],
+        split: Optional[str] = None,
+        *,
+        transform: Optional[Callable[[Sample], S]] = None,
+        layers: Optional[Sequence[str]] = None,
+    ) -> None:
+        """See `load`."""
         need_all(["numpy", "PIL.Image"])
+        if transform is not None and not callable(transform):
+            raise TypeError(f"transform is {kind(transform)}; give a function that takes a sample")
         self.path = Path(path)
         manifest = read_manifest(self.path)
         self.manifest: dict[str, Any] = manifest
@@ -51,7 +97,10 @@ class Dataset:
         self.classes: list[str] = [each["name"] for each in manifest["classes"]]
         """Class names; a label's `class_index` counts here."""
         self.layers: list[str] = [each.split(".", 1)[0] for each in manifest["layers"]]
-        """The layers of every sample."""
+        """The layers of the dataset, beside `tactile`."""
+        self.transform = transform
+        self.wanted = None if layers is None else wanted_layers(self.path, layers, ["tactile", *self.layers])
+        """The layers that are read; None for all."""
         order = [shard["split"] for shard in manifest["shards"]]
         self.splits: dict[str, int] = {each: manifest["splits"][each] for each in [*order, *manifest["splits"]]}
         """Samples of each split of the folder."""
@@ -66,11 +115,12 @@ class Dataset:
     def __len__(self) -> int:
         return self._ends[-1] if self._ends else 0
 
-    def __getitem__(self, index: SupportsIndex, /) -> Sample:
+    def __getitem__(self, index: SupportsIndex, /) -> S:
         """Sample `index`, decoded. Negative ones count from the end. RunError names a file that is damaged."""
-        return self.raw(index).sample()
+        sample = self.raw(index).sample(self.wanted)
+        return self.transform(sample) if self.transform is not None else cast("S", sample)
 
-    def __iter__(self) -> Iterator[Sample]:
+    def __iter__(self) -> Iterator[S]:
         return (self[index] for index in range(len(self)))
 
     def __repr__(self) -> str:
@@ -122,13 +172,13 @@ class Raw:
     label: dict[str, Any]
     suffixes: list[str]
 
-    def sample(self) -> Sample:
-        """All of it, decoded."""
+    def sample(self, wanted: Optional[Sequence[str]] = None) -> Sample:
+        """All of it, decoded, or the layers that are wanted of it."""
         its: dict[str, Any]
         if "sequence" in self.label:
-            its = {"frames": [self.frame(number) for number in range(len(self))]}
+            its = {"frames": [self.frame(number, wanted) for number in range(len(self))]}
         else:
-            its = self.frame(0)
+            its = self.frame(0, wanted)
         return cast("Sample", {**its, "label": self.label, "key": self.files.key})
 
     def __len__(self) -> int:
@@ -152,17 +202,17 @@ class Raw:
             for finger in vectors.FINGERS
         ]
 
-    def frame(self, number: int) -> dict[str, Any]:
+    def frame(self, number: int, wanted: Optional[Sequence[str]] = None) -> dict[str, Any]:
         """The arrays of one frame, by layer, of a gripper by finger and layer; without a sequence `number` is 0."""
         found: dict[str, Any] = {}
         for pad in self.pads:
-            layers = self.layers(pad, number)
+            layers = self.layers(pad, number, wanted)
             found.update(layers if pad.finger is None else {pad.finger: layers})
         return found
 
-    def layers(self, pad: Pad, number: int) -> dict[str, Any]:
+    def layers(self, pad: Pad, number: int, wanted: Optional[Sequence[str]] = None) -> dict[str, Any]:
         """The arrays of one sensor in a frame, by layer."""
-        return {name: self.layer(pad, name, number) for name in pad.files}
+        return {name: self.layer(pad, name, number) for name in pad.files if wanted is None or name in wanted}
 
     def data(self, suffix: str, number: int) -> bytes:
         """A file of a frame as it is; `suffix` without the frame's number."""
@@ -209,6 +259,18 @@ def read_manifest(path: Path) -> dict[str, Any]:
             raise
         verify = f"`gelsim verify {shards.word(path)}` says what is wrong"
         raise UsageError(f"{file} is no manifest of a dataset ({error!r}): {verify}") from None
+
+
+def wanted_layers(path: Path, layers: Sequence[str], there: list[str]) -> list[str]:
+    """The layers to read, which have to be there."""
+    if isinstance(layers, (str, bytes)) or not hasattr(layers, "__len__"):
+        raise TypeError(f"layers is {kind(layers)}; give a list of texts, such as ['tactile', 'depth']")
+    names = [name for name, _ in zip(layers, range(len(layers)))]
+    absent = [str(name)[:60] for name in names if name not in there]
+    if absent:
+        s = "" if len(absent) == 1 else "s"
+        raise UsageError(f"{path}: no layer{s} {', '.join(map(repr, absent[:10]))}; it has {', '.join(map(repr, there))}")
+    return names
 
 
 def sound(label: dict[str, Any]) -> None:

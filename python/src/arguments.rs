@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyUnicodeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyByteArray, PyBytes, PyDict, PyString, PyTuple};
+use pyo3::types::{PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyMapping, PyString, PyTuple};
 
 use crate::errors::{LONGEST_NAME, mistake};
 
@@ -14,6 +14,12 @@ const LONGEST_PATH: usize = 4096;
 
 /// Items of a list between looks at signals: it may have as many as its author says.
 const BLOCK: usize = 1 << 16;
+
+/// Lists and dicts within each other in a value of a job.
+const DEEPEST_VALUE: usize = 32;
+
+/// Items of a list in a job.
+const MOST_ITEMS: usize = 1 << 20;
 
 /// An argument that may be left out.
 pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
@@ -72,6 +78,102 @@ pub fn path(name: &str, given: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
 pub fn texts(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
     let Some(given) = given else { return Ok(Vec::new()) };
     each(name, given, "a list of texts", |item| text(&format!("an item of {name}"), item))
+}
+
+/// What `--set` takes: assignments as texts, or a mapping of dotted keys to values of Python.
+pub fn assignments(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
+    let Some(given) = given else { return Ok(Vec::new()) };
+    let Ok(mapping) = given.cast::<PyMapping>() else {
+        let wanted = "a dict of keys and values, or a list of texts";
+        return each(name, given, wanted, |item| text(&format!("an item of {name}"), item));
+    };
+    each(name, mapping.items()?.as_any(), "a dict", |item| {
+        let (key, value) = item.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()?;
+        let key = text(&format!("a key of {name}"), &key)?;
+        if key.contains(['=', '\n', '#']) {
+            let help = "keys are dotted, such as \"camera.exposure\"; the value stands behind the colon";
+            return Err(mistake(format!("{name} has no such key: {}", shortened(&key)), help));
+        }
+        let mut assignment = format!("{key} = ");
+        write_toml(&format!("{name}[{:?}]", shortened(&key)), &value, 0, &mut assignment)?;
+        Ok(assignment)
+    })
+}
+
+/// A name as messages show it.
+fn shortened(text: &str) -> String {
+    text.chars().take(LONGEST_NAME).collect()
+}
+
+/// A value of Python as TOML; `name` is what messages call it.
+pub fn write_toml(name: &str, value: &Bound<'_, PyAny>, depth: usize, toml: &mut String) -> PyResult<()> {
+    if depth == DEEPEST_VALUE {
+        return Err(mistake(format!("{name} holds lists in lists without end"), "give what a job can have there"));
+    }
+    if value.is_none() {
+        return Err(mistake(format!("{name} is None"), "leave the key out: what is left out has its default"));
+    }
+    if let Ok(flag) = value.cast::<PyBool>() {
+        toml.push_str(if flag.is_true() { "true" } else { "false" });
+    } else if value.is_instance_of::<PyInt>() {
+        let number = integer(name, value, "a number")?.and_then(|number| i64::try_from(number).ok());
+        let number =
+            number.ok_or_else(|| mistake(format!("{name} is out of range"), "no number of a job is so large"))?;
+        toml.push_str(&number.to_string());
+    } else if value.is_instance_of::<PyFloat>() {
+        let number = number(name, value)?;
+        toml.push_str(&if number.is_nan() { String::from("nan") } else { format!("{number:?}") });
+    } else if value.is_instance_of::<PyString>() {
+        write_toml_text(&text(name, value)?, toml);
+    } else if let Ok(table) = value.cast::<PyMapping>() {
+        toml.push_str("{ ");
+        let entries = each(name, table.items()?.as_any(), "a dict", |item| {
+            let (key, value) = item.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()?;
+            let mut entry = String::new();
+            write_toml_text(&text(&format!("a key of {name}"), &key)?, &mut entry);
+            entry.push_str(" = ");
+            write_toml(name, &value, depth + 1, &mut entry)?;
+            Ok(entry)
+        })?;
+        toml.push_str(&entries.join(", "));
+        toml.push_str(" }");
+    } else if value.hasattr("__fspath__")? {
+        let path = path(name, value)?.into_os_string().into_string();
+        let path = path.map_err(|_| mistake(format!("{name} is not UTF-8"), "rename the file or its folder"))?;
+        write_toml_text(&path, toml);
+    } else if value.hasattr("tolist")? {
+        // Numbers and arrays of numpy.
+        write_toml(name, &value.call_method0("tolist")?, depth + 1, toml)?;
+    } else {
+        if value.len().is_ok_and(|length| length > MOST_ITEMS) {
+            return Err(mistake(
+                format!("{name} is too long"),
+                format!("no list of a job has more than {MOST_ITEMS} items"),
+            ));
+        }
+        let entries = each(name, value, "a bool, a number, a text, a list or a dict", |item| {
+            let mut entry = String::new();
+            write_toml(name, item, depth + 1, &mut entry)?;
+            Ok(entry)
+        })?;
+        toml.push('[');
+        toml.push_str(&entries.join(", "));
+        toml.push(']');
+    }
+    Ok(())
+}
+
+/// A text as a basic string of TOML.
+fn write_toml_text(text: &str, toml: &mut String) {
+    toml.push('"');
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => toml.extend(['\\', c]),
+            c if c.is_control() => toml.push_str(&format!("\\u{:04X}", u32::from(c))),
+            c => toml.push(c),
+        }
+    }
+    toml.push('"');
 }
 
 /// The words of a command line.

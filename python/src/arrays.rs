@@ -37,14 +37,7 @@ enum Values {
 impl Arrays {
     /// Of a sample of `plan`, with the plan's layers.
     pub fn new(plan: &Plan, sample: Sample) -> Self {
-        let values = |layer: &OutputLayer| {
-            let values = match content(&sample, *layer) {
-                Content::Floats(values) => Values::Floats(values),
-                Content::Bytes(bytes) => Values::Bytes(bytes.into_owned()),
-                Content::Markers(positions) => Values::Markers(vec![positions]),
-            };
-            (*layer, values)
-        };
+        let values = |layer: &OutputLayer| (*layer, Values::of(&sample, *layer));
         Self {
             shape: vec![sample.impression.image.height, sample.impression.image.width],
             layers: plan.layers().iter().map(values).collect(),
@@ -107,6 +100,14 @@ impl Arrays {
 }
 
 impl Values {
+    fn of(sample: &Sample, layer: OutputLayer) -> Self {
+        match content(sample, layer) {
+            Content::Floats(values) => Self::Floats(values),
+            Content::Bytes(bytes) => Self::Bytes(bytes.into_owned()),
+            Content::Markers(positions) => Self::Markers(vec![positions]),
+        }
+    }
+
     fn reserve(&mut self, times: usize) -> Result<(), TryReserveError> {
         match self {
             Self::Floats(values) => values.try_reserve_exact(values.len() * times),
@@ -123,6 +124,24 @@ impl Values {
             _ => unreachable!("samples of one plan have the same layers"),
         }
     }
+}
+
+/// One layer of a sample.
+pub fn layer<'py>(py: Python<'py>, sample: &Sample, layer: OutputLayer) -> PyResult<Bound<'py, PyAny>> {
+    let image = &sample.impression.image;
+    let channels = layer.spec().form.values_per_px().filter(|count| *count > 1);
+    let shape: Vec<usize> = [image.height, image.width].into_iter().chain(channels).collect();
+    match py.detach(|| Values::of(sample, layer)) {
+        Values::Floats(values) => array(py, &shape, values),
+        Values::Bytes(values) => array(py, &shape, values),
+        Values::Markers(mut each) => markers(py, each.remove(0)),
+    }
+}
+
+/// The tactile image of a sample.
+pub fn image<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyAny>> {
+    let image = &sample.impression.image;
+    array(py, &[image.height, image.width, 3], image.rgb.clone())
 }
 
 /// JSON as Python's objects.

@@ -57,9 +57,9 @@ pub fn named<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'stati
     Err(mistake(format!("no {what} is called `{name}`"), of_choice(name, &names)))
 }
 
-/// A rung by its name.
-pub fn rung(given: &Bound<'_, PyAny>) -> PyResult<Fidelity> {
-    named("rung", &text("fidelity", given)?, Fidelity::ALL.map(|rung| (rung.name(), rung)))
+/// A fidelity level by its name.
+pub fn fidelity_level(given: &Bound<'_, PyAny>) -> PyResult<Fidelity> {
+    named("fidelity level", &text("fidelity", given)?, Fidelity::ALL.map(|level| (level.name(), level)))
 }
 
 /// Something failed while running.

@@ -21,21 +21,29 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use rayon::prelude::*;
 
-use crate::arguments::{self, Given, each, first, flag, texts, whole};
+use crate::arguments::{self, Given, assignments, each, first, flag, whole};
 use crate::arrays::{Arrays, need_numpy, parsed};
-use crate::errors::{named, panicked, rung, running, usage, warn};
+use crate::errors::{fidelity_level, named, panicked, running, usage, warn};
 use crate::threads::{checked, pool};
 
 /// Samples that each thread renders before Python may look at signals.
 const BLOCK: usize = 8;
 
 /// What a job takes, to whoever gives what is no such number at all; the rest is said with all other mistakes of the job.
-const MOST_SAMPLES: &str = "give 1 to 1000000000";
+pub const MOST_SAMPLES: &str = "give 1 to 1000000000";
 
 /// JSON's readers take larger ones for floats.
 pub const LARGEST_SEED: &str = "give 0 to 9007199254740991";
 
-/// A job, read and resolved.
+/// A job as a map-style dataset: sample `i` is what `gelsim generate` writes, rendered when it is asked for.
+///
+/// ```python
+/// job = gelsim.Job.load("job.toml", samples=1000, set={"sensor.preset": "digit"})
+/// sample = job[42]
+/// image, depth_mm, label = sample["tactile"], sample["depth"], sample["label"]
+/// ```
+///
+/// It can be pickled: another process reads the objects again, and refuses them if they changed.
 #[pyclass(frozen, module = "gelsim")]
 pub struct Job {
     plan: Arc<Plan>,
@@ -111,6 +119,11 @@ pub fn job_of_text(py: Python<'_>, text: &Bound<'_, PyAny>, threads: Given<'_, '
 }
 
 impl Job {
+    /// What its samples depend on.
+    pub fn plan(&self) -> Arc<Plan> {
+        Arc::clone(&self.plan)
+    }
+
     fn new(
         py: Python<'_>,
         threads: Given<'_, '_>,
@@ -190,8 +203,8 @@ fn unhealthy(plan: &Plan, unfit: &Unfit) -> PyErr {
     running(format!("{unfit}; {help}"))
 }
 
-/// The plan at the rung that keeps the bound which the job gives instead of one.
-fn settled(mut plan: Plan) -> Result<Plan, Report> {
+/// The plan at the fidelity level that keeps the bound which the job gives instead of one.
+pub fn settled(mut plan: Plan) -> Result<Plan, Report> {
     let Some(bound) = plan.open_choice() else { return Ok(plan) };
     let chosen = choose(&plan, bound)?;
     plan.notes = plan.notes.and(Diagnostic::note(chosen.to_string()).into());
@@ -210,6 +223,11 @@ impl Job {
         )))
     }
 
+    /// Reads and resolves a job. The arguments are the flags of `gelsim generate`.
+    ///
+    /// `set` changes keys of the job: a dict as in `{"indentation.depth_mm": [0.3, 0.9], "sensor.preset": "digit"}`, or a list of
+    /// texts as the command takes them, `["indentation.depth_mm=[0.3, 0.9]"]`. `threads` is for `samples`: all cores if it is left out, one in a process that multiprocessing started.
+    /// Raises UsageError with every mistake in the job.
     #[staticmethod]
     #[pyo3(
         signature = (path, *, samples=None, seed=None, fidelity=None, all_effects=None, set=None, threads=None),
@@ -230,9 +248,9 @@ impl Job {
         let overrides = Overrides::of_flags(
             whole("samples", samples, MOST_SAMPLES)?,
             whole("seed", seed, LARGEST_SEED)?,
-            fidelity.map(rung).transpose()?,
+            fidelity.map(fidelity_level).transpose()?,
             flag("all_effects", all_effects)?,
-            &texts("set", set)?,
+            &assignments("set", set)?,
         );
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
         let foreseen = py.detach(|| foresee(&job.plan));
@@ -240,13 +258,13 @@ impl Job {
         Ok(job)
     }
 
-    /// One sample, on the calling thread.
+    /// Sample `index`, rendered on this thread, without the GIL. Negative ones count from the end.
     fn sample<'py>(&self, py: Python<'py>, index: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
         let index = self.index(index)?;
         py.detach(|| self.render(index))?.into_dict(py)
     }
 
-    /// Several, on the job's threads.
+    /// Several samples in this order, rendered on the job's threads.
     fn samples<'py>(&self, py: Python<'py>, indices: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
         let numbers = each("indices", indices, "a list of whole numbers", |index| self.index(index))?;
         let pool = pool(py, self.threads)?;
@@ -281,7 +299,7 @@ impl Job {
         self.plan.layout.samples() as usize
     }
 
-    /// The samples of a split, ascending.
+    /// The samples of the split `train`, `val` or `test`, ascending.
     fn indices(&self, split: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
         let split = arguments::text("split", split)?;
         let split = named("split", &split, Split::ALL.map(|known| (known.name(), known)))?;
@@ -289,31 +307,37 @@ impl Job {
         Ok((0..layout.samples_in(split)).map(|position| layout.index_of(split, position)).collect())
     }
 
+    /// Name of the dataset.
     #[getter]
     fn name(&self) -> &str {
         self.plan.name()
     }
 
+    /// Seed of all randomness.
     #[getter]
     fn seed(&self) -> u64 {
         self.plan.seed()
     }
 
+    /// Fidelity level.
     #[getter]
     fn fidelity(&self) -> &'static str {
         self.plan.fidelity().name()
     }
 
+    /// SHA-256 over all that decides the bytes of a sample, as in `dataset.json`.
     #[getter]
     fn fingerprint(&self) -> &str {
         &self.plan.fingerprint
     }
 
+    /// Class names; a label's `class_index` counts here.
     #[getter]
     fn classes(&self) -> Vec<String> {
         self.plan.sampling.classes.clone()
     }
 
+    /// The layers of every sample.
     #[getter]
     fn layers(&self) -> Vec<&'static str> {
         self.plan.layers().iter().map(|layer| layer.name()).collect()

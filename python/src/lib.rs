@@ -6,8 +6,11 @@ mod arguments;
 mod arrays;
 mod depth;
 mod errors;
+mod generate;
 mod job;
+mod mesh;
 mod sensor;
+mod simulator;
 mod threads;
 
 /// Keeps freed memory for the next sample, as the command does. Python's own memory is not touched, nor how its process
@@ -25,9 +28,15 @@ mod _native {
     #[pymodule_export]
     use crate::errors::{RunError, UsageError};
     #[pymodule_export]
+    use crate::generate::generate;
+    #[pymodule_export]
     use crate::job::{Job, job_of_text};
     #[pymodule_export]
+    use crate::mesh::{ReadyMesh, mesh_of_arrays, mesh_of_file};
+    #[pymodule_export]
     use crate::sensor::{Sensor, sensor_of_source};
+    #[pymodule_export]
+    use crate::simulator::{Engine, Pressing};
 
     #[pymodule_export]
     #[allow(non_upper_case_globals, reason = "the name that Python gives to it")]
@@ -40,7 +49,9 @@ mod _native {
         module.py().detach(|| Python::attach(|_| Ok(())))
     }
 
-    /// Runs a command line; its exit status. What a panic has to say is said by then, so Python shall not repeat it.
+    /// Runs the command line `argv`, the program's name first. Prints as the command does; gives its exit status.
+    ///
+    /// Once per process, and from its main thread: it takes over SIGINT and SIGTERM.
     #[pyfunction]
     fn main(py: Python<'_>, argv: &Bound<'_, PyAny>) -> PyResult<u8> {
         let argv = words("argv", argv)?;

@@ -9,7 +9,9 @@ use gelsim_core::camera::projection::LensModel;
 use gelsim_core::depth::height_map::HeightMap;
 use gelsim_core::depth::indenter::Shape;
 use gelsim_core::fidelity::Fidelity;
+use gelsim_core::optics::led::Led;
 use gelsim_core::pose::Pose;
+use gelsim_dataset::encode::json;
 use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
 use gelsim_dataset::frames::reader::FrameReader;
 use gelsim_dataset::frames::run::sample;
@@ -25,13 +27,13 @@ use gelsim_job::sample::press;
 use gelsim_job::scene::{Frame, KnownPress, Pressed, Scene};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyDict, PyList, PyTuple};
 use rayon::prelude::*;
 
-use crate::arguments::{self, Given, first, texts, whole};
-use crate::arrays::{Arrays, need_numpy};
+use crate::arguments::{self, Given, assignments, first, texts, whole, write_toml};
+use crate::arrays::{Arrays, need_numpy, parsed};
 use crate::depth::{Depth, Seen};
-use crate::errors::{mistake, named, panicked, rung, running, usage, warn};
+use crate::errors::{fidelity_level, mistake, named, panicked, running, usage, warn};
 use crate::job::{LARGEST_SEED, Pickled};
 use crate::threads::{checked, pool};
 
@@ -39,12 +41,22 @@ use crate::threads::{checked, pool};
 const BLOCK: usize = 8;
 
 /// What a sample's number may be.
-const LARGEST_INDEX: &str = "give 0 to 18446744073709551615";
+pub const LARGEST_INDEX: &str = "give 0 to 18446744073709551615";
 
 /// Simulators that are kept: who changes resolution or fidelity with every call waits every time.
 const MOST_SIMULATORS: usize = 8;
 
-/// A sensor, read and checked.
+/// A sensor: a preset, or a file. It renders tactile images of depth maps; `Simulator` presses meshes into it.
+///
+/// ```python
+/// sensor = gelsim.Sensor.preset("digit", set={"camera.exposure": 1.2})
+/// sensor = sensor.with_leds([*sensor.leds, gelsim.Led(azimuth_deg=45.0, intensity=0.5)])
+/// depth_mm = np.zeros((320, 240), np.float32)
+/// depth_mm[120:200, 80:160] = 0.5
+/// image = sensor.render(depth_mm)["tactile"]
+/// ```
+///
+/// It can be pickled: another process reads its file again.
 #[pyclass(frozen, module = "gelsim")]
 pub struct Sensor {
     /// A preset's name, or an absolute path.
@@ -52,6 +64,8 @@ pub struct Sensor {
     set: Vec<String>,
     threads: Option<usize>,
     itself: gelsim_core::sensor::Sensor,
+    /// Its LEDs, as `set` has them.
+    leds: Vec<Led>,
     /// What is not meant of it, perhaps, at its own resolution.
     notes: Report,
     /// The simulators that were used last, the very last at the end. The lock is taken with the GIL only, and not for long.
@@ -97,12 +111,13 @@ impl Sensor {
     /// Reads it, and makes the plan of its own resolution, in which its mistakes and notes are.
     fn new(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
         need_numpy(py)?;
-        let (set, threads) = (texts("set", set)?, checked(threads)?);
+        let (set, threads) = (assignments("set", set)?, checked(threads)?);
         let itself = py.detach(|| sensor(&source)).map_err(|report| usage(&report))?.sensor;
-        let sensor = Self { source, set, threads, itself, notes: Report::default(), simulators: Mutex::default() };
+        let (leds, notes, simulators) = (Vec::new(), Report::default(), Mutex::default());
+        let sensor = Self { source, set, threads, itself, leds, notes, simulators };
         let resolution_px = sensor.itself.resolution_px;
         let (ready, _) = sensor.ready(py, Choice { resolution_px, fidelity: None, frames: None })?;
-        Ok(Self { notes: ready.plan.notes, ..sensor })
+        Ok(Self { leds: ready.plan.simulator.sensor().leds.clone(), notes: ready.plan.notes, ..sensor })
     }
 
     fn noted(py: Python<'_>, source: String, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
@@ -112,7 +127,7 @@ impl Sensor {
     }
 
     /// What a plan for maps of another resolution has to say that has not been said of the sensor itself.
-    fn news(&self, plan: &Plan) -> Report {
+    pub fn news(&self, plan: &Plan) -> Report {
         let is_said = |note: &Diagnostic| self.notes.problems().iter().any(|said| said.message == note.message);
         let mut news = Diagnostics::default();
         news.extend(plan.notes.problems().iter().filter(|note| !is_said(note)).cloned());
@@ -186,6 +201,29 @@ impl Sensor {
         }
         simulators.push((choice, ready.clone()));
         Ok((ready, true))
+    }
+
+    /// A plan of it as it is, with more assignments, for what is pressed by itself: of its own resolution or another one.
+    pub fn plan(
+        &self,
+        py: Python<'_>,
+        fidelity: Fidelity,
+        resolution_px: Option<[usize; 2]>,
+        set: &[String],
+        layers: &[OutputLayer],
+    ) -> PyResult<Plan> {
+        let overrides = Overrides::of_flags(None, None, Some(fidelity), false, &[&self.set, set].concat());
+        let frames = Frames {
+            sensor: &self.source,
+            resolution_px: resolution_px.unwrap_or(self.itself.resolution_px),
+            layers,
+            classes: &[],
+            sequence: false,
+            moved: false,
+            overrides: &overrides,
+        };
+        let pool = pool(py, self.threads)?;
+        py.detach(|| pool.install(|| frames.plan())).map_err(|report| usage(&report))
     }
 
     /// What took the frames of a sensor whose gel has a shape; none if it is flat.
@@ -286,6 +324,11 @@ impl Sensor {
         )))
     }
 
+    /// One of `gelsim list sensors`, changed by `set`: keys of a job, as in `{"camera.exposure": 1.2}`, or a list of texts as the
+    /// command takes them.
+    ///
+    /// `threads` is for batches: all cores if it is left out, one in a process that multiprocessing started.
+    /// Raises UsageError with every mistake.
     #[staticmethod]
     #[pyo3(signature = (name, *, set=None, threads=None), text_signature = "(name, *, set=(), threads=None)")]
     fn preset(py: Python<'_>, name: &Bound<'_, PyAny>, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
@@ -298,6 +341,7 @@ impl Sensor {
         Self::noted(py, name, set, threads)
     }
 
+    /// A sensor file, such as `gelsim calibrate` writes. `set` and `threads` are those of `preset`.
     #[staticmethod]
     #[pyo3(signature = (path, *, set=None, threads=None), text_signature = "(path, *, set=(), threads=None)")]
     fn load(py: Python<'_>, path: &Bound<'_, PyAny>, set: Given<'_, '_>, threads: Given<'_, '_>) -> PyResult<Self> {
@@ -317,7 +361,18 @@ impl Sensor {
         Self::noted(py, source, set, threads)
     }
 
-    /// Presses what depth maps show into the pad, or what frames from inside show into a gel that has a shape.
+    /// Presses what a depth map (H, W) or (H, W, 1) shows into the pad: a `Sample` with `tactile`, `layers` and `label`.
+    ///
+    /// `depth_mm` is how far the object reaches below the undeformed pad, mm, as the layer `depth`: 0 where it does not.
+    /// Negative values are heights above the pad, which matter where the pad bulges up to them; -inf is nothing there.
+    /// Several maps (N, H, W) or (N, H, W, 1) give a `Batch`, rendered on the sensor's threads. The map's resolution wins; the field of
+    /// view is the sensor's. `index` and `seed` address what is random in the camera: map k is sample `index` + k.
+    /// Raises UsageError for values that cannot be right, TypeError for other types; warns of depth that seems to be in
+    /// metres or micrometres, that goes through the pad, and of maps whose pixels are out of proportion.
+    ///
+    /// On a sensor whose gel has a shape `depth_mm` is a depth frame of a camera where the sensor's lens is: distance from it,
+    /// mm, above 0, inf where nothing is, along the optical axis or, with `along="ray"`, along each pixel's ray. The camera
+    /// has the sensor's own lens, or with `fov_y_deg` a pinhole's of that angle between its upper and lower edge.
     #[pyo3(
         signature = (depth_mm, *, fidelity=None, layers=None, index=None, seed=None, along=None, fov_y_deg=None),
         text_signature = "($self, depth_mm, *, fidelity=None, layers=(), index=0, seed=0, along=None, fov_y_deg=None)"
@@ -338,7 +393,7 @@ impl Sensor {
         let depth = Depth::new(&input);
         let wanted = |name: &String| named("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)));
         let layers = texts("layers", layers)?.iter().map(wanted).collect::<PyResult<Vec<_>>>()?;
-        let fidelity = fidelity.map(rung).transpose()?;
+        let fidelity = fidelity.map(fidelity_level).transpose()?;
         let index = whole("index", index, LARGEST_INDEX)?.unwrap_or(0);
         let seed = whole("seed", seed, LARGEST_SEED)?.unwrap_or(0);
         let rays = self.rays(along, fov_y_deg)?;
@@ -398,26 +453,52 @@ impl Sensor {
         batch.ok_or_else(|| running("depth_mm is empty"))?.into_dict(py)
     }
 
+    /// Its name in labels.
     #[getter]
     fn name(&self) -> &str {
         &self.itself.name
     }
 
-    /// Width and height.
+    /// Width and height of its own image.
     #[getter]
     fn resolution_px(&self) -> (usize, usize) {
         self.itself.resolution_px.into()
     }
 
-    /// Width and height.
+    /// Width and height of the pad's window that the image shows.
     #[getter]
     fn field_of_view_mm(&self) -> (f64, f64) {
         self.itself.field_of_view_mm.into()
     }
 
+    /// Thickness of the gelpad.
     #[getter]
     fn gelpad_thickness_mm(&self) -> f64 {
         self.itself.gelpad.thickness_mm
+    }
+
+    /// Its LEDs; `with_leds` gives a sensor with others.
+    #[getter]
+    fn leds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let led = py.import("gelsim.scene")?.getattr("Led")?;
+        let list = PyList::empty(py);
+        for each in &self.leds {
+            list.append(led.call_method1("_of_json", (parsed(py, &json(each))?,))?)?;
+        }
+        Ok(list)
+    }
+
+    /// The same sensor with these LEDs in place of its own: `sensor.with_leds([*sensor.leds, gelsim.Led(45.0)])`.
+    ///
+    /// Raises UsageError with every mistake; warns where the sensor's light is measured, so that LEDs are no part of it.
+    fn with_leds(&self, py: Python<'_>, leds: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let tables = py.import("gelsim.scene")?.call_method1("led_tables", (leds,))?;
+        let mut assignment = String::from("sensor.led = ");
+        write_toml("leds", &tables, 0, &mut assignment)?;
+        let set: Vec<String> = self.set.iter().cloned().chain([assignment]).collect();
+        let (set, threads) = (set.into_pyobject(py)?, self.threads.into_pyobject(py)?);
+        let threads = Some(threads.as_any()).filter(|threads| !threads.is_none());
+        Self::noted(py, self.source.clone(), Some(&set), threads)
     }
 
     fn __repr__(&self) -> String {

@@ -48,14 +48,15 @@ fn started_by_multiprocessing(py: Python<'_>) -> PyResult<bool> {
     Ok(started)
 }
 
+/// How many threads a run of its own takes: all cores if none, and one in a process that multiprocessing started.
+pub fn threads_or_default(py: Python<'_>, threads: Option<usize>) -> PyResult<Option<usize>> {
+    Ok(if threads.is_none() && started_by_multiprocessing(py)? { Some(1) } else { threads })
+}
+
 /// A pool of so many threads. If nobody says how many: all cores, and one in a process that multiprocessing started, as a
 /// worker of a loader is.
 pub fn pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>> {
-    let threads = match threads {
-        Some(threads) => threads,
-        None if started_by_multiprocessing(py)? => 1,
-        None => 0,
-    };
+    let threads = threads_or_default(py, threads)?.unwrap_or(0);
     let process = process::id();
     let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
     match &*last {

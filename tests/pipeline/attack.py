@@ -278,7 +278,7 @@ def arguments():
                 "path": ("path", "is not UTF-8", "cannot be read", "cannot read"),
                 "samples": ("samples",),
                 "seed": ("seed",),
-                "fidelity": ("fidelity", "rung"),
+                "fidelity": ("fidelity", "level"),
                 "all_effects": ("all_effects",),
                 **assigned,
             },
@@ -301,7 +301,7 @@ def arguments():
             {"depth_mm": ball()},
             {
                 "depth_mm": ("depth_mm",),
-                "fidelity": ("fidelity", "rung"),
+                "fidelity": ("fidelity", "level"),
                 "layers": ("layers", "layer"),
                 "index": ("index",),
                 "seed": ("seed",),

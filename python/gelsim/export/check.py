@@ -10,9 +10,10 @@ from typing import Any, Optional
 from gelsim._native import RunError
 from gelsim.dataset import Dataset
 from gelsim.export.content import Arrays
+from gelsim.sample import Sample
 
 
-def compare(dataset: Dataset, form: Any, out: Path, tell: Callable[[int], None]) -> Optional[str]:
+def compare(dataset: Dataset[Sample], form: Any, out: Path, tell: Callable[[int], None]) -> Optional[str]:
     """What differs in the first sample that does, or None.
 
     `form.expectation(dataset)` gives the frames that a copy should hold of a sample, `form.episodes(out)` label and frames that

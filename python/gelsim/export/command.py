@@ -20,6 +20,7 @@ from gelsim.dataset import Dataset, read_manifest
 from gelsim.export import check, parts
 from gelsim.export.content import identity
 from gelsim.needed import LIBRARIES, installed, need_all
+from gelsim.sample import Sample
 
 FORMATS = ["lerobot", "zarr", "hdf5"]
 ONE_OF = "one of lerobot, zarr or hdf5 (docs/formats.md)"
@@ -94,7 +95,7 @@ def arguments() -> argparse.ArgumentParser:
 class Progress:
     """One line on a terminal."""
 
-    def __init__(self, dataset: Dataset, quiet: bool) -> None:
+    def __init__(self, dataset: Dataset[Sample], quiet: bool) -> None:
         self.dataset = dataset
         self.shown = sys.stderr.isatty() and not quiet and os.environ.get("TERM", "dumb") != "dumb"
         self.begun = self.told = time.monotonic()
@@ -137,7 +138,7 @@ def run(options: argparse.Namespace) -> int:
     suffixes = read_manifest(options.dataset)["layers"]
     has_exr = form.HAS_FLOATS and any(suffix.endswith(".exr") for suffix in suffixes)
     need_all([*form.LIBRARIES, *(["OpenEXR"] if has_exr else [])])
-    dataset = Dataset(options.dataset)
+    dataset: Dataset[Sample] = Dataset(options.dataset)
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples: `gelsim generate JOB --out FOLDER` writes some")
     out: Path = options.out

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from gelsim import vectors
 from gelsim.dataset import Dataset, Pad, Raw
 from gelsim.needed import need
+from gelsim.sample import Sample
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,7 +48,7 @@ FRAME = (
 """The frame of poses and wrenches."""
 
 
-def identity(dataset: Dataset, to: str) -> dict[str, Any]:
+def identity(dataset: Dataset[Sample], to: str) -> dict[str, Any]:
     """What a copy says about where it comes from: equal for equal sources."""
     manifest = (dataset.path / "dataset.json").read_bytes()
     return {

@@ -17,6 +17,7 @@ from gelsim.export import content
 from gelsim.export.content import Arrays
 from gelsim.export.parts import Place
 from gelsim.needed import need
+from gelsim.sample import Sample
 from gelsim.vectors import FINGERS, POSE, WRENCH
 
 LIBRARIES = ["numpy", "PIL.Image", "h5py"]
@@ -88,7 +89,7 @@ def created(path: Path) -> Iterator[tuple[Any, Lenient]]:
 class Writer:
     """Writes the parts."""
 
-    def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
+    def __init__(self, dataset: Dataset[Sample], folder: Path, out: Path, identity: dict[str, Any]) -> None:
         self.dataset, self.folder, self.identity = dataset, folder, identity
         self.h5py = need("h5py")
 
@@ -167,7 +168,7 @@ def write_pad(group: Any, raw: Raw, pad: Pad) -> None:
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-def expectation(dataset: Dataset) -> Any:
+def expectation(dataset: Dataset[Sample]) -> Any:
     """What a copy holds of each frame of a sample."""
 
     def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:

@@ -17,6 +17,7 @@ from gelsim.export import content, statistics
 from gelsim.export.content import Arrays
 from gelsim.export.parts import Place, write
 from gelsim.needed import need
+from gelsim.sample import Sample
 
 LIBRARIES = ["numpy", "PIL.Image", "pyarrow.parquet"]
 HAS_FLOATS = False
@@ -105,7 +106,7 @@ def images(raw: Raw) -> dict[str, tuple[Pad, str]]:
 class Features:
     """What each frame has; it follows from the first sample."""
 
-    def __init__(self, dataset: Dataset) -> None:
+    def __init__(self, dataset: Dataset[Sample]) -> None:
         first = dataset.raw(0)
         self.sensors = "+".join(pad.label["sensor"]["name"] for pad in first.pads)
         self.fps = content.frame_rate_hz(first)
@@ -161,7 +162,7 @@ class Features:
 class Writer:
     """Writes the parts."""
 
-    def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
+    def __init__(self, dataset: Dataset[Sample], folder: Path, out: Path, identity: dict[str, Any]) -> None:
         self.dataset, self.identity = dataset, identity
         self.out = folder / "out"
         self.features = Features(dataset)
@@ -353,7 +354,7 @@ def tasks(classes: list[str]) -> Any:
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 
-def expectation(dataset: Dataset) -> Any:
+def expectation(dataset: Dataset[Sample]) -> Any:
     """What a copy holds of each frame of a sample."""
     features = Features(dataset)
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 from gelsim._native import UsageError
 from gelsim.dataset import Dataset, Raw
+from gelsim.sample import Sample
 
 
 class Place(NamedTuple):
@@ -33,7 +34,7 @@ class Writer(Protocol):
 
 
 def run(
-    dataset: Dataset,
+    dataset: Dataset[Sample],
     out: Path,
     identity: dict[str, Any],
     start: Callable[[Path], Writer],

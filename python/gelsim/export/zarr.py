@@ -16,6 +16,7 @@ from gelsim.export.content import Arrays
 from gelsim.export.parts import Place, write
 from gelsim.export.zarr_v2 import Read, Store, Written, make_group
 from gelsim.needed import need
+from gelsim.sample import Sample
 from gelsim.vectors import WRENCH
 
 LIBRARIES = ["numpy", "PIL.Image", "pyarrow"]
@@ -48,7 +49,7 @@ def source(out: Path) -> Any:
 class Writer:
     """Writes the parts."""
 
-    def __init__(self, dataset: Dataset, folder: Path, out: Path, identity: dict[str, Any]) -> None:
+    def __init__(self, dataset: Dataset[Sample], folder: Path, out: Path, identity: dict[str, Any]) -> None:
         self.dataset, self.folder, self.identity = dataset, folder, identity
         self.zipped = out.suffix == ".zip"
         self.numpy, self.root = need("numpy"), folder / "out"
@@ -218,7 +219,7 @@ def rotation_vectors(quaternions: Any) -> Any:
     return axis * factor[:, None]
 
 
-def expectation(dataset: Dataset) -> Any:
+def expectation(dataset: Dataset[Sample]) -> Any:
     """What a copy holds of each frame of a sample."""
 
     def frames(raw: Raw, episode: int, first: int) -> Iterator[Arrays]:

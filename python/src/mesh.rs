@@ -1,0 +1,88 @@
+//! Meshes that are pressed: read from a file, or given as arrays.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::mesh::{Cleaned, Mesh};
+use gelsim_files::mesh::{self, Reading};
+use numpy::PyReadonlyArray2;
+use pyo3::prelude::*;
+
+use crate::errors::mistake;
+use crate::threads::pool;
+
+/// A mesh, cleaned and made ready to be pressed; `gelsim.Mesh` has one.
+#[pyclass(frozen, module = "gelsim._native")]
+pub struct ReadyMesh {
+    pub clusters: Arc<Clusters>,
+    triangles: usize,
+    bounds_mm: [[f64; 3]; 2],
+}
+
+impl ReadyMesh {
+    fn new(mesh: &Mesh) -> Self {
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for vertex in &mesh.vertices {
+            for axis in 0..3 {
+                let mm = f64::from(vertex[axis]) + mesh.centre_mm[axis];
+                bounds[0][axis] = bounds[0][axis].min(mm);
+                bounds[1][axis] = bounds[1][axis].max(mm);
+            }
+        }
+        Self { clusters: Arc::new(Clusters::new(mesh)), triangles: mesh.triangles.len(), bounds_mm: bounds }
+    }
+}
+
+#[pymethods]
+impl ReadyMesh {
+    #[getter]
+    fn triangles(&self) -> usize {
+        self.triangles
+    }
+
+    #[getter]
+    fn bounds_mm(&self) -> [[f64; 3]; 2] {
+        self.bounds_mm
+    }
+}
+
+/// What to warn of.
+fn remarks(cleaned: &Cleaned, others: impl Iterator<Item = String>) -> Vec<String> {
+    cleaned.warning().into_iter().chain(others).collect()
+}
+
+/// The mesh of a file, and what to warn of.
+#[pyfunction]
+pub fn mesh_of_file(py: Python<'_>, path: PathBuf, mm_per_unit: Option<f64>) -> PyResult<(ReadyMesh, Vec<String>)> {
+    let pool = pool(py, None)?;
+    // Reading divides its work.
+    py.detach(|| {
+        pool.install(|| {
+            let loaded = mesh::load(&path, Reading { mm_per_unit, ..Reading::default() });
+            let loaded = loaded.map_err(|error| mistake(error.to_string(), error.help()))?;
+            let read = loaded.remarks.iter().map(|remark| format!("{remark}; {}", remark.help()));
+            Ok((ReadyMesh::new(&loaded.mesh), remarks(&loaded.cleaned, read)))
+        })
+    })
+}
+
+/// The mesh of corners and triangles, and what to warn of.
+#[pyfunction]
+pub fn mesh_of_arrays(
+    py: Python<'_>,
+    vertices_mm: PyReadonlyArray2<'_, f64>,
+    faces: PyReadonlyArray2<'_, u32>,
+) -> PyResult<(ReadyMesh, Vec<String>)> {
+    let (vertices_mm, faces) = (vertices_mm.as_array(), faces.as_array());
+    if vertices_mm.ncols() != 3 || faces.ncols() != 3 {
+        return Err(mistake("vertices and faces have three columns each", "give arrays (N, 3) and (M, 3)"));
+    }
+    let vertices = vertices_mm.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+    let triangles = faces.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
+    py.detach(|| {
+        let help = "vertices_mm is (N, 3) in mm, faces (M, 3) counts in it from 0";
+        let (mesh, cleaned) = Mesh::new(vertices, triangles).map_err(|error| mistake(error.to_string(), help))?;
+        Ok((ReadyMesh::new(&mesh), remarks(&cleaned, std::iter::empty())))
+    })
+}
