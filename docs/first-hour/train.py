@@ -73,7 +73,7 @@ def main(folder, epochs=8, learned="place"):
 
     def batches(indices, shuffle):
         workers = {"num_workers": 2, "persistent_workers": True}
-        return DataLoader(Subset(dataset, indices), 20, shuffle=shuffle, collate_fn=gelsim.collate, **workers)
+        return DataLoader(Subset(dataset, indices), 20, shuffle=shuffle, collate_fn=gelsim.collate_torch, **workers)
 
     def predict(batch):
         return network(batch["tactile"].permute(0, 3, 1, 2).float() / 64 - 2)

@@ -6,7 +6,7 @@ Press a mesh, change the sensor's light, and let an object slide:
 import gelsim
 
 sensor = gelsim.Sensor.preset("digit")                          # `gelsim list sensors` names all presets
-amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=0.5)
+amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=3.0)
 simulator = gelsim.Simulator(sensor.with_leds([*sensor.leds, amber]))
 
 corners_mm = [(-3, -3, 2), (3, -3, 2), (3, 3, 2), (-3, 3, 2), (0, 0, 0)]

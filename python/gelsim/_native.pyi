@@ -97,7 +97,7 @@ class Sensor:
 
     ```python
     sensor = gelsim.Sensor.preset("digit", set={"camera.exposure": 1.2})
-    sensor = sensor.with_leds([*sensor.leds, gelsim.Led(azimuth_deg=45.0, intensity=0.5)])
+    sensor = sensor.with_leds([*sensor.leds, gelsim.Led(azimuth_deg=45.0, intensity=3.0)])
     depth_mm = np.zeros((320, 240), np.float32)
     depth_mm[120:200, 80:160] = 0.5
     image = sensor.render(depth_mm)["tactile"]

@@ -8,6 +8,9 @@ from typing import Any, Optional
 
 from gelsim._native import UsageError
 
+MOST_ITEMS = 10_000
+"""No list that is no array has more."""
+
 LONGEST_SHOWN = 60
 """Characters of a value in a message."""
 
@@ -15,6 +18,27 @@ LONGEST_SHOWN = 60
 def kind(value: object) -> str:
     """What a value is, for messages."""
     return "None" if value is None else f"of type {type(value).__name__}"
+
+
+def honest(name: str, value: object) -> None:
+    """Refuses what says that it is of a class that it is not of: Python's own functions would not take it for that."""
+    if not issubclass(type(value), value.__class__):
+        raise TypeError(f"{name} is {kind(value)}, which says that it is {value.__class__.__name__}")
+
+
+def items(name: str, given: Any, wanted: str) -> list[Any]:
+    """The items of a list, or of what is as good as one: no more than its length, as a class may say anything of either."""
+    honest(name, given)
+    wrong = f"{name} is {kind(given)}; give {wanted}"
+    if isinstance(given, (str, bytes, bytearray)):
+        raise TypeError(wrong)
+    try:
+        length = len(given)
+        if length > MOST_ITEMS:
+            raise UsageError(f"{name} has {length} items; give {wanted}")
+        return [item for item, _ in zip(given, range(length))]
+    except TypeError as error:
+        raise TypeError(wrong) from error
 
 
 def shown(value: object) -> str:
@@ -47,15 +71,10 @@ class Checks:
 
     def numbers(self, name: str, values: Any, count: int, low: float, high: float, unit: str = "") -> tuple[float, ...]:
         """So many of them."""
-        wanted = f"{self.what}{name} is {kind(values)}; give {count} numbers"
-        if isinstance(values, (str, bytes, bytearray)) or not hasattr(values, "__len__"):
-            raise TypeError(wanted)
-        if len(values) != count:
-            raise TypeError(f"{self.what}{name} has {len(values)} items; give {count} numbers")
-        try:
-            each = [values[place] for place in range(count)]
-        except (KeyError, IndexError) as error:
-            raise TypeError(wanted) from error
+        wanted = f"{count} numbers"
+        each = items(f"{self.what}{name}", values, wanted)
+        if len(each) != count:
+            raise TypeError(f"{self.what}{name} has {len(each)} items; give {wanted}")
         return tuple(self.number(f"{name}[{place}]", value, low, high, unit) for place, value in enumerate(each))
 
     def optional(self, name: str, value: Any, low: float, high: float, unit: str = "") -> Optional[float]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Optional, SupportsIn
 
 from gelsim import shards, vectors
 from gelsim._native import UsageError
-from gelsim.checks import kind
+from gelsim.checks import items, kind
 from gelsim.needed import need_all
 from gelsim.shards import Entry, Files, Index, damaged
 
@@ -263,9 +263,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 def wanted_layers(path: Path, layers: Sequence[str], there: list[str]) -> list[str]:
     """The layers to read, which have to be there."""
-    if isinstance(layers, (str, bytes)) or not hasattr(layers, "__len__"):
-        raise TypeError(f"layers is {kind(layers)}; give a list of texts, such as ['tactile', 'depth']")
-    names = [name for name, _ in zip(layers, range(len(layers)))]
+    names = items("layers", layers, "a list of texts, such as ['tactile', 'depth']")
     absent = [str(name)[:60] for name in names if name not in there]
     if absent:
         s = "" if len(absent) == 1 else "s"

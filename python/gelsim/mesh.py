@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Optional, Protocol, Union
 
 from gelsim import _native
 from gelsim._native import ReadyMesh, UsageError
-from gelsim.checks import Checks, kind
+from gelsim.checks import Checks, honest, kind
 from gelsim.needed import need
 
 if TYPE_CHECKING:
@@ -42,14 +42,16 @@ class Mesh:
         numpy = need("numpy")
         corners = array("vertices_mm", vertices_mm, numpy)
         numbers = array("faces", faces, numpy)
+        if corners.dtype.kind not in "iuf":
+            raise TypeError(f"vertices_mm holds {corners.dtype}; give numbers, in mm")
+        if numbers.size == 0:
+            numbers = numbers.astype(numpy.uint32)
         if numbers.dtype.kind not in "iu":
             raise TypeError(f"faces holds {numbers.dtype}; give whole numbers that count in vertices_mm from 0")
         if numbers.size and not (0 <= numbers.min() and numbers.max() < len(corners)):
             raise UsageError(
                 f"faces names corners {numbers.min()} to {numbers.max()}, and vertices_mm has {len(corners)}, counted from 0"
             )
-        if corners.dtype.kind not in "iuf":
-            raise TypeError(f"vertices_mm holds {corners.dtype}; give numbers, in mm")
         # Copies: who writes to the arrays later does not change the mesh.
         arrays = (numpy.array(corners, numpy.float64), numpy.array(numbers, numpy.uint32))
         self._ready, said = _native.mesh_of_arrays(*arrays)
@@ -64,6 +66,7 @@ class Mesh:
         `mm_per_unit` is what a coordinate of 1 is: 1000 for a file in metres. Without it a coordinate is what the file or its
         format says, else a millimetre. UsageError for what is no mesh, with a way out.
         """
+        honest("path", path)
         if not isinstance(path, (str, PathLike)):
             raise TypeError(f"path is {kind(path)}; give a path: a text or a pathlib.Path")
         checks = Checks()
@@ -85,6 +88,7 @@ class Mesh:
     @classmethod
     def of(cls, given: Union[HasMesh, Mesh]) -> Mesh:
         """Takes the `vertices` (mm) and `faces` of another library's mesh, such as trimesh's."""
+        honest("mesh", given)
         if isinstance(given, Mesh):
             return given
         try:
@@ -146,6 +150,7 @@ def mesh_of_arrays(vertices_mm: Any, faces: Any, name: str) -> Mesh:
 
 def checked_name(name: str) -> str:
     """A name that a label can have."""
+    honest("name", name)
     if not isinstance(name, str):
         raise TypeError(f"name is {kind(name)}; give a text")
     if len(name) > 200 or not name.isprintable():
@@ -155,7 +160,9 @@ def checked_name(name: str) -> str:
 
 def array(name: str, given: ArrayLike, numpy: Any) -> Any:
     """An array (N, 3); TypeError for what is none."""
-    if given is None or isinstance(given, (str, bytes, bytearray, set, dict)):
+    honest(name, given)
+    # Of another class numpy would take items for ever.
+    if not isinstance(given, (list, tuple)) and not hasattr(given, "__array__"):
         raise TypeError(f"{name} is {kind(given)}; give an array (N, 3)")
     try:
         found = numpy.asarray(given)

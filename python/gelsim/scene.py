@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Optional
 
-from gelsim.checks import Checks, kind
+from gelsim.checks import Checks, honest, items, kind
 
 FACES = ("-z", "+z", "-x", "+x", "-y", "+y")
 ANCHORS = ("bounds", "origin", "contact")
@@ -139,7 +139,7 @@ class Led:
 
     ```python
     sensor = gelsim.Sensor.preset("digit")
-    amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=0.5)
+    amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=3.0)
     sensor = sensor.with_leds([*sensor.leds, amber])
     ```
     """
@@ -149,7 +149,7 @@ class Led:
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Red, green and blue share of the light, 0 to 1."""
     intensity: float = 1.0
-    """Brightness that a surface facing the LED gains, as a share of full scale."""
+    """Brightness that a surface facing the LED gains, before the model of the light weighs it: compare `sensor.leds`."""
     elevation_deg: float = 8.530_765_609_948_133
     """Angle of the LED over the pad's plane, 0 to 90."""
     angular_size_deg: tuple[float, float] = (40.0, 10.0)
@@ -174,6 +174,7 @@ class Led:
             distance_mm=checks.number("distance_mm", self.distance_mm, 1e-2, 1e6, "mm"),
             position_mm=None if position is None else checks.numbers("position_mm", position, 3, -1e6, 1e6, "mm"),
         )
+        honest("Led: name", self.name)
         if not isinstance(self.name, str):
             raise TypeError(f"Led: name is {kind(self.name)}; give a text")
         checks.done()
@@ -186,10 +187,8 @@ class Led:
 
 def led_tables(leds: Sequence[Led]) -> list[dict[str, Any]]:
     """LEDs as tables of a sensor file."""
-    if isinstance(leds, (str, bytes)) or not hasattr(leds, "__len__"):
-        raise TypeError(f"leds is {kind(leds)}; give a list of gelsim.Led")
     tables = []
-    for led, _ in zip(leds, range(len(leds))):
+    for led in items("leds", leds, "a list of gelsim.Led"):
         if not isinstance(led, Led):
             raise TypeError(f"an item of leds is {kind(led)}; give gelsim.Led(azimuth_deg=45.0)")
         tables.append({name: value for name, value in asdict(led).items() if value is not None})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union, cast
 
 from gelsim import vectors
 from gelsim._native import Engine, Pressing, Sensor, UsageError
-from gelsim.checks import Checks, kind
+from gelsim.checks import Checks, honest, items, kind
 from gelsim.mesh import HasMesh, Mesh
 from gelsim.needed import need
 from gelsim.scene import Placement, Pose, Shear, Texture
@@ -240,7 +240,7 @@ class Simulator:
 
     ```python
     sensor = gelsim.Sensor.preset("digit", set={"camera.exposure": 1.2})
-    amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=0.5)
+    amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=3.0)
     simulator = gelsim.Simulator(sensor.with_leds([*sensor.leds, amber]), "high")
     ```
 
@@ -403,6 +403,7 @@ def rebuilt(
 
 def sensor_of(given: Union[Sensor, str, PathLike[str]]) -> Sensor:
     """A sensor by what a user calls it."""
+    honest("sensor", given)
     if isinstance(given, Sensor):
         return given
     if isinstance(given, str):
@@ -427,6 +428,7 @@ def size(resolution_px: Optional[tuple[int, int]]) -> Optional[tuple[int, int]]:
 
 def ready_of(given: Indenter) -> tuple[Any, str]:
     """What the engine presses, and its name."""
+    honest("indenter", given)
     numpy = need("numpy")
     if isinstance(given, numpy.ndarray):
         return given, "depth_mm"
@@ -448,22 +450,24 @@ def ready_of(given: Indenter) -> tuple[Any, str]:
 
 def check_pose(pose: Union[Pose, Placement, None]) -> None:
     """Refuses what is no pose."""
+    honest("pose", pose)
     if pose is not None and not isinstance(pose, (Pose, Placement)):
         raise TypeError(f"pose is {kind(pose)}; give gelsim.Pose(depth_mm) or gelsim.Placement(translation_mm, quaternion_xyzw)")
 
 
 def check_type(name: str, given: object, wanted: type) -> None:
     """Refuses what is of another type."""
+    honest(name, given)
     if given is not None and not isinstance(given, wanted):
         raise TypeError(f"{name} is {kind(given)}; give gelsim.{wanted.__name__}")
 
 
 def checked_layers(layers: Sequence[str]) -> list[str]:
     """Names of layers."""
-    if isinstance(layers, (str, bytes)) or not hasattr(layers, "__len__"):
-        raise TypeError(f"layers is {kind(layers)}; give a list of texts")
-    names = [name for name, _ in zip(layers, range(len(layers)))]
+    names = items("layers", layers, "a list of texts")
     for name in names:
+        if type(name) is not str:
+            raise TypeError(f"an item of layers is {kind(name)}; give a text")
         if name not in LAYERS:
-            raise UsageError(f"layers: no layer is called {str(name)[:60]!r}; there are {', '.join(LAYERS)}")
+            raise UsageError(f"layers: no layer is called {name[:60]!r}; there are {', '.join(LAYERS)}")
     return names

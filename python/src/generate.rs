@@ -18,6 +18,7 @@ use gelsim_job::probe::foresee;
 use pyo3::exceptions::PyInterruptedError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::ThreadPoolBuilder;
 
 use crate::arguments::{Given, assignments, flag, path as a_path, whole};
 use crate::errors::{fidelity_level, mistake, panicked, running, usage, warn};
@@ -44,6 +45,9 @@ pub fn generate<'py>(
     overwrite: Given<'_, 'py>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let root = a_path("out", out)?;
+    if root.as_os_str().as_encoded_bytes().contains(&0) {
+        return Err(mistake("out has a NUL in it", "give the path of a folder"));
+    }
     if let Some(reason) = mistaken_output(&root) {
         return Err(mistake(format!("out: {reason}"), "give the path of a folder"));
     }
@@ -77,7 +81,7 @@ pub fn generate<'py>(
                 }
             };
             let plan = py.detach(|| pool.install(read)).map_err(|report| usage(&report))?;
-            warn(py, &py.detach(|| foresee(&plan)).notes)?;
+            warn(py, &py.detach(|| pool.install(|| foresee(&plan))).notes)?;
             plan.into()
         }
     };
@@ -91,8 +95,12 @@ pub fn generate<'py>(
 /// ended.
 fn watched(py: Python<'_>, plan: &Plan, request: &Request) -> PyResult<thread::Result<Result<Done, GenerateError>>> {
     let watch = Watch::default();
+    // Of its own, so that nobody else waits for it: what divides its work outside of any pool takes threads that a forked process
+    // has not.
+    let pool = ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| running(format!("cannot start threads: {error}")))?;
     // Nothing outside is changed by what panics.
-    let run = || catch_unwind(AssertUnwindSafe(|| write(plan, request, &watch)));
+    let run = || catch_unwind(AssertUnwindSafe(|| pool.install(|| write(plan, request, &watch))));
     // Only there handlers run; another thread does not come back to Python before the work is done.
     let threading = py.import("threading")?;
     let is_main = threading.call_method0("current_thread")?.is(&threading.call_method0("main_thread")?);

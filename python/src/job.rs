@@ -253,7 +253,8 @@ impl Job {
             &assignments("set", set)?,
         );
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
-        let foreseen = py.detach(|| foresee(&job.plan));
+        let pool = pool(py, job.threads)?;
+        let foreseen = py.detach(|| pool.install(|| foresee(&job.plan)));
         warn(py, &foreseen.notes)?;
         Ok(job)
     }

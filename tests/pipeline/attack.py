@@ -56,6 +56,8 @@ indentation.depth_mm = [0.3, 1.0]
 """
 ROWS, COLUMNS = 24, 32
 LAYERS = ["depth", "surface", "contact", "normal", "pressure"]
+CORNERS_MM = [(-3, -3, 2), (3, -3, 2), (3, 3, 2), (-3, 3, 2), (0, 0, 0)]
+FACES = [(4, 0, 1), (4, 1, 2), (4, 2, 3), (4, 3, 0)]
 
 
 class Mischief(Exception):
@@ -264,6 +266,11 @@ def wrong_values():
     }.items()
 
 
+def generate(job, out=None, **more):
+    """Writes to a folder of its own, unless another one is said."""
+    return gelsim.generate(job, tempfile.mkdtemp(dir=root) if out is None else out, **more)
+
+
 def arguments():
     """Every wrong value as every argument of every function."""
     threads = {"threads": ("threads",)}
@@ -319,7 +326,91 @@ def arguments():
             {"source": "gelsight-mini", "set": [], "threads": None},
             {"source": ("source", "sensor", "preset", "read"), **assigned},
         ),
+        ("sensor.with_leds", sensor.with_leds, {"leds": sensor.leds}, {"leds": ("leds", "LED")}),
+        (
+            "Simulator",
+            gelsim.Simulator,
+            {"sensor": "gelsight-mini", "fidelity": "draft", "resolution_px": (COLUMNS, ROWS)},
+            {
+                "sensor": ("sensor", "name", "path", "is not UTF-8", "cannot be read", "cannot read"),
+                "fidelity": ("fidelity",),
+                "resolution_px": ("resolution_px",),
+                "set": ("set",),
+                "flow": ("flow",),
+            },
+        ),
+        (
+            "simulator.press",
+            simulator.press,
+            {"indenter": mesh, "pose": gelsim.Pose(0.3)},
+            {
+                "indenter": ("indenter", "path", "depth_mm", "vertices", "faces", "cannot be read", "mesh", "heights"),
+                "pose": ("pose",),
+                "texture": ("texture",),
+                "shear": ("shear", "flow"),
+                "friction": ("friction",),
+                "youngs_modulus_kpa": ("youngs_modulus_kpa",),
+                "poisson_ratio": ("poisson_ratio",),
+                "index": ("index",),
+                "seed": ("seed",),
+            },
+        ),
+        (
+            "simulator.step",
+            simulator.step,
+            {"indenter": mesh, "pose": gelsim.Pose(0.3)},
+            {
+                "indenter": ("indenter", "path", "depth_mm", "vertices", "faces", "cannot be read", "mesh", "heights"),
+                "pose": ("pose",),
+                "texture": ("texture",),
+            },
+        ),
+        (
+            "simulator.reset",
+            simulator.reset,
+            {},
+            {"friction": ("friction",), "index": ("index",), "seed": ("seed",)},
+        ),
+        (
+            "impression.sample",
+            simulator.press(mesh, gelsim.Pose(0.3)).sample,
+            {},
+            {"layers": ("layers", "layer")},
+        ),
+        (
+            "Mesh",
+            gelsim.Mesh,
+            {"vertices_mm": CORNERS_MM, "faces": FACES},
+            {"vertices_mm": ("vertices_mm",), "faces": ("faces",), "name": ("name",)},
+        ),
+        (
+            "Mesh.load",
+            gelsim.Mesh.load,
+            {"path": Path(root) / "flat_face.obj"},
+            {"path": ("path", "cannot be read", "mesh"), "mm_per_unit": ("mm_per_unit",)},
+        ),
+        ("Mesh.of", gelsim.Mesh.of, {}, {"given": ("mesh",)}),
+        (
+            "generate",
+            generate,
+            {"job": job_path, "samples": 1},
+            {
+                "job": ("job", "path", "is not UTF-8", "cannot be read", "cannot read"),
+                "out": ("out", "x: ", "dataset"),
+                "samples": ("samples",),
+                "seed": ("seed",),
+                "fidelity": ("fidelity",),
+                "all_effects": ("all_effects",),
+                "overwrite": ("overwrite",),
+                **assigned,
+            },
+        ),
     ]
+    for kind in [gelsim.Pose, gelsim.Placement, gelsim.Texture, gelsim.Shear, gelsim.Led]:
+        name = kind.__name__
+        right = {"Pose": {"depth_mm": 0.3}, "Texture": {"pattern": "noise"}, "Led": {"azimuth_deg": 0.0}}.get(name, {})
+        right = {"translation_mm": (0, 0, 0)} if name == "Placement" else right
+        entries.append((name, kind, right, {field: (field,) for field in kind.__dataclass_fields__}))
     for label, function, right, names in entries:
         for name, words in names.items():
             for what, value in wrong_values():
@@ -1467,6 +1558,150 @@ print("went on")
         )
 
 
+# A pyramid, pressed and moved.
+PRESSES = """
+from attack import CORNERS_MM, FACES
+simulator = gelsim.Simulator("gelsight-mini", "draft", resolution_px=(32, 24))
+mesh = gelsim.Mesh(CORNERS_MM, FACES)
+def slide(simulator, count=4):
+    simulator.reset(friction=0.4)
+    return [simulator.step(mesh, gelsim.Pose(0.4, x_mm=0.2 * k)).image.tobytes() for k in range(count)]
+pressed, slid = simulator.press(mesh, gelsim.Pose(0.4)).image.tobytes(), slide(simulator)
+"""
+
+
+def simulations():
+    """Presses and sequences: in threads, forked, interrupted, at the end, damaged, and of meshes that are none."""
+    truth = simulator.press(mesh, gelsim.Pose(0.4)).sample()
+
+    def stepped(simulator, count=4):
+        simulator.reset(friction=0.4)
+        return [simulator.step(mesh, gelsim.Pose(0.4, x_mm=0.2 * k)).sample() for k in range(count)]
+
+    each = stepped(simulator)
+
+    def all_same(got, want):
+        for one, other in zip(got, want, strict=True):
+            same(one, other)
+
+    yield works(
+        "presses of one simulator",
+        lambda: in_threads(12, lambda k: [simulator.press(mesh, gelsim.Pose(0.4)).sample() for _ in range(5)]),
+        lambda got: [all_same(several, [truth] * 5) for several in got],
+    )
+    yield works(
+        "a layer that all read",
+        lambda: (lambda press: in_threads(12, lambda k: press.points.tobytes()))(simulator.press(mesh, gelsim.Pose(0.4))),
+        lambda got: equal(len(set(got)), 1),
+    )
+    yield works(
+        "a sequence each",
+        lambda: in_threads(8, lambda k: stepped(simulator.copy())),
+        lambda got: [all_same(several, each) for several in got],
+    )
+    yield either("one sequence for all", lambda: in_threads(8, lambda k: stepped(simulator)), "another thread")
+    yield works("the sequence after that", lambda: stepped(simulator), lambda got: all_same(got, each))
+
+    def fuzzed():
+        chance = np.random.default_rng(3)
+        for _ in range(300):
+            corners = chance.choice([0.0, 1.0, -1.0, 1e-30, 1e30, 1e6, np.nan, np.inf, chance.normal()], (chance.integers(1, 9), 3))
+            faces = chance.integers(0, len(corners), (chance.integers(1, 12), 3))
+            tilt = float(chance.uniform(-90, 90))
+            pose = gelsim.Pose(float(chance.uniform(-1, 3)), tilt_deg=tilt, face=str(chance.choice(["-z", "+x", "-y"])))
+            try:
+                odd = gelsim.Mesh(corners, faces)
+                for press in [simulator.press(odd, pose), simulator.step(odd, pose)]:
+                    finite(press.sample())
+            except gelsim.UsageError as error:
+                assert not NONSENSE.search(str(error)), error
+                simulator.reset()
+
+    yield works("random meshes", fuzzed)
+
+    def far():
+        for value in [1e4, -1e4, 3999.9, 1e-9]:
+            for name in ["x_mm", "y_mm"]:
+                finite(simulator.press(mesh, gelsim.Pose(0.4, **{name: value})).sample())
+                finite(simulator.step(mesh, gelsim.Pose(0.4, **{name: value})).sample())
+        for value in [1e7, -1e7, 1e-300]:
+            for place in range(2):
+                at = [0.0, 0.0, -0.3]
+                at[place] = value
+                finite(simulator.press(mesh, gelsim.Placement(at)).sample())
+                finite(simulator.step(mesh, gelsim.Placement(at)).sample())
+
+    yield works("far away", far)
+    for what, thing in [("mesh", mesh), ("impression", simulator.press(mesh, gelsim.Pose(0.4))), ("simulator", simulator)]:
+        text = pickle.dumps(thing)
+        kinds = (Exception,)
+
+        def use(data):
+            it = pickle.loads(data)
+            if isinstance(it, gelsim.Mesh):
+                it = simulator.press(it, gelsim.Pose(0.4))
+            elif isinstance(it, gelsim.Simulator):
+                it = it.press(mesh, gelsim.Pose(0.4))
+            return it.image.tobytes() if isinstance(it, gelsim.Impression) else None
+
+        yield works(f"{what}: pickled", lambda t=text, use=use: use(t), lambda got: equal(got, truth["tactile"].tobytes()))
+        chance = random.Random(4)
+        for number in range(80):
+            data = bytearray(text)
+            data[chance.randrange(len(text)) if number % 2 else chance.randrange(60)] ^= 1 << chance.randrange(8)
+            yield Attack(f"{what}: flipped bits {number}", lambda d=bytes(data), use=use: use(d), lambda it: None, kinds)
+    child = """
+def work(number):
+    assert simulator.press(mesh, gelsim.Pose(0.4)).image.tobytes() == pressed
+    try:
+        assert slide(simulator) == slid
+    except gelsim.RunError as error:
+        assert "another thread" in str(error)
+    assert slide(simulator.copy()) == slid
+    assert slide(pickle.loads(pickle.dumps(simulator))) == slid
+"""
+    quiet = """
+def again():
+    try:
+        slide(simulator)
+    except gelsim.RunError:
+        pass
+"""
+    yield script("after steps", PRESSES + child + "children(4, work)")
+    yield script("while frames are stepped", PRESSES + quiet + child + "forever(again); children(20, work); os._exit(0)")
+    for repeat in range(3):
+        yield script(f"daemon threads at exit: steps, {repeat}", PRESSES + quiet + "forever(again)")
+        yield script(f"daemon threads at exit: presses, {repeat}", PRESSES + "forever(lambda: simulator.press(mesh, gelsim.Pose(0.4)))")
+        yield script(
+            f"daemon threads at exit: generate, {repeat}",
+            "numbers = itertools.count()\nforever(lambda: gelsim.generate(JOB, f'exit-{os.getpid()}-{next(numbers)}', threads=1))",
+        )
+    yield script(
+        "SIGINT: generate",
+        """
+def after(seconds):
+    threading.Thread(target=lambda: (time.sleep(seconds), os.kill(os.getpid(), signal.SIGINT)), daemon=True).start()
+for seconds in [0.05, 0.2, 0.5]:
+    after(seconds)
+    start = time.monotonic()
+    try:
+        gelsim.generate(JOB, f"stopped-{seconds}", samples=200000, threads=2)
+        raise AssertionError
+    except KeyboardInterrupt:
+        assert time.monotonic() - start < 20, time.monotonic() - start
+assert gelsim.generate(JOB, "whole", threads=2).complete
+""",
+    )
+    yield script(
+        "generate in a forked process",
+        """
+gelsim.generate(JOB, "before", threads=2)
+children(3, lambda number: (gelsim.generate(JOB, f"forked-{number}"), 0)[1])
+assert gelsim.load("forked-0").fingerprint == gelsim.load("before").fingerprint
+""",
+    )
+
+
 def metres():
     """Depth in metres is noted, once for a place, and nothing else is."""
 
@@ -1526,7 +1761,7 @@ FAMILIES = {
     family.__name__: family
     for family in [
         arguments, files, arrays, values, huge, threads, forks, pickles, objects, endings, signals, recursion,
-        surroundings, metres,
+        surroundings, simulations, metres,
     ]
 }  # fmt: skip
 
@@ -1575,7 +1810,7 @@ def run(family):
 
 def prepare(folder):
     """The job and the sensor that are attacked."""
-    global root, job_path, sensor_path, job, sensor
+    global root, job_path, sensor_path, job, sensor, simulator, mesh
     root, job_path, sensor_path = folder, Path(folder) / "job.toml", Path(folder) / "sensor.toml"
     if not job_path.exists():
         job_path.write_text(JOB.replace("OBJECTS/", ""))
@@ -1583,6 +1818,8 @@ def prepare(folder):
         for name in ["sphere.obj", "gear.obj", "flat_face.obj"]:
             (Path(folder) / name).write_bytes(Path("objects", name).read_bytes())
     job, sensor = gelsim.Job.load(job_path), gelsim.Sensor.preset("gelsight-mini")
+    simulator = gelsim.Simulator(sensor, "draft", resolution_px=(COLUMNS, ROWS))
+    mesh = gelsim.Mesh(CORNERS_MM, FACES)
 
 
 def main():
@@ -1590,6 +1827,8 @@ def main():
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if sys.argv[1:2] == ["--child"]:
         prepare(sys.argv[5])
+        # What is written to a path that is none shall not lie in the project.
+        os.chdir(root)
         child(sys.argv[2], int(sys.argv[3]), sys.argv[4])
         return
     with tempfile.TemporaryDirectory() as folder:

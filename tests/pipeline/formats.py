@@ -6,6 +6,7 @@
 """
 
 import hashlib
+import importlib.util
 import json
 import multiprocessing
 import os
@@ -163,9 +164,10 @@ def processes(dataset):
 
 
 def batches(presses, forceless, curved, sequences):
-    """What `collate` stacks, pads and leaves alone; without torch arrays of numpy."""
+    """What `collate` stacks, pads and leaves alone: arrays of numpy whatever is installed."""
     each = [presses[k] for k in range(5)]
-    batch = {name: np.asarray(value) if hasattr(value, "shape") else value for name, value in gelsim.collate(each).items()}
+    batch = gelsim.collate(each)
+    assert all(isinstance(value, (np.ndarray, list)) for value in batch.values())
     for name in ["tactile", "depth", "contact", "normal", "flow"]:
         assert batch[name].dtype == each[0][name].dtype and np.array_equal(batch[name], [its[name] for its in each])
     assert batch["markers"][3] is each[3]["markers"] and batch["label"] == [its["label"] for its in each]
@@ -176,37 +178,46 @@ def batches(presses, forceless, curved, sequences):
         assert np.array_equal(pose, np.array(known, "float32"))
         force = [*label["shear"]["force_n"], -label["contact"]["total_force_n"]]
         assert np.array_equal(wrench[:3], np.array(force, "float32")) and np.isnan(wrench[3:]).all()
-    assert np.isnan(np.asarray(gelsim.collate([forceless[0]])["wrench"])[:, 2:]).all()
-    label, wrench = curved[0]["label"]["contact"], np.asarray(gelsim.collate([curved[0]])["wrench"])[0]
+    assert np.isnan(gelsim.collate([forceless[0]])["wrench"][:, 2:]).all()
+    label, wrench = curved[0]["label"]["contact"], gelsim.collate([curved[0]])["wrench"][0]
     assert np.array_equal(wrench, np.array(label["force_vector_n"] + label["torque_nmm"], "float32"))
 
     each = list(sequences)
     batch = gelsim.collate(each)
     counts = [len(its["frames"]) for its in each]
     assert len(set(counts)) > 1, "sequences of different lengths"
-    assert np.asarray(batch["mask"]).sum(axis=1).tolist() == counts and "frames" not in batch
+    assert batch["mask"].sum(axis=1).tolist() == counts and "frames" not in batch
     for row, its in enumerate(each):
         for number, frame in enumerate(its["frames"]):
             assert np.array_equal(batch["tactile"][row][number], frame["tactile"]) and batch["mask"][row][number]
             known = its["label"]["frames"][number]["wrench"]
             assert np.array_equal(batch["wrench"][row][number], np.array(known["force_n"] + known["torque_nmm"], "float32"))
-        assert not np.asarray(batch["tactile"][row][counts[row] :]).any()
+        assert not batch["tactile"][row][counts[row] :].any()
         assert batch["markers"][row][0] is its["frames"][0]["markers"]
     assert batch["pose"].shape == (len(each), max(counts), 7)
-    assert "samples is empty" in raises(gelsim.UsageError, lambda: gelsim.collate([]))
+    for collate in (gelsim.collate, gelsim.collate_torch) if torch_is_there() else (gelsim.collate,):
+        assert "samples is empty" in raises(gelsim.UsageError, lambda: collate([]))
     assert "depth" in raises(gelsim.UsageError, lambda: gelsim.collate([presses[0], curved[0]]))
 
 
+def torch_is_there():
+    """Whether tensors can be made here."""
+    return importlib.util.find_spec("torch") is not None
+
+
 def of_another_numpy(presses):
-    """A torch that was built for another numpy: it can be imported, and finds none."""
+    """No torch, and one that was built for another numpy: it can be imported, and finds none."""
 
     def from_numpy(array):
         raise RuntimeError("Numpy is not available")
 
     before, torch = sys.modules.get("torch"), types.ModuleType("torch")
     torch.__version__, torch.from_numpy = "1.13.1", from_numpy
+    sys.modules["torch"] = None
+    said = raises(ImportError, lambda: gelsim.collate_torch([presses[0]]))
+    assert "pip install torch" in said and "gelsim.collate gives arrays" in said, said
     sys.modules["torch"] = torch
-    said = raises(ImportError, lambda: gelsim.collate([presses[0]]))
+    said = raises(ImportError, lambda: gelsim.collate_torch([presses[0]]))
     assert f"torch 1.13.1 cannot use numpy {np.__version__}" in said and "pip install 'numpy<2'" in said, said
     del sys.modules["torch"]
     if before is not None:
@@ -217,12 +228,12 @@ TORCH = """
 import sys, gelsim, torch
 from torch.utils.data import ConcatDataset, DataLoader
 for source in [gelsim.load(sys.argv[1]), gelsim.Job.load(sys.argv[2], samples=6)]:
-    for batch in DataLoader(source, batch_size=3, num_workers=2, collate_fn=gelsim.collate):
+    for batch in DataLoader(source, batch_size=3, num_workers=2, collate_fn=gelsim.collate_torch):
         n = len(batch["label"])
         assert batch["tactile"].dtype == torch.uint8 and batch["depth"].dtype == torch.float32, batch.keys()
         assert batch["pose"].shape == (n, 7) and batch["wrench"].shape == (n, 6) and batch["pose"].dtype == torch.float32
         assert all(isinstance(value, torch.Tensor) for name, value in batch.items() if name not in ("label", "key", "markers"))
-for batch in DataLoader(gelsim.load(sys.argv[3]), batch_size=2, num_workers=2, collate_fn=gelsim.collate):
+for batch in DataLoader(gelsim.load(sys.argv[3]), batch_size=2, num_workers=2, collate_fn=gelsim.collate_torch):
     assert batch["mask"].dtype == torch.bool and batch["tactile"].shape[:2] == batch["mask"].shape == batch["pose"].shape[:2]
 """
 

@@ -3,13 +3,23 @@
     python module.py GELSIM         from the project's root, where the wheel, numpy and mypy are installed
 """
 
+import ast
+import copy
+import filecmp
+import inspect
 import json
 import os
 import pickle
+import re
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from pathlib import Path
 
 import gelsim
@@ -508,6 +518,509 @@ def mistakes(mixed):
     assert "markers" in refused(lambda bad: bad, layers=["markers"])
 
 
+def assignments(mixed):
+    """A dict of dotted keys is the same as the texts of the command, and what is wrong in it is said in the same words."""
+    texts = [
+        "indentation.depth_mm=[0.3, 0.5]", 'sensor.preset="digit"', "camera.exposure=1.25", "dataset.seed=9", "markers.pitch_mm=2.0",
+        'output.layers=["depth", "gap"]', 'gelpad={ elastic = { resolution = "half", max_iterations = 50 } }', "sensor.darkening=0.5",
+    ]  # fmt: skip
+    values = {
+        "indentation.depth_mm": (0.3, 0.5), "sensor.preset": "digit", "camera.exposure": np.float32(1.25), "dataset.seed": np.int64(9),
+        "markers.pitch_mm": 2.0, "output.layers": ["depth", "gap"],
+        "gelpad": {"elastic": {"resolution": "half", "max_iterations": 50}}, "sensor.darkening": np.array(0.5),
+    }  # fmt: skip
+    (ours, said), (theirs, they) = (warned(lambda: gelsim.Job.load(mixed, set=given)) for given in (values, texts))
+    assert ours.fingerprint == theirs.fingerprint != gelsim.Job.load(mixed).fingerprint and said == they
+    led = {"azimuth_deg": 10, "color": [1.0, 0.5, 0.0], "name": 'a "quoted" \\ name\n'}
+    sensor = gelsim.Sensor.preset("digit", set={"sensor.led": [led], "camera.exposure": 1.2})
+    assert sensor.leds == [gelsim.Led(10.0, (1.0, 0.5, 0.0), name=led["name"])]
+    assert gelsim.Sensor.load(project / "configs/sensors/digit.toml", set={"sensor.led": [led]}).leds == sensor.leds
+    assert pickle.loads(pickle.dumps(sensor)).leds == sensor.leds
+    for value, text in [(-1, "-1"), (float("nan"), "nan"), (True, "true"), ("deep", '"deep"'), ({"a": 1}, '{ "a" = 1 }')]:
+        said = raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, set={"indentation.depth_mm": value}))
+        assert said == raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, set=[f"indentation.depth_mm = {text}"])), said
+    for key in ["indentation.deep_mm", "a=1", "a\nb", ""]:
+        raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, set={key: 1}))
+    inside = []
+    inside.append(inside)
+    for value, words in [(None, "leave the key out"), (2**70, "out of range"), (inside, "without end"), ("\ud800", "UTF-8")]:
+        said = raises(gelsim.UsageError, lambda: gelsim.Job.load(mixed, set={"camera.exposure": value}))
+        assert words in said and "exposure" in said, said
+    assert "give a bool" in raises(TypeError, lambda: gelsim.Job.load(mixed, set={"camera.exposure": object()}))
+
+
+def lights():
+    """An LED more is one more in the image, and the same as in a job; sensors without LEDs say that they have none."""
+    sensor = gelsim.Sensor.preset("digit")
+    amber = gelsim.Led(azimuth_deg=45.0, color=(1.0, 0.6, 0.0), intensity=3.0)
+    lit = sensor.with_leds([*sensor.leds, amber])
+    assert (len(sensor.leds), len(lit.leds), lit.leds[:3]) == (3, 4, sensor.leds)
+    depth = np.zeros((80, 60), np.float32)
+    depth[30:50, 20:40] = 0.5
+    before, after = (each.render(depth)["tactile"].astype(int) for each in (sensor, lit))
+    assert (after - before)[..., 0].max() > 20
+    same(sensor.with_leds(sensor.leds).render(depth), sensor.render(depth))
+    by_hand = gelsim.Sensor.preset("digit", set={"sensor.led": gelsim.scene.led_tables(lit.leds)})
+    same(by_hand.render(depth), lit.render(depth))
+    # The defaults are the sensor file's.
+    assert gelsim.Sensor.preset("digit", set=["sensor.led=[{}]"]).leds == [gelsim.Led(0.0)]
+    _, said = warned(lambda: gelsim.Sensor.preset("gelsight-series2").with_leds([amber]))
+    assert any("LEDs are no part" in each for each in said), said
+    assert "no LED" in raises(gelsim.UsageError, lambda: sensor.with_leds([]))
+    assert "65 LEDs" in raises(gelsim.UsageError, lambda: sensor.with_leds([amber] * 65))
+    assert "gelsim.Led" in raises(TypeError, lambda: sensor.with_leds([{"azimuth_deg": 1}]))
+    said = raises(gelsim.UsageError, lambda: gelsim.Led(0.0, color=(2.0, -1.0, 0.5), elevation_deg=100.0))
+    assert all(word in said for word in ["color[0]", "color[1]", "elevation_deg"]) and "color[2]" not in said, said
+
+
+# A press in which all is said, and a sequence of such presses.
+ONE_PRESS = """
+dataset = {{ name = "press", samples = 2, seed = 7 }}
+sensor = {{ preset = "{preset}", resolution_px = [{width}, {height}] }}
+object = [{{ path = "OBJECTS/gear.obj" }}]
+pose = {{ x_mm = 0.7, y_mm = -0.4, yaw_deg = 33.0, {tilt} face = "-z", anchor = "contact" }}
+camera = {{ read_noise_levels = 1.0, exposure = [0.9, 1.1], distortion_k1 = -0.05 }}
+texture = {{ patterns = ["{pattern}"], amplitude_mm = 0.04, scale_mm = 0.7, angle_deg = 20.0 }}
+"""
+CAMERA = {"camera.read_noise_levels": 1.0, "camera.exposure": [0.9, 1.1], "camera.distortion_k1": -0.05}
+
+
+def job_of(name, text):
+    """A job file of this text."""
+    path = Path(root) / name
+    path.write_text(text.replace("OBJECTS", str(objects)))
+    return path
+
+
+def same_press(ours, theirs, layers):
+    """All of a press of a job, but for where its mesh came from."""
+    mine = ours.sample(layers)
+    for name in ["tactile", *layers]:
+        if isinstance(theirs[name], dict):
+            for part, value in theirs[name].items():
+                assert np.array_equal(mine[name][part], value), (name, part)
+        else:
+            assert np.array_equal(mine[name], theirs[name]) and mine[name].dtype == theirs[name].dtype, name
+    label = copy.deepcopy(theirs["label"])
+    for each in (label, mine["label"]):
+        for place in [each["object"], *each["objects"]]:
+            for key in ["class", "mesh_sha256", "path", "material"]:
+                place.pop(key, None)
+    for key in [key for key in label if key != "texture"]:
+        assert mine["label"][key] == label[key], (key, mine["label"][key], label[key])
+
+
+def simulators():
+    """What a simulator presses is what a job presses, at every level, on flat pads, with markers and on gels that have a shape."""
+    gear = gelsim.Mesh.load(objects / "gear.obj")
+    pose = gelsim.Pose(0.6, 0.7, -0.4, 33.0, 4.0, 20.0, anchor="contact")
+    tilt = "tilt_deg = 4.0, tilt_azimuth_deg = 20.0,"
+    basic = ["depth", "surface", "contact", "normal", "gap", "points", "reference", "untouched"]
+    cases = [(level, "digit", ["markers"]) for level in RUNGS]
+    cases += [("draft", "gelsight-series2", ["lamps"]), ("draft", "tactip", ["pins"]), ("draft", "geltip", [])]
+    for level, preset, more in cases:
+        knows = [] if level == "paper" else ["pressure", "flow"]
+        layers = [name for name in [*basic, *knows, *more] if (preset, name) != ("tactip", "untouched")]
+        curved = preset in ["tactip", "geltip"]
+        size = {"tactip": [64, 64], "gelsight-series2": [72, 60], "geltip": [80, 60]}.get(preset, [60, 80])
+        pattern = "knurled"
+        text = ONE_PRESS.format(preset=preset, width=size[0], height=size[1], tilt=tilt, pattern=pattern)
+        text += "indentation.depth_mm = 0.6\n"
+        set_ = dict(CAMERA)
+        if curved:
+            text = text.replace(", distortion_k1 = -0.05", "")
+            del set_["camera.distortion_k1"]
+        if "markers" in more:
+            text += "markers.pitch_mm = 1.5\n"
+            set_["markers.pitch_mm"] = 1.5
+        shear = None
+        if knows:
+            text += "shear = { x_mm = 0.2, twist_deg = 3.0, friction = { coulomb = { coefficient = 0.5 } } }\n"
+            shear = gelsim.Shear(0.2, 0.0, 3.0)
+        text += f"output.layers = {json.dumps(layers)}\n"
+        job = gelsim.Job.load(job_of("press.toml", text), fidelity=level)
+        simulator = gelsim.Simulator(preset, level, resolution_px=size, set=set_, flow=bool(knows))
+        for index in range(2):
+            theirs = job[index]
+            # Where the pattern lies is drawn: the job's is not told by its label, so that both have the same only without one.
+            smooth = {"texture.amplitude_mm": 0.0}
+            plain, _ = warned(lambda: gelsim.Job.load(job_of("press.toml", text), fidelity=level, set=smooth)[index])
+            ours = simulator.press(gear, pose, shear=shear, friction=0.5 if shear else None, index=index, seed=7)
+            same_press(ours, plain, job.layers)
+            assert ours.label["texture"]["amplitude_mm"] == 0.0 and theirs["label"]["texture"]["amplitude_mm"] == 0.04
+            drawn = gelsim.Simulator(
+                preset, level, resolution_px=size, flow=bool(knows),
+                set={**set_, "texture.patterns": [pattern], "texture.amplitude_mm": 0.04, "texture.scale_mm": 0.7, "texture.angle_deg": 20.0},
+            )  # fmt: skip
+            same_press(drawn.press(gear, pose, shear=shear, friction=0.5 if shear else None, index=index, seed=7), theirs, job.layers)
+        textured = simulator.press(gear, pose, texture=gelsim.Texture(pattern, 0.04, 0.7, 20.0), seed=7)
+        # Pins show no texture.
+        assert np.array_equal(textured.image, simulator.press(gear, pose, seed=7).image) == (preset == "tactip")
+        assert textured.label["texture"] == {"pattern": pattern, "amplitude_mm": 0.04, "scale_mm": 0.7, "angle_deg": 20.0}
+        assert [name for name in ["pressure", "flow"] if getattr(textured, name) is not None] == knows
+        assert (textured.force_n is None) == (level == "paper")
+
+    # A mesh is the same from wherever it comes.
+    simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80))
+    truth = simulator.press(gear, pose)
+    vertices, faces = obj(objects / "gear.obj")
+
+    class Other:
+        pass
+
+    other = Other()
+    other.vertices, other.faces = vertices.tolist(), faces
+    for given in [objects / "gear.obj", str(objects / "gear.obj"), (vertices, faces), (vertices.tolist(), faces.tolist()), other,
+                  (vertices[::-1], len(vertices) - 1 - faces.astype(np.int8 if len(vertices) < 128 else np.int64)),
+                  pickle.loads(pickle.dumps(gear)), pickle.loads(pickle.dumps(gelsim.Mesh(vertices, faces)))]:  # fmt: skip
+        ours = simulator.press(given, pose)
+        assert np.array_equal(ours.image, truth.image) and np.array_equal(ours.depth, truth.depth), type(given)
+    scaled = gelsim.Mesh.load(objects / "gear.obj", mm_per_unit=0.5)
+    assert np.allclose(np.diff(scaled.bounds_mm, axis=0) * 2, np.diff(gear.bounds_mm, axis=0))
+    turned = gelsim.Placement(truth.pose[:3], truth.pose[3:])
+    assert np.abs(simulator.press(gear, turned).image.astype(int) - truth.image).max() <= 1
+
+    # Heights are those of Sensor.render, whose maps may have any size.
+    sensor = gelsim.Sensor.preset("digit", set=CAMERA)
+    simulator = gelsim.Simulator(sensor, "high", resolution_px=(60, 80))
+    heights = np.full((80, 60), -np.inf)
+    heights[20:40, 10:50] = np.linspace(0.2, 0.6, 40)
+    layers = ["depth", "surface", "contact", "normal", "pressure", "gap"]
+    for given in [heights, heights.astype(np.float32), heights[..., None], np.asfortranarray(heights)]:
+        theirs = sensor.render(heights, fidelity="high", layers=layers, index=4, seed=5)
+        same(simulator.press(given, index=4, seed=5).sample(layers), theirs)
+
+    # Threads share one; an object may be soft; what is random follows index and seed.
+    alone = [simulator.press(gear, pose, index=index).image for index in range(4)]
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(lambda index: simulator.press(gear, pose, index=index).image, [*range(4)] * 3))
+    assert all(np.array_equal(image, alone[number % 4]) for number, image in enumerate(together))
+    assert not np.array_equal(alone[0], alone[1])
+    assert simulator.press(gear, pose, youngs_modulus_kpa=20.0).force_n < 0.9 * simulator.press(gear, pose).force_n
+
+
+def obj(path):
+    """Corners and triangles of an OBJ file of triangles."""
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = [[float(word) for word in row[1:4]] for row in rows if row[:1] == ["v"]]
+    faces = [[int(word.split("/")[0]) - 1 for word in row[1:]] for row in rows if row[:1] == ["f"]]
+    triangles = [[face[0], *face[k : k + 2]] for face in faces for k in range(1, len(face) - 1)]
+    return np.array(vertices), np.array(triangles)
+
+
+SEQUENCE = """
+indentation.no_contact = 0.0
+markers.pitch_mm = 1.5
+[sequence]
+frame_rate_hz = 10.0
+friction = { coefficient = 0.4 }
+phase = [
+    { name = "press", duration_s = 0.3, depth_mm = 0.6 },
+    { name = "slide", duration_s = 0.5, x_mm = 1.0, y_mm = -0.3, twist_deg = 10.0 },
+    { name = "roll", duration_s = 0.3, tilt_deg = 6.0, tilt_azimuth_deg = 90.0 },
+    { name = "lift", duration_s = 0.4, depth_mm = -0.2 },
+    { name = "touch", duration_s = 0.2, depth_mm = 0.3 },
+]
+[output]
+layers = ["depth", "surface", "contact", "flow", "slip", "markers"]
+"""
+
+
+def steps():
+    """A sequence by hand is the one that a job makes of the same poses: what sticks, slips and rolls, image for image."""
+    text = ONE_PRESS.format(preset="digit", width=90, height=120, tilt="", pattern="noise") + SEQUENCE
+    job, _ = warned(lambda: gelsim.Job.load(job_of("sequence.toml", text), set={"texture.amplitude_mm": 0.0}))
+    gear = gelsim.Mesh.load(objects / "gear.obj")
+    simulator = gelsim.Simulator("digit", resolution_px=(90, 120), set={**CAMERA, "markers.pitch_mm": 1.5})
+    states = set()
+    for index in range(2):
+        theirs = job[index]
+        simulator.reset(friction=0.4, index=index, seed=7)
+        for number, (frame, label) in enumerate(zip(theirs["frames"], theirs["label"]["frames"], strict=True)):
+            pose = label["pose"]
+            ours = simulator.step(gear, gelsim.Placement(pose["translation_mm"], pose["quaternion_xyzw"]))
+            assert ours.frame == number
+            # The rotation goes through the label's quaternion; within a frame the job rolls about another point.
+            rolls = label["phase"] in ["roll", "lift", "touch"]
+            off = np.abs(ours.image.astype(int) - frame["tactile"]).max()
+            assert off <= (1 if rolls else 0), (number, label["phase"], off)
+            off = np.abs(ours.flow - frame["flow"]).max()
+            assert off < (2e-2 if rolls else 1e-5), (number, label["phase"], off)
+            assert np.mean(ours.slip != frame["slip"]) < (1e-3 if rolls else 1e-4), (number, label["phase"])
+            for name in ["contact", "depth", "surface"]:
+                assert np.abs(ours.sample()[name].astype(float) - frame[name]).mean() < 0.02 * max(frame[name].max(), 1e-9), name
+            force = label["wrench"]["force_n"]
+            assert np.allclose(ours.wrench[:3], force, atol=(2e-3 if rolls else 1e-5) * max(1.0, -force[2])), (ours.wrench, label["wrench"])
+            assert ours.slip_state == label["slip"]["state"], (number, ours.slip_state, label["slip"])
+            states.add(ours.slip_state)
+    assert states == {"none", "incipient", "gross"}
+
+    # Another friction, heights of the same object, and copies in threads.
+    cylinder = gelsim.Mesh.load(objects / "cylinder.obj")
+    simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), flow=True)
+
+    def slide(simulator, friction, indenter=None):
+        simulator.reset(friction=friction)
+        found = []
+        for number in range(8):
+            pose = gelsim.Pose(0.4, x_mm=0.15 * max(0, number - 1))
+            press = simulator.press(cylinder, pose)
+            placement = gelsim.Placement(press.pose[:3], press.pose[3:])
+            found.append(simulator.step(*((cylinder, pose) if indenter is None else (indenter(press), placement))))
+        return found
+
+    truth = {friction: slide(simulator, friction) for friction in [0.2, 0.8, None]}
+    pull = {friction: press[-1].wrench[0] for friction, press in truth.items()}
+    normal = -truth[0.2][-1].wrench[2]
+    assert abs(pull[0.2] - 0.2 * normal) < 0.01 * normal and pull[0.2] < pull[0.8] <= 0.8001 * normal and pull[0.8] < pull[None], pull
+    assert [truth[friction][-1].slip_state for friction in [0.2, None]] == ["gross", "none"]
+    heights = slide(simulator, 0.2, lambda press: np.where(press.depth > 0, press.depth, -np.inf).astype(np.float32))
+    assert abs(heights[-1].wrench[0] - pull[0.2]) < 0.1 * normal and heights[-1].slip_state == "gross"
+    with ThreadPoolExecutor(3) as threads:
+        each = list(threads.map(lambda friction: slide(simulator.copy(), friction), truth))
+    for friction, found in zip(truth, each, strict=True):
+        for ours, theirs in zip(found, truth[friction], strict=True):
+            same(ours.sample(), theirs.sample())
+
+    # What cannot be right leaves the sequence as it is.
+    simulator.reset(friction=0.2)
+    for number in range(8):
+        press = simulator.step(cylinder, gelsim.Pose(0.4, x_mm=0.15 * max(0, number - 1)))
+        raises(gelsim.UsageError, lambda: simulator.step(cylinder, gelsim.Pose(9.0)))
+        raises(gelsim.UsageError, lambda: simulator.step(np.zeros((80, 60), np.float32), gelsim.Placement((0, 0, 0), (0, 0, 1, 1))))
+        raises(TypeError, lambda: simulator.step(cylinder, None, texture="noise"))
+        same(press.sample(), truth[0.2][number].sample())
+    assert simulator.step(cylinder, gelsim.Pose(-0.5)).slip_state == "none"
+    assert "paper" in raises(gelsim.UsageError, lambda: gelsim.Simulator("digit", "paper").step(cylinder, gelsim.Pose(0.1)))
+
+
+def nonsense():
+    """What no press is made of is said, with all mistakes and a way out, and no panic."""
+    simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80))
+    pose = gelsim.Pose(0.3)
+    good = ([(-3, -3, 2), (3, -3, 2), (0, 3, 2), (0, 0, 0)], [(3, 0, 1), (3, 1, 2), (3, 2, 0)])
+    for vertices, faces, kind, words in [
+        ([], [], gelsim.UsageError, "vertices_mm has the shape"),
+        (np.zeros((0, 3)), np.zeros((0, 3), int), gelsim.UsageError, "no vertex"),
+        (good[0], np.zeros((0, 3), int), gelsim.UsageError, "no triangle"),
+        (np.full((4, 3), np.nan), good[1], gelsim.UsageError, "finite"),
+        (np.zeros((4, 3)), good[1], gelsim.UsageError, "without area"),
+        (np.array(good[0]) * 1e9, good[1], gelsim.UsageError, "across"),
+        (good[0], [(0, 1, 4)], gelsim.UsageError, "corners 0 to 4"),
+        (good[0], [(0, 1, -1)], gelsim.UsageError, "corners -1"),
+        (good[0], [(0.0, 1.0, 2.0)], TypeError, "whole numbers"),
+        (good[0], [(0, 1)], gelsim.UsageError, "faces has the shape (1, 2)"),
+        (np.zeros((4, 4)), good[1], gelsim.UsageError, "(4, 4)"),
+        ([["a", "b", "c"]], good[1], TypeError, "vertices_mm"),
+        ("abc", good[1], TypeError, "vertices_mm"),
+        ([[1, 2, 3], [4, 5]], good[1], TypeError, "vertices_mm"),
+        (np.zeros((4, 3), complex), good[1], TypeError, "vertices_mm"),
+        (None, None, TypeError, "vertices_mm"),
+    ]:
+        said = raises(kind, lambda: simulator.press((vertices, faces), pose))
+        assert words in said, said
+    # Corners that are none go with their triangles, and a warning.
+    holes = np.array([*good[0], (np.nan, 0, 0)], float)
+    mesh, said = warned(lambda: gelsim.Mesh(holes, [*good[1], (4, 0, 1)], name="holes"))
+    assert mesh.triangles == 3 and len(said) == 1 and "holes" in said[0] and "not finite" in said[0], said
+    assert np.array_equal(simulator.press(mesh, pose).image, simulator.press(good, pose).image)
+    for path, words in [("absent.stl", "absent.stl"), (objects, "mesh"), (objects / "gear", "gear"), ("a\0b", "path"), ("x" * 9999, "path")]:
+        assert words in raises(gelsim.UsageError, lambda: simulator.press(path, pose))
+    depth = np.zeros((80, 60), np.float32)
+    for change, kind, words in [
+        (lambda bad: bad[:79], gelsim.UsageError, "resolution_px=(60, 79)"),
+        (lambda bad: np.stack([bad, bad]), gelsim.UsageError, "Sensor.render takes several"),
+        (lambda bad: bad + np.nan, gelsim.UsageError, "not a number"),
+        (lambda bad: np.where(np.arange(60) > 30, np.inf, bad), gelsim.UsageError, "infinite"),
+        (lambda bad: bad.astype(np.int32), TypeError, "depth_mm is int32"),
+        (lambda bad: bad.tolist(), TypeError, "an array of heights"),
+        (lambda bad: np.zeros((0, 0)), gelsim.UsageError, "empty"),
+        (lambda bad: None, TypeError, "indenter is None"),
+        (lambda bad: (bad,), TypeError, "tuple of 1"),
+    ]:
+        for call in [simulator.press, lambda it: simulator.step(it, gelsim.Placement((0, 0, 0)))]:
+            said = raises(kind, lambda: call(change(depth)))
+            assert words in said, said
+    assert "Placement" in raises(gelsim.UsageError, lambda: simulator.press(depth, pose))
+    assert "gelsim.Pose(0.5)" in raises(gelsim.UsageError, lambda: simulator.press(good))
+    assert "4 mm" in raises(gelsim.UsageError, lambda: simulator.press(good, gelsim.Pose(4.5)))
+    assert "4 mm" in raises(gelsim.UsageError, lambda: simulator.press(good, gelsim.Placement((0, 0, -5.0))))
+    assert "gel has a shape" in raises(gelsim.UsageError, lambda: gelsim.Simulator("geltip").press(depth))
+    assert "flow=True" in raises(gelsim.UsageError, lambda: simulator.press(good, pose, shear=gelsim.Shear(0.1)))
+    said = raises(gelsim.UsageError, lambda: simulator.press(good, pose, friction=-1.0, youngs_modulus_kpa=0.0, poisson_ratio=1.0))
+    assert all(word in said for word in ["friction is -1.0", "youngs_modulus_kpa", "poisson_ratio"]), said
+    assert "rigid" in raises(
+        gelsim.UsageError, lambda: gelsim.Simulator("digit", "paper").press("objects/sphere.obj", pose, youngs_modulus_kpa=9.0)
+    )
+    for arguments, words in [(("digti",), "did you mean `digit`?"), (("absent.toml",), "absent.toml"), (("digit", "fine"), "fidelity level")]:
+        assert words in raises(gelsim.UsageError, lambda: gelsim.Simulator(*arguments))
+    assert "resolution_px[0]" in raises(gelsim.UsageError, lambda: gelsim.Simulator("digit", resolution_px=(0, 80)))
+    assert "camera.expsoure" in raises(gelsim.UsageError, lambda: gelsim.Simulator("digit", set={"camera.expsoure": 1.0}))
+    assert "depth" in raises(gelsim.UsageError, lambda: simulator.press(good, pose).sample(["detph"]))
+    assert "no 'markers'" in raises(gelsim.UsageError, lambda: simulator.press(good, pose).sample(["markers"]))
+    # Far from the pad, and so small that no pixel sees it.
+    assert not simulator.press(good, gelsim.Pose(0.3, x_mm=1e4)).in_contact
+    assert simulator.press((np.array(good[0]) * 1e-6, good[1]), pose).healthy
+
+
+def generating(mixed):
+    """`gelsim.generate` writes what the command writes, again and again in a process, and from any thread."""
+    written = Path(tempfile.mkdtemp(dir=root)) / "out"
+    run("generate", mixed, "--out", written, "--quiet", "--set", EVERY_LAYER, "--seed", "6")
+    folder = Path(tempfile.mkdtemp(dir=root))
+    done = gelsim.generate(mixed, folder / "path", set={"output.layers": LAYERS}, seed=6, threads=2)
+    assert (done.path, done.samples, done.complete, done.shards_there_already) == (folder / "path", 13, True, 0)
+    gelsim.generate(gelsim.Job.load(mixed, set=[EVERY_LAYER], seed=6), str(folder / "job"))
+    thread = threading.Thread(target=lambda: gelsim.generate(str(mixed), folder / "thread", set=[EVERY_LAYER], seed=6))
+    thread.start()
+    thread.join()
+    names = [path.relative_to(written) for path in written.rglob("*") if path.is_file() and path.parent.name != "stats"]
+    assert len(names) > 5
+    for name in ["path", "job", "thread"]:
+        equal, *rest = filecmp.cmpfiles(written, folder / name, names, shallow=False)
+        assert rest == [[], []], (name, rest)
+    again = gelsim.generate(mixed, folder / "path", set={"output.layers": LAYERS}, seed=6)
+    assert (again.samples, again.shards, again.shards_there_already) == (0, 0, done.shards)
+    tar = next((folder / "path/data").glob("train-*.tar"))
+    tar.write_bytes(tar.read_bytes()[:-512])
+    again = gelsim.generate(mixed, folder / "path", set={"output.layers": LAYERS}, seed=6)
+    assert (again.shards, again.shards_made_again) == (1, [tar.stem])
+    assert "another job" in (said := raises(gelsim.UsageError, lambda: gelsim.generate(mixed, folder / "path"))) or "overwrite" in said, said
+    assert gelsim.generate(mixed, folder / "path", samples=2, overwrite=True).samples == 2
+    for job, out, more, kind, words in [
+        (mixed, "s3://bucket/x", {}, gelsim.UsageError, "object store"),
+        (mixed, "", {}, gelsim.UsageError, "empty"),
+        (mixed, folder / "x", {"samples": 0}, gelsim.UsageError, "samples"),
+        (mixed, folder / "x", {"set": {"pose.yaw": 1}}, gelsim.UsageError, "yaw"),
+        (mixed, folder / "x", {"threads": 0}, gelsim.UsageError, "threads=0"),
+        (gelsim.Job.load(mixed), folder / "x", {"seed": 1}, gelsim.UsageError, "Job.load"),
+        (folder / "absent.toml", folder / "x", {}, gelsim.UsageError, "absent.toml"),
+        (7, folder / "x", {}, TypeError, "job"),
+        (mixed, mixed / "x", {}, gelsim.RunError, "mixed.toml"),
+    ]:
+        said = raises(kind, lambda: gelsim.generate(job, out, **more))
+        assert words in said, said
+    assert not (folder / "x").exists()
+
+    # Ctrl-C ends it between samples, and the same call goes on.
+    code = (
+        "import sys, gelsim\ntry:\n    gelsim.generate(sys.argv[1], sys.argv[2], samples=3000, threads=1)\n"
+        "except KeyboardInterrupt:\n    print('interrupted', flush=True)\n"
+        "print(gelsim.generate(sys.argv[1], sys.argv[2] + '-2', samples=2).samples)"
+    )
+    stopped = subprocess.Popen([sys.executable, "-c", code, mixed, folder / "stopped"], stdout=subprocess.PIPE, text=True)
+    while not list(folder.glob("stopped/stats/*.json")):
+        assert stopped.poll() is None
+        time.sleep(0.01)
+    stopped.send_signal(signal.SIGINT)
+    assert stopped.communicate(timeout=120)[0] == "interrupted\n2\n" and stopped.returncode == 0
+    assert not (folder / "stopped/dataset.json").exists() and not list(folder.glob("stopped/data/.*.partial"))
+
+    # A dataset is read by layers and through a function, as a whole or split by split.
+    whole = gelsim.load(folder / "job")
+    some = gelsim.load(folder / "job", layers=["tactile", "markers"])
+    turned = gelsim.load(folder / "job", "train", transform=in_contact, layers=["contact"])
+    assert [list(sample) for sample in some] == [["tactile", "markers", "label", "key"]] * 13
+    for ours, theirs in zip(some, whole, strict=True):
+        assert np.array_equal(ours["tactile"], theirs["tactile"]) and ours["label"] == theirs["label"]
+    assert list(turned) == [bool(sample["contact"].any()) for sample in gelsim.load(folder / "job", "train")]
+    assert set(turned) == {True, False}
+    for dataset in (some, turned):
+        again = pickle.loads(pickle.dumps(dataset))
+        assert (again.wanted, again.transform, len(again)) == (dataset.wanted, dataset.transform, len(dataset))
+    assert list(pickle.loads(pickle.dumps(turned))) == list(turned)
+    assert list(gelsim.load(folder / "job", layers=[])[0]) == ["label", "key"]
+    # What is not wanted is not decoded: it may be damaged.
+    broken = folder / "broken"
+    gelsim.generate(mixed, broken, samples=1, set={"output.container": "folder", "output.layers": ["depth", "contact"]})
+    next(broken.rglob("*.contact.png")).write_bytes(b"none")
+    assert gelsim.load(broken, layers=["depth"])[0]["depth"].shape == (72, 96)
+    assert "contact" in raises(gelsim.RunError, lambda: gelsim.load(broken)[0])
+    said = raises(gelsim.UsageError, lambda: gelsim.load(folder / "job", layers=["depht", "tactile", "gap"]))
+    assert "'depht', 'gap'" in said and "'markers'" in said and "'tactile'" in said, said
+    raises(TypeError, lambda: gelsim.load(folder / "job", layers="depth"))
+    raises(TypeError, lambda: gelsim.load(folder / "job", transform="depth"))
+
+
+def in_contact(sample):
+    """Of what `load` gives."""
+    return bool(sample["contact"].any())
+
+
+def documented():
+    """Every public name says what it is, compiled ones in the words of the stubs; what they show runs as it stands."""
+    stubs = ast.parse(Path(gelsim._native.__file__).with_name("_native.pyi").read_text())
+    said = 0
+    for node in stubs.body:
+        members = [node, *getattr(node, "body", [])] if isinstance(node, ast.ClassDef) else [node]
+        for member in members:
+            if not isinstance(member, (ast.ClassDef, ast.FunctionDef)) or ast.get_docstring(member) is None:
+                continue
+            owner = getattr(gelsim._native, node.name)
+            found = owner if member is node else getattr(owner, member.name)
+            if not issubclass(owner if isinstance(owner, type) else object, Exception):
+                assert inspect.getdoc(found) == ast.get_docstring(member), (node.name, member.name, inspect.getdoc(found))
+                said += 1
+    assert said > 25
+    snippets = {}
+    for name in gelsim.__all__:
+        thing = getattr(gelsim, name)
+        if isinstance(thing, str):
+            continue
+        text = inspect.getdoc(thing)
+        assert text and len(text) > 20, name
+        snippets[name] = text
+        for part, value in vars(thing).items() if isinstance(thing, type) else []:
+            value = getattr(value, "__func__", value)
+            if not part.startswith("_") and (inspect.isroutine(value) or isinstance(value, (property, cached_property))):
+                assert inspect.getdoc(value), (name, part)
+    folder = Path(tempfile.mkdtemp(dir=root))
+    (folder / "job.toml").write_text(
+        f'dataset = {{ name = "shown", samples = 50 }}\nobject = [{{ path = "{objects}/sphere.obj" }}]\n'
+        "indentation.depth_mm = 0.5\nsensor.resolution_px = [24, 32]\n"
+    )
+    (folder / "ball.stl").write_text("solid\n" + "".join(
+        "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle) + "endloop\nendfacet\n"
+        for triangle in [((0, 0, 0), (1, 0, 1), (0, 1, 1)), ((0, 0, 0), (0, 1, 1), (-1, -1, 1))]) + "endsolid\n")  # fmt: skip
+    shown = [("gelsim", gelsim.__doc__), *sorted(snippets.items(), key=lambda item: item[0] == "load")]
+    run_ = 0
+    for name, text in shown:
+        code = "".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+        if not code:
+            continue
+        if name == "Mesh":
+            code = "\n".join(line for line in code.splitlines() if "trimesh" not in line)
+            code = "vertices_mm, faces = [(0, 0, 0), (1, 0, 1), (0, 1, 1)], [(0, 1, 2)]\n" + code
+        start = "import gelsim\nimport numpy as np\n" + ('sensor = gelsim.Sensor.preset("digit")\n' if name == "Led" else "")
+        done = subprocess.run([sys.executable, "-W", "error", "-c", start + code], cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, (name, code, done.stderr)
+        run_ += 1
+    assert run_ == 8, run_
+
+
+def surface():
+    """A program that uses every public name runs, and its types are right."""
+    program = project / "tests/pipeline/module_names.py"
+    tree = ast.walk(ast.parse(program.read_text()))
+    used = {node.attr if isinstance(node, ast.Attribute) else node.arg for node in tree if isinstance(node, (ast.Attribute, ast.keyword))}
+    public = set(gelsim.__all__)
+    for name in gelsim.__all__:
+        thing = getattr(gelsim, name)
+        if isinstance(thing, type) and not issubclass(thing, (Exception, dict)):
+            public |= {part for part in dir(thing) if not part.startswith("_")}
+        if callable(thing) and name not in ("UsageError", "RunError", "Effect", "Sample", "Generated"):
+            calls = [thing, *(getattr(thing, part) for part in dir(thing) if isinstance(thing, type) and not part.startswith("_"))]
+            for call in calls:
+                if callable(call) and call not in (gelsim.Job, gelsim.Sensor):
+                    public |= {p.name for p in inspect.signature(call).parameters.values() if p.kind == p.KEYWORD_ONLY}
+    inherited = {"count", "raw", "manifest", "shards", "path", "transform", "mro"} | set(dir(tuple))
+    assert public - used - inherited == set(), sorted(public - used - inherited)
+    folder = tempfile.mkdtemp(dir=root)
+    for command in [[program, folder], ["-m", "mypy", "--strict", program]]:
+        done = subprocess.run([sys.executable, *command], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
 def types():
     """The stubs are the module's, and the package is as typed as it says."""
     for arguments in [["mypy.stubtest", "gelsim", "--ignore-missing-stub"], ["mypy", "--strict", "--package", "gelsim"]]:
@@ -529,5 +1042,13 @@ if __name__ == "__main__":
         mistakes(mixed)
         frames()
         inside()
+        assignments(mixed)
+        lights()
+        simulators()
+        steps()
+        nonsense()
+        generating(mixed)
+        documented()
+        surface()
     types()
     print(f"gelsim {gelsim.__version__} in Python {sys.version.split()[0]}: the arrays and words of {os.fspath(native)}")

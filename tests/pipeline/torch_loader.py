@@ -15,7 +15,7 @@ def main(path):
     job = gelsim.Job.load(path)
     truth = [sample["tactile"] for sample in job.samples(range(len(job)))]
     for method, workers in [("fork", 2), ("spawn", 2), (None, 0)]:
-        how = {"num_workers": workers, "multiprocessing_context": method, "collate_fn": gelsim.collate}
+        how = {"num_workers": workers, "multiprocessing_context": method, "collate_fn": gelsim.collate_torch}
         loader = DataLoader(job, batch_size=5, shuffle=True, **how)
         seen = {}
         for batch in loader:

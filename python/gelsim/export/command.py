@@ -35,7 +35,7 @@ MEANT = {
 ELSEWHERE = [
     (["rlds", "tfrecord", "tfds", "oxe", "open_x"], "there is no such copy; lerobot has the same episodes"),
     (["webdataset", "wds", "tar", "imagefolder", "folder", "png"], "`gelsim generate` writes it, see [output] container"),
-    (["npz", "npy", "numpy", "pickle", "pkl", "pt", "torch"], "in Python gelsim.load gives arrays, gelsim.collate tensors"),
+    (["npz", "npy", "numpy", "pickle", "pkl", "pt", "torch"], "in Python gelsim.load and gelsim.collate give arrays, gelsim.collate_torch tensors"),
 ]
 """Formats that no copy has, and what to do instead."""
 
