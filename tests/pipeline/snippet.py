@@ -17,6 +17,11 @@ def look(names):
         images, deepest = names["images"], names["deepest_mm"]
         assert images.ndim == 4 and images.shape[1] == 3 and str(images.dtype) == "torch.uint8", images.shape
         assert len(deepest) == len(images) and 0 <= float(deepest.max()) < 4
+    elif "press" in names:
+        press = names["press"]
+        width, height = names["simulator"].resolution_px
+        assert press.image.shape == (height, width, 3) and press.image.dtype == numpy.uint8 and press.in_contact
+        assert press.force_n > 0.0 and press.image.min() < press.image.max()
     elif "sample" in names:
         sample = names["sample"]
         label = names.get("label", sample)
