@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use pyo3::exceptions::{PyOverflowError, PyTypeError, PyUnicodeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyMapping, PyString, PyTuple};
+use pyo3::types::{PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 
 use crate::errors::{LONGEST_NAME, mistake};
 
@@ -83,11 +83,11 @@ pub fn texts(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
 /// What `--set` takes: assignments as texts, or a mapping of dotted keys to values of Python.
 pub fn assignments(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
     let Some(given) = given else { return Ok(Vec::new()) };
-    let Ok(mapping) = given.cast::<PyMapping>() else {
+    let Some(entries) = entries(given)? else {
         let wanted = "a dict of keys and values, or a list of texts";
         return each(name, given, wanted, |item| text(&format!("an item of {name}"), item));
     };
-    each(name, mapping.items()?.as_any(), "a dict", |item| {
+    each(name, &entries, "a dict", |item| {
         let (key, value) = item.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()?;
         let key = text(&format!("a key of {name}"), &key)?;
         if key.contains(['=', '\n', '#']) {
@@ -98,6 +98,16 @@ pub fn assignments(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
         write_toml(&format!("{name}[{:?}]", shortened(&key)), &value, 0, &mut assignment)?;
         Ok(assignment)
     })
+}
+
+/// The keys and values of a mapping; none of what is no mapping. pyo3's own cast prints what an object raises when it is asked.
+fn entries<'py>(given: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyAny>>> {
+    let is_list = given.is_instance_of::<PyList>() || given.is_instance_of::<PyTuple>();
+    let is_mapping = || given.is_instance(&given.py().import("collections.abc")?.getattr("Mapping")?);
+    match given.is_instance_of::<PyDict>() || (!is_list && is_mapping()?) {
+        true => given.call_method0("items").map(Some),
+        false => Ok(None),
+    }
 }
 
 /// A name as messages show it.
@@ -125,9 +135,9 @@ pub fn write_toml(name: &str, value: &Bound<'_, PyAny>, depth: usize, toml: &mut
         toml.push_str(&if number.is_nan() { String::from("nan") } else { format!("{number:?}") });
     } else if value.is_instance_of::<PyString>() {
         write_toml_text(&text(name, value)?, toml);
-    } else if let Ok(table) = value.cast::<PyMapping>() {
+    } else if let Some(entries) = entries(value)? {
         toml.push_str("{ ");
-        let entries = each(name, table.items()?.as_any(), "a dict", |item| {
+        let entries = each(name, &entries, "a dict", |item| {
             let (key, value) = item.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()?;
             let mut entry = String::new();
             write_toml_text(&text(&format!("a key of {name}"), &key)?, &mut entry);

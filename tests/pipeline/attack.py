@@ -443,6 +443,9 @@ def arguments():
         yield either(f"set {what} of a job", lambda a=assignment: gelsim.Job.load(job_path, set=[a])[0])
         lines = assignment if "=" in assignment else "a = 1"
         yield either(f"job of {what}", lambda lines=lines: _native._job_of_text(lines, None))
+    for what, value in wrong_values():
+        for given in [{"camera.exposure": value}, {"sensor.led": [{"color": value}]}]:
+            yield either(f"set of a value {what}", lambda g=given: gelsim.Job.load(job_path, set=g), "set", "camera", "sensor.led", "items of")
     many = ["surface"] * 100_000
     yield either("many layers", lambda: sensor.render(ball(), layers=many), "layers")
     yield either("many assignments", lambda: gelsim.Sensor.preset("gelsight-mini", set=["camera.exposure=1.0"] * 3000), "set")
