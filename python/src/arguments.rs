@@ -134,7 +134,11 @@ pub fn write_toml(name: &str, value: &Bound<'_, PyAny>, depth: usize, toml: &mut
         let number = number(name, value)?;
         toml.push_str(&if number.is_nan() { String::from("nan") } else { format!("{number:?}") });
     } else if value.is_instance_of::<PyString>() {
-        write_toml_text(&text(name, value)?, toml);
+        let text = text(name, value)?;
+        if text.len() > LONGEST_PATH {
+            return Err(mistake(format!("{name} is a text of {} bytes", text.len()), "give a name or a path"));
+        }
+        write_toml_text(&text, toml);
     } else if let Some(entries) = entries(value)? {
         toml.push_str("{ ");
         let entries = each(name, &entries, "a dict", |item| {

@@ -7,20 +7,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use gelsim_core::base::clock::Seconds;
 use gelsim_core::base::rng;
-use gelsim_core::camera::CameraParams;
 use gelsim_core::depth::height_map::HeightMap;
 use gelsim_core::depth::indenter::Shape;
 use gelsim_core::depth::patterns::Procedural;
 use gelsim_core::depth::relief::Relief;
-use gelsim_core::depth::texture::{Laid, TextureSample};
+use gelsim_core::depth::texture::{TexturePlacement, TextureSample};
 use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
-use gelsim_core::gelpad::elastic::soft::Soft;
+use gelsim_core::gelpad::elastic::soft::ElasticObject;
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
 use gelsim_core::gelpad::tangential::Shear;
 use gelsim_core::impression::Impression;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, Pose, Side};
+use gelsim_core::simulator::Simulator;
 use gelsim_dataset::encode::json;
 use gelsim_job::label::Label;
 use gelsim_job::layers::OutputLayer;
@@ -91,11 +91,12 @@ struct Moving {
     begun: Begun,
     /// The first frame: what is drawn of print, camera and unit holds for all.
     first: Scene,
+    simulator: Arc<Simulator>,
     sliding: Sliding,
     last: Pose,
     last_depth_mm: f64,
     /// Where the texture lay in the first frame.
-    laid: Laid,
+    laid: TexturePlacement,
     frames: u64,
 }
 
@@ -304,8 +305,7 @@ fn scene(plan: &Plan, index: u64, object: Object, texture: Option<DrawnTexture>)
     scene
 }
 
-fn described(plan: &Plan, scene: &Scene, impression: Impression) -> Sample {
-    let simulator = scene.simulator(plan);
+fn described(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>, impression: Impression) -> Sample {
     let label = Label::describe(plan, scene, &simulator, &impression, None);
     let seconds: Seconds = impression.seconds;
     Sample { simulator, impression, numbered: None, label, seconds }
@@ -381,14 +381,15 @@ impl Engine {
                 let mut scene = scene(&plan, index, object, texture);
                 scene.material.friction = friction.map(|coefficient| Friction::Coulomb { coefficient });
                 scene.material.soft =
-                    youngs_modulus_kpa.map(|youngs_modulus_kpa| Soft { youngs_modulus_kpa, poisson_ratio });
+                    youngs_modulus_kpa.map(|youngs_modulus_kpa| ElasticObject { youngs_modulus_kpa, poisson_ratio });
                 let mut press = scene.press(&plan);
                 if let Some(Pushed { x_mm, y_mm, twist_deg }) = shear {
                     let Motion { about_mm, .. } = scene.motion;
                     scene.motion = Motion { shift_mm: [x_mm, y_mm], twist_rad: twist_deg.to_radians(), about_mm };
                     press.shear = Some(Shear { motion: scene.motion, friction: plan.job().shear.friction });
                 }
-                let impression = scene.simulator(&plan).press_with(&press);
+                let simulator = scene.simulator(&plan);
+                let impression = simulator.press_with(&press);
                 let sampling = Sampling {
                     objects: Vec::new(),
                     classes: Vec::new(),
@@ -399,7 +400,7 @@ impl Engine {
                 // Its label says of a shear what is known only where objects are moved.
                 let mut plan = plan;
                 plan.sampling = Arc::new(sampling);
-                described(&plan, &scene, impression)
+                described(&plan, &scene, simulator, impression)
             })
         }));
         let sample = rendered.map_err(|panic| self.bug("this press", &*panic))?;
@@ -496,11 +497,12 @@ fn next(
     let (pose, depth_mm, shape) = (object.pose, object.depth_mm, object.shape.clone());
     let drawn = scene(plan, begun.index, object, texture);
     let mut moving = moving.unwrap_or_else(|| {
-        let sliding = drawn.simulator(plan).sliding(begun.friction).expect("the model knows tractions");
-        let laid = Laid::with(&pose);
+        let simulator = drawn.simulator(plan);
+        let sliding = simulator.sliding(begun.friction).expect("the model knows tractions");
+        let laid = TexturePlacement::with(&pose);
         // It comes down to where it is.
         let last = shape.clusters().map_or(pose, |mesh| pose.lowered(0.0, mesh));
-        Box::new(Moving { begun, first: drawn.clone(), sliding, last, last_depth_mm: 0.0, laid, frames: 0 })
+        Box::new(Moving { begun, first: drawn.clone(), simulator, sliding, last, last_depth_mm: 0.0, laid, frames: 0 })
     });
     let noise_key = moving.first.camera.noise_key;
     // The first frame's noise is a press's.
@@ -509,15 +511,15 @@ fn next(
         frame => rng::stream(noise_key, "sequence frame noise", frame).bits(),
     };
     let Scene { pressed, pose, indentation_depth_mm, motion, texture, .. } = drawn;
-    let scene =
+    let mut scene =
         Scene { pressed, pose, over_plane: pose, indentation_depth_mm, motion, texture, ..moving.first.clone() };
-    let scene = Scene { camera: CameraParams { noise_key, ..scene.camera }, ..scene };
+    scene.camera.noise_key = noise_key;
     let mut press = scene.press(plan);
     press.texture = press.texture.map(|texture| texture.laid_out(moving.laid));
     press.shear = None;
     let steps = moving.steps(plan, &scene, depth_mm);
-    let impression = scene.simulator(plan).press_next(&press, &steps, &mut moving.sliding);
-    let sample = described(plan, &scene, impression);
+    let impression = moving.simulator.press_next(&press, &steps, &mut moving.sliding);
+    let sample = described(plan, &scene, Arc::clone(&moving.simulator), impression);
     let slid = sample.impression.sliding.as_ref();
     let frame = FrameLabel::new(moving.frames as u32, 0.0, "", sample.label.clone(), slid);
     let number = moving.frames;

@@ -445,7 +445,7 @@ def arguments():
         yield either(f"job of {what}", lambda lines=lines: _native._job_of_text(lines, None))
     for what, value in wrong_values():
         for given in [{"camera.exposure": value}, {"sensor.led": [{"color": value}]}]:
-            yield either(f"set of a value {what}", lambda g=given: gelsim.Job.load(job_path, set=g), "set", "camera", "sensor.led", "items of")
+            yield either(f"set of a value {what}", lambda g=given: gelsim.Job.load(job_path, set=g), "set", "camera", "sensor.led", ">= 0")
     many = ["surface"] * 100_000
     yield either("many layers", lambda: sensor.render(ball(), layers=many), "layers")
     yield either("many assignments", lambda: gelsim.Sensor.preset("gelsight-mini", set=["camera.exposure=1.0"] * 3000), "set")
