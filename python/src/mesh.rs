@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::mesh::{Cleaned, Mesh};
+use gelsim_core::mesh::{CleanupReport, Mesh};
 use gelsim_files::mesh::{self, Reading};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
@@ -48,7 +48,7 @@ impl ReadyMesh {
 }
 
 /// What to warn of.
-fn remarks(cleaned: &Cleaned, others: impl Iterator<Item = String>) -> Vec<String> {
+fn remarks(cleaned: &CleanupReport, others: impl Iterator<Item = String>) -> Vec<String> {
     cleaned.warning().into_iter().chain(others).collect()
 }
 

@@ -4,8 +4,10 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
+use super::cleanup::DESCRIPTIONS;
 use super::manifest::Manifest;
 use super::recorded::Recorded;
+use super::stats::Stats;
 use gelsim_files::sensor::shape::SensorShape;
 use gelsim_files::spelling::is_hidden;
 use gelsim_job::config::Job;
@@ -20,8 +22,18 @@ use gelsim_job::sequence::label::FrameRow;
 
 mod loading;
 
+/// The files that describe a dataset of which these are the stats of all shards, in order: their names and texts.
+pub fn descriptions(recorded: &Recorded, stats: &[Stats]) -> Vec<(&'static str, String)> {
+    let manifest = Manifest::new(recorded, stats);
+    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
+    let [dataset, index, readme] = DESCRIPTIONS;
+    let value = serde_json::to_value(&manifest).expect("a manifest has string keys");
+    let index = manifest.wids().map(|value| (index, pretty(&value)));
+    [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index).collect()
+}
+
 /// The text of the card.
-pub fn card(recorded: &Recorded, manifest: &Manifest) -> String {
+fn card(recorded: &Recorded, manifest: &Manifest) -> String {
     let mut text = String::from("---\n");
     front_matter(&mut text, recorded, manifest);
     text.push_str("---\n\n");

@@ -5,11 +5,10 @@
 use gelsim_files::fail_point::Step;
 use std::path::PathBuf;
 
-use super::card::card;
-use super::cleanup::{self, DESCRIPTIONS};
+use super::card::descriptions;
+use super::cleanup;
 use super::folder;
 use super::lock::Lock;
-use super::manifest::Manifest;
 use super::recorded::Recorded;
 use super::refused::Refused;
 use super::stats::Stats;
@@ -80,16 +79,6 @@ pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Ref
     }
     Step::DatasetDescribed.reached(&recorded.root);
     Ok(Finalized::Whole { bytes: stats.iter().map(|stats| stats.bytes).sum() })
-}
-
-/// The files that describe a dataset of which these are the stats of all shards, in order: their names and texts.
-pub fn descriptions(recorded: &Recorded, stats: &[Stats]) -> Vec<(&'static str, String)> {
-    let manifest = Manifest::new(recorded, stats);
-    let pretty = |value: &serde_json::Value| format!("{value:#}\n");
-    let [dataset, index, readme] = DESCRIPTIONS;
-    let value = serde_json::to_value(&manifest).expect("a manifest has string keys");
-    let index = manifest.wids().map(|value| (index, pretty(&value)));
-    [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index).collect()
 }
 
 /// Refuses a dataset that another version of gelsim made: this one would describe it otherwise.

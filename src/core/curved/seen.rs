@@ -25,7 +25,7 @@ use crate::optics::skin::{self, AlongGel, Skin, SkinPoint};
 
 /// What the camera sees.
 pub(super) enum Seen {
-    Pins(PinPicture),
+    Pins(Box<PinPicture>),
     Skin(Box<Skin>, Arc<BackgroundImage>),
 }
 
@@ -73,7 +73,7 @@ impl Seen {
         let look = match look {
             Look::Pins(pins, dark) => {
                 let (resting, ring) = (pins.at_rest(shape, camera), pins.ring(camera, view.resolution_px));
-                return Self::Pins(PinPicture { sites: pins.sites(shape), pins, resting, ring, dark });
+                return Self::Pins(Box::new(PinPicture { sites: pins.sites(shape), pins, resting, ring, dark }));
             }
             Look::Skin(look) => look,
         };
@@ -96,9 +96,7 @@ impl Curved {
     /// The light of the untouched gel.
     pub fn untouched(&self) -> Light {
         match &self.seen {
-            Seen::Pins(PinPicture { pins, resting, ring, dark, .. }) => {
-                pins.light(resting, &[], &self.camera, *dark, ring)
-            }
+            Seen::Pins(seen) => seen.pins.light(&seen.resting, &[], &self.camera, seen.dark, &seen.ring),
             Seen::Skin(skin, picture) => skin.untouched(picture, self.gel.inwards()),
         }
     }

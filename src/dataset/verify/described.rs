@@ -5,8 +5,8 @@ use std::io;
 use serde_json::Value;
 
 use super::{Cure, Finding, Looked};
+use crate::card::descriptions;
 use crate::cleanup::DESCRIPTIONS;
-use crate::finalize::descriptions;
 use crate::folder::{is_as_written, recorded_text};
 use crate::recorded::Recorded;
 use crate::stats::Stats;
