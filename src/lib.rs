@@ -1,9 +1,7 @@
-//! Tactile images of optical tactile sensors (GelSight, DIGIT and their kin), simulated.
+//! Tactile images of optical tactile sensors (GelSight, DIGIT, TacTip and their kin), simulated.
 //!
-//! Such a sensor is a soft gelpad, lit from the side by coloured LEDs and watched by a camera; an object pressed into it
-//! gives an image of the object's relief. A [`Sensor`] made ready at a [`Fidelity`] level is a [`Simulator`]; what is
-//! pressed into it is an [`Indenter`], a mesh at a [`Pose`] or a height map; what comes out is an [`Impression`]: the
-//! tactile image, and surface, contact, pressure, normals and markers beneath it.
+//! Such a sensor is a soft gelpad. Coloured LEDs light it from the side and a camera watches it from below. An object that is
+//! pressed into it gives an image of the object's relief.
 //!
 //! ```
 //! use gelsim::{Fidelity, ImageExt, Indenter, Sensor, SensorExt, Simulator};
@@ -20,163 +18,144 @@
 //! # }
 //! ```
 //!
-//! [`Press`] says more of a press: texture, motion in the pad's plane, markers and camera of its own. Lengths are
-//! millimetres, pressures kPa, forces N; x is to the right in the image, y down, z out of the pad towards the object;
-//! image arithmetic is f32. [`Simulator::press_next`] presses frame by frame, with friction that remembers. A press is
-//! a pure function of simulator and [`Press`]: the same bytes on any thread and CPU.
+//! # A press in five steps
+//!
+//! 1. **Take a sensor**: [`SensorExt::preset`] by name, [`SensorExt::load`] from a file, or [`Sensor::new`]. Its fields are
+//!    public: push a [`Led`] onto [`Sensor::leds`], change [`Sensor::gelpad`].
+//! 2. **Prepare it**: [`Simulator::new`] checks the sensor and computes what every press shares. [`Fidelity`] chooses how exact.
+//! 3. **Place an object**: [`Indenter::mesh`] takes a [`Mesh`] ([`MeshExt::load`]) at a [`Pose`], [`Indenter::height_map`] an
+//!    array. [`Indenter::at_depth_mm`] lowers it into the pad.
+//! 4. **Press it**: [`Simulator::press`], or [`Simulator::try_press`] with a [`Press`], which adds [`Texture`], [`Shear`],
+//!    [`ObjectMaterial`], markers and camera. The `try_` functions give a [`PressError`] where the others panic.
+//! 5. **Read the result**: an [`Impression`] has the [`Image`], the layers in its geometry ([`Impression::surface_mm`],
+//!    [`Impression::normals`] and others), the [`Contact`] with its force, and an [`EffectLog`] that says which effects ran and why.
+//!
+//! For a sequence, [`Simulator::sliding`] begins one, and [`Simulator::try_press_next`] takes it through each frame's
+//! [`ObjectStep`]s. The friction of a frame depends on the frames before it.
+//!
+//! The examples `press`, `sequence` and `led` in `docs/examples` are complete programs: `cargo run --release --example press`.
+//!
+//! # Conventions
+//!
+//! Lengths are millimetres, angles degrees where the name says `deg` and radians where it says `rad`, pressures kilopascals,
+//! forces newtons. x points to the right in the image, y down, z out of the pad towards the object; the origin is the middle of the
+//! view on the undeformed pad. Arrays are row-major. A press is a pure function of simulator and [`Press`]: it gives the same bytes
+//! on any thread and CPU.
 //!
 //! # Features
 //!
-//! Without any feature the crate is this simulator, with at most 60 crates beneath it. `datasets` adds jobs in TOML,
-//! datasets on disk and what is done with them; `cli`, the default, the command `gelsim`. What these add is the program's
-//! own: it is hidden here, and may change with every version.
+//! | feature | what it adds |
+//! |---|---|
+//! | none | the simulator, sensor presets and PNG |
+//! | `files` | sensor files, meshes and pictures: [`SensorExt::load`], [`MeshExt`] |
+//! | `cli` (default) | the command `gelsim`, and `files` |
+//! | `stores` | the command with object stores |
+//!
+//! # Limitations
+//!
+//! - The pad is a linear elastic layer. At large strains it is off by tens of micrometres; [`Numerics::model_error_um`] says by how
+//!   much for each press.
+//! - Objects are rigid, or elastic with one modulus. A frame of a sequence takes them for rigid.
+//! - A height map lies over a flat pad. A gel that has a shape takes meshes.
+//! - Light is reflected once: no interreflection between slopes of the pad.
+//! - Mass, speed and viscosity are not modelled. A press is an equilibrium.
 
 mod file;
 
 // What is made ready and pressed.
 #[doc(inline)]
-pub use gelsim_core::depth::height_map::HeightMap;
-#[doc(inline)]
-pub use gelsim_core::depth::indenter::{HeightMapError, Indenter, Shape};
-#[doc(inline)]
-pub use gelsim_core::effects::{Effect, EffectLog, EffectPolicy, Note as EffectNote, PerEffect};
-#[doc(inline)]
-pub use gelsim_core::fidelity::{Fidelity, Models};
-#[doc(inline)]
-pub use gelsim_core::mesh::clusters::{Clusters, Part as ClusterPart};
-#[doc(inline)]
-pub use gelsim_core::mesh::{CleanupReport, Mesh, MeshError};
-#[doc(inline)]
-pub use gelsim_core::pose::{Anchor, Angles, PadPlane, Placement, Pose, Side};
-#[doc(inline)]
-pub use gelsim_core::simulator::{Press, PressError, Simulator};
+pub use gelsim_core::{
+    depth::height_map::HeightMap,
+    depth::indenter::{HeightMapError, Indenter, Shape},
+    effects::{Effect, EffectLog, EffectPolicy, Note as EffectNote, PerEffect},
+    fidelity::{Fidelity, Models},
+    mesh::clusters::{Clusters, Part as ClusterPart},
+    mesh::{CleanupReport, Mesh, MeshError},
+    pose::{Anchor, Angles, PadPlane, Placement, Pose, Side},
+    simulator::{Press, PressError, Simulator},
+};
 
 // A sensor's parts.
 #[doc(inline)]
-pub use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
-#[doc(inline)]
-pub use gelsim_core::base::site::Site;
-#[doc(inline)]
-pub use gelsim_core::base::surface::{Hole as GelHole, Surface as GelMesh, SurfaceError as GelMeshError};
-#[doc(inline)]
-pub use gelsim_core::base::view::View;
-#[doc(inline)]
-pub use gelsim_core::camera::CameraParams;
-#[doc(inline)]
-pub use gelsim_core::camera::markers::{MarkerPattern, MarkerPrint};
-#[doc(inline)]
-pub use gelsim_core::camera::pins::{Along as PinDirection, MountRing, Pins};
-#[doc(inline)]
-pub use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
-#[doc(inline)]
-pub use gelsim_core::depth::rest::{Grain, RestSurface};
-#[doc(inline)]
-pub use gelsim_core::gelpad::material::Material;
-#[doc(inline)]
-pub use gelsim_core::optics::LightSource;
-#[doc(inline)]
-pub use gelsim_core::optics::background::{BackgroundImage, Pattern as BackgroundPattern, RenderedBackground};
-#[doc(inline)]
-pub use gelsim_core::optics::calibrated::beyond::{Beyond as CalibrationExtrapolation, Range as CalibrationRange};
-#[doc(inline)]
-pub use gelsim_core::optics::calibrated::{
-    Colors as CalibrationColors, Table as CalibrationTable, response::Response as CalibrationResponse,
-    taxim::Taxim as TaximCalibration,
+pub use gelsim_core::{
+    base::gel::{GelCapsule, GelDome, GelShape},
+    base::site::Site,
+    base::surface::{Hole as GelHole, Surface as GelMesh, SurfaceError as GelMeshError},
+    base::view::View,
+    camera::CameraParams,
+    camera::markers::{MarkerPattern, MarkerPrint},
+    camera::pins::{Along as PinDirection, MountRing, Pins},
+    camera::projection::{Fisheye, LensModel, Pinhole, Projection},
+    depth::rest::{Grain, RestSurface},
+    gelpad::material::Material,
+    optics::LightSource,
+    optics::background::{BackgroundImage, Pattern as BackgroundPattern, RenderedBackground},
+    optics::calibrated::beyond::{Beyond as CalibrationExtrapolation, Range as CalibrationRange},
+    optics::calibrated::{
+        Colors as CalibrationColors, Table as CalibrationTable, response::Response as CalibrationResponse,
+        taxim::Taxim as TaximCalibration,
+    },
+    optics::lamps::Lamp,
+    optics::led::Led,
+    optics::residual::LightResidual,
+    sensor::{Background, Markers, Sensor, SensorError},
 };
-#[doc(inline)]
-pub use gelsim_core::optics::lamps::Lamp;
-#[doc(inline)]
-pub use gelsim_core::optics::led::Led;
-#[doc(inline)]
-pub use gelsim_core::optics::residual::LightResidual;
-#[doc(inline)]
-pub use gelsim_core::sensor::{Background, Markers, Sensor, SensorError};
 #[doc(inline)]
 pub use gelsim_files::sensor::UnknownPreset;
 
 // What happens in a press, and in a sequence.
 #[doc(inline)]
-pub use gelsim_core::depth::outline::Outline;
-#[doc(inline)]
-pub use gelsim_core::depth::patterns::Procedural;
-#[doc(inline)]
-pub use gelsim_core::depth::relief::Relief;
-#[doc(inline)]
-pub use gelsim_core::depth::seen::SeenSurface;
-#[doc(inline)]
-pub use gelsim_core::depth::texture::{Texture, TexturePlacement, TextureSample};
-#[doc(inline)]
-pub use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
-#[doc(inline)]
-pub use gelsim_core::gelpad::elastic::soft::ElasticObject;
-#[doc(inline)]
-pub use gelsim_core::gelpad::object::ObjectMaterial;
-#[doc(inline)]
-pub use gelsim_core::gelpad::planar::PlanarMotion;
-#[doc(inline)]
-pub use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
-#[doc(inline)]
-pub use gelsim_core::gelpad::tangential::Shear;
+pub use gelsim_core::{
+    depth::outline::Outline,
+    depth::patterns::Procedural,
+    depth::relief::Relief,
+    depth::seen::SeenSurface,
+    depth::texture::{Texture, TexturePlacement, TextureSample},
+    gelpad::elastic::shear::{Friction, Motion},
+    gelpad::elastic::soft::ElasticObject,
+    gelpad::object::ObjectMaterial,
+    gelpad::planar::PlanarMotion,
+    gelpad::sliding::{ObjectStep, Sliding},
+    gelpad::tangential::Shear,
+};
 
 // The models that a fidelity level chooses.
 #[doc(inline)]
-pub use gelsim_core::base::grid::Resolution;
-#[doc(inline)]
-pub use gelsim_core::gelpad::Model as GelpadModel;
-#[doc(inline)]
-pub use gelsim_core::gelpad::elastic::Elastic;
-#[doc(inline)]
-pub use gelsim_core::gelpad::gaussian::Gaussian;
-#[doc(inline)]
-pub use gelsim_core::gelpad::mean_blur::MeanBlur;
-#[doc(inline)]
-pub use gelsim_core::gelpad::none::NoDeformation;
-#[doc(inline)]
-pub use gelsim_core::optics::Model as OpticsModel;
-#[doc(inline)]
-pub use gelsim_core::optics::calibrated::Calibrated as CalibratedOptics;
-#[doc(inline)]
-pub use gelsim_core::optics::lamps::Lamps as LampOptics;
-#[doc(inline)]
-pub use gelsim_core::optics::phong::{Equation as PhongEquation, Phong, Shadows, SoftShadows};
+pub use gelsim_core::{
+    base::grid::Resolution,
+    gelpad::Model as GelpadModel,
+    gelpad::elastic::Elastic,
+    gelpad::gaussian::Gaussian,
+    gelpad::mean_blur::MeanBlur,
+    gelpad::none::NoDeformation,
+    optics::Model as OpticsModel,
+    optics::calibrated::Calibrated as CalibratedOptics,
+    optics::lamps::Lamps as LampOptics,
+    optics::phong::{Equation as PhongEquation, Phong, Shadows, SoftShadows},
+};
 
 // What comes out.
 #[doc(inline)]
-pub use gelsim_core::base::clock::Seconds;
-#[doc(inline)]
-pub use gelsim_core::base::grid::{Grid, Rect};
-#[doc(inline)]
-pub use gelsim_core::base::light::Light;
-#[doc(inline)]
-pub use gelsim_core::camera::Image;
-#[doc(inline)]
-pub use gelsim_core::camera::gel_map::GelMap;
-#[doc(inline)]
-pub use gelsim_core::camera::lens::Lens;
-#[doc(inline)]
-pub use gelsim_core::camera::markers::MarkerPositions;
-#[doc(inline)]
-pub use gelsim_core::camera::pins::{PinPositions, Tip as PinTip};
-#[doc(inline)]
-pub use gelsim_core::depth::Depth;
-#[doc(inline)]
-pub use gelsim_core::gelpad::elastic::history::StickSlip;
-#[doc(inline)]
-pub use gelsim_core::gelpad::elastic::inplane::{Field, Load};
-#[doc(inline)]
-pub use gelsim_core::gelpad::elastic::shear::Outcome as ShearOutcome;
-#[doc(inline)]
-pub use gelsim_core::gelpad::sliding::{Slip, Wrench};
-#[doc(inline)]
-pub use gelsim_core::gelpad::subpixel::{SampledPixel, Subpixel};
-#[doc(inline)]
-pub use gelsim_core::gelpad::tangential::TangentialMotion;
-#[doc(inline)]
-pub use gelsim_core::gelpad::total_contact::TotalContact;
-#[doc(inline)]
-pub use gelsim_core::gelpad::{Contact, Numerics};
-#[doc(inline)]
-pub use gelsim_core::impression::{Impression, SlidingState};
+pub use gelsim_core::{
+    base::clock::Seconds,
+    base::grid::{Grid, Rect},
+    base::light::Light,
+    camera::Image,
+    camera::gel_map::GelMap,
+    camera::lens::Lens,
+    camera::markers::MarkerPositions,
+    camera::pins::{PinPositions, Tip as PinTip},
+    depth::Depth,
+    gelpad::elastic::history::StickSlip,
+    gelpad::elastic::inplane::{Field, Load},
+    gelpad::elastic::shear::Outcome as ShearOutcome,
+    gelpad::sliding::{Slip, Wrench},
+    gelpad::subpixel::{SampledPixel, Subpixel},
+    gelpad::tangential::TangentialMotion,
+    gelpad::total_contact::TotalContact,
+    gelpad::{Contact, Numerics},
+    impression::{Impression, SlidingState},
+};
 
 pub use crate::file::{ImageExt, SensorExt};
 #[cfg(feature = "files")]

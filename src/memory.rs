@@ -12,6 +12,7 @@ mod kept {
 
     /// Keeps freed memory for what is allocated next. To be called before there are other threads.
     pub fn keep_freed() {
+        #[allow(unsafe_code, reason = "glibc has no other way to be told")]
         // SAFETY: `mallopt` takes two numbers and has no preconditions but that no other thread allocates meanwhile. One that it
         // does not know it refuses, and all stays as it was.
         unsafe {

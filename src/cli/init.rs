@@ -20,7 +20,7 @@ use gelsim_lab::inspect::job;
 pub const TEMPLATE: &str = include_str!("template.toml");
 
 /// The mesh that it presses until there is another: its name in the job, and what is written where there is no such file.
-const STARTER: (&str, &[u8]) = ("my-object.obj", include_bytes!("../../objects/cylinder.obj"));
+const STARTER: (&str, &[u8]) = ("my-object.obj", include_bytes!("my-object.obj"));
 
 /// Write a commented job to start from, or one for the meshes of a folder.
 #[derive(Debug, Args)]

@@ -49,11 +49,6 @@ fn format(bytes: &[u8]) -> Result<(ImageFormat, &'static str), String> {
     Ok((format, name))
 }
 
-/// Name of the format of a file that begins so, if it is one that is read.
-pub fn format_name(bytes: &[u8]) -> Option<&'static str> {
-    format(bytes).ok().map(|(_, name)| name)
-}
-
 /// The ending that the format of these bytes has in names of files, without a point.
 pub fn ending(bytes: &[u8]) -> Option<&'static str> {
     let (found, _) = format(bytes).ok()?;
@@ -183,7 +178,6 @@ mod tests {
     fn every_format_is_read_by_its_bytes() {
         for (format, name, endings) in FORMATS {
             let bytes = encoded(format);
-            assert_eq!(format_name(&bytes), Some(name));
             assert_eq!(ending(&bytes), Some(endings[0]));
             assert_eq!(header(&bytes).map(|(size, _)| size), Ok([24, 16]), "{name}");
             assert_eq!(size_of_bytes(&bytes), Ok([24, 16]), "{name}");

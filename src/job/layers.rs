@@ -2,7 +2,7 @@
 //! dataset card, verification, the report and Python's arrays follow.
 //!
 //! A new layer is a variant of [`OutputLayer`] and its row of `TABLE` here, and what computes its values
-//! ([`gelsim_dataset::content`]).
+//! (`gelsim_dataset::content`).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1568,7 +1568,7 @@ NOT_RERUN = {
     "GELSIM_REAL_DATA=FOLDER cargo test --release --test library reality::shapes -- --nocapture": f"{REAL} (GELSIM_REAL_DATA)",
     "GELSIM_TAXIM=OUT cargo test --release --test library taxim::package -- --nocapture": "pictures by the package taxim, 400 MB (GELSIM_TAXIM)",
     "GELSIM_THOROUGH=1 cargo test --release --test library a_bound_holds -- --nocapture": "fails where a bound is broken",
-    "GELSIM_UPDATE_GOLDEN=1 cargo test --release --test library golden::found::NAME": "stores a golden image anew",
+    "GELSIM_CASE=NAME GELSIM_UPDATE_GOLDEN=1 cargo test --release --test library golden::found": "stores a golden image anew",
     "UPDATE=1 cargo test --release --test program cli::schema": "stores the schemas anew",
     "cargo bench --bench effects": TIMES,
     "cargo bench --bench elastic": TIMES,

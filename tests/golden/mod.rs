@@ -339,61 +339,13 @@ fn processors_with_wider_vectors_and_without_give_the_same_bits() {
 }
 
 /// Every golden image is found again.
-mod found {
-    tests_of_cases! {
-        super::check, super::cases().map(|case| case.name);
-        gelsight_2014_sphere,
-        gelsight_2014_dots,
-        gelsight_2014_rope_with_the_papers_blur,
-        gelsight_2014_hexagon_nut_literal,
-        gelsight_2014_phillips_screw_shiny,
-        gelsight_2017_gear,
-        gelsight_2017_cube_across_the_border,
-        gelsight_mini_coin,
-        gelsight_mini_untouched,
-        digit_letter,
-        digit_prism_corner,
-        depth_of_a_tilted_bolt,
-        gelsight_series2_gear,
-        tactip_beside_an_edge,
-        geltip_cube_from_the_side,
-        allsight_letter_at_the_tip,
-        surface_under_a_thin_ridge,
-        contact_of_a_key,
-        normals_under_a_torus,
-        high_gear,
-        standard_torus_across_the_border,
-        draft_surface_under_a_cone,
-        pressure_under_crossed_ridges,
-        gaussian_brick,
-        texture_noise,
-        texture_brushed,
-        texture_knurled,
-        texture_woven,
-        texture_dimples,
-        texture_of_a_height_map,
-        dome_under_a_flat_face,
-        pad_with_a_height_map_under_a_sphere,
-        grain_under_a_sphere,
-        shadows_of_an_led_at_8_degrees,
-        shadows_of_an_led_at_20_degrees,
-        no_shadows,
-        near_leds_on_dots,
-        markers_at_rest,
-        markers_around_a_sphere,
-        shear_that_sticks,
-        twist_that_slips,
-        defocus,
-        distortion_barrel,
-        distortion_pincushion,
-        vignette,
-        exposure_and_white_balance,
-        noise,
-    }
+#[test]
+fn found() {
+    let cases: Vec<&Case> = cases().collect();
+    crate::cases::check_cases(&cases, |case| case.name, |case| check(case));
 }
 
-fn check(name: &str) {
-    let case = cases().find(|case| case.name == name).expect("a case of that name");
+fn check(case: &Case) {
     if let Err(wrong) = compare(case) {
         panic!(
             "\n{wrong}\n\nIf that is meant: {REFRESH}=1 cargo test --release --test library golden stores what is found.\n"

@@ -1,31 +1,15 @@
-//! One test for each case of a table, so that cases run side by side and by name.
+//! The cases of a table, checked side by side.
 
-/// Makes a test of each name, which gives the name to `check`, and one that the table, whose names `table` lists, has a test
-/// for every case and no other. A name stands as [`identifier`] writes it.
-macro_rules! tests_of_cases {
-    ($check:expr, $table:expr; $($name:ident),* $(,)?) => {
-        $(
-            #[test]
-            fn $name() {
-                ($check)(stringify!($name));
-            }
-        )*
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
-        #[test]
-        fn every_case_has_a_test() {
-            let table: Vec<String> = $table.map(crate::cases::identifier).collect();
-            assert_eq!(table, [$(stringify!($name)),*]);
-        }
-    };
-}
+use rayon::prelude::*;
 
-/// A name with `_` for what cannot stand in an identifier.
-pub fn identifier(name: &str) -> String {
-    let words: Vec<String> = name
-        .split(|letter: char| !letter.is_ascii_alphanumeric() && letter != '_')
-        .filter(|word| !word.is_empty())
-        .map(str::to_ascii_lowercase)
-        .collect();
-    let joined = words.join("_");
-    if joined.starts_with(|letter: char| letter.is_ascii_digit()) { format!("_{joined}") } else { joined }
+/// Checks every case on all cores, those alone whose name holds `GELSIM_CASE` where that is set, and panics with the names of all
+/// that failed. What each has to say stands above.
+pub fn check_cases<T: Sync, R>(cases: &[T], name: impl Fn(&T) -> &str + Send + Sync, check: impl Fn(&T) -> R + Sync) {
+    let wanted = std::env::var("GELSIM_CASE").unwrap_or_default();
+    let chosen = cases.par_iter().filter(|case| name(case).contains(&wanted));
+    let fails = |case: &&T| catch_unwind(AssertUnwindSafe(|| drop(check(case)))).is_err();
+    let failed: Vec<&str> = chosen.filter(fails).map(&name).collect();
+    assert!(failed.is_empty(), "{} of {} cases failed: {}", failed.len(), cases.len(), failed.join(", "));
 }

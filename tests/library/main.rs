@@ -1,11 +1,10 @@
 //! What the library computes: one process for all of it, tests by name: `cargo test --release --test library physics::contact`.
 //!
 //! Each folder beside this one is a module, whose head says what it asks. `oracle` holds second implementations that several
-//! of them compare with, `plan` makes the plan of a job's text, `cases` a test of each case in a table.
+//! of them compare with, `plan` makes the plan of a job's text, `cases` checks a table's cases side by side.
 
 use gelsim::SensorExt;
 
-#[macro_use]
 mod cases;
 mod stages;
 

@@ -1,9 +1,10 @@
-"""Builds and runs the README's program against the library alone: python library.py
+"""Builds and runs the README's program against the library alone, and runs the examples: python library.py
 
 Checks that it has at most 60 crates beneath it and saves an image that is no flat pad. Needs cargo; what it compiles is kept
-in target/library.
+in target/library. The examples are those that `cargo test --release` has built.
 """
 
+import os
 import re
 import struct
 import subprocess
@@ -53,6 +54,24 @@ def main():
         print(f"ball.png: {width}x{height} px, {len(image)} bytes")
         if (width, height) != (320, 240) or len(image) < 20_000:
             sys.exit("no image of a ball")
+    run_examples()
+
+
+def run_examples():
+    """Runs the three programs of docs/examples where they find the bundled objects, and looks at what they save."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "objects").symlink_to(ROOT / "objects")
+        for example, saved in (("press", 1), ("sequence", 1), ("led", 2)):
+            said = subprocess.run(
+                [target / "release/examples" / example], cwd=folder, check=True, stdout=subprocess.PIPE, text=True
+            ).stdout
+            print(said.strip())
+            images = list(Path(folder).glob(f"{example}*.png"))
+            if len(images) != saved or not all(image.stat().st_size > 20_000 for image in images):
+                sys.exit(f"{example} saved {images}")
+            if "NaN" in said or example == "led" and " 0 of" in said:
+                sys.exit(f"{example} says {said}")
 
 
 if __name__ == "__main__":

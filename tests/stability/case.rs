@@ -16,7 +16,6 @@ use gelsim_job::plan::Plan;
 
 use super::shapes::{Format, Shape};
 use super::sound::{self, Figures};
-use crate::cases::identifier;
 
 /// What a sample wears.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -325,11 +324,6 @@ pub fn run(case: &Case) -> Figures {
         }
         Err(wrong) => panic!("{} findings:\n{}", wrong.len(), wrong.join("\n")),
     }
-}
-
-/// Runs the case whose name, as an identifier, is `name`.
-pub fn run_named(cases: &[Case], name: &str) {
-    run(cases.iter().find(|case| identifier(case.name) == name).expect("a case of that name"));
 }
 
 fn resolve(job: String, folder: &Path, overrides: &Overrides) -> Result<Plan, String> {

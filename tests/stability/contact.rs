@@ -2,8 +2,9 @@
 
 use std::sync::LazyLock;
 
-use super::case::{Case, Extent, Touches};
+use super::case::{Case, Extent, Touches, run};
 use super::shapes::{Random, Shape};
+use crate::cases::check_cases;
 
 const PX: [u32; 2] = [48, 36];
 const PITCH: [f64; 2] = [0.4; 2];
@@ -173,72 +174,13 @@ fn grids() -> Vec<Case> {
 }
 
 /// Every contact gives a sound sample.
-mod sound {
-    use super::CASES;
-    use crate::stability::case::run_named;
-
-    tests_of_cases! {
-        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
-        no_contact,
-        an_object_beside_the_view,
-        grazing_by_0_1_um,
-        grazing_by_0_1_um_with_a_plate,
-        one_pixel,
-        one_pixel_in_a_corner,
-        along_the_border,
-        just_beyond_the_border,
-        the_whole_window_incompressible,
-        the_whole_window_compressible,
-        five_islands,
-        a_needle_on_a_pixel_s_centre,
-        a_needle_between_pixels,
-        a_plate_tilted_by_0_01_degrees,
-        pixel_noise,
-        checkerboard,
-        stripes_one_pixel_wide,
-        a_plate_with_holes_of_a_pixel,
-        an_annulus,
-        an_incompressible_annulus,
-        a_ball_to_99_of_the_pad,
-        a_plate_to_99_of_the_pad,
-        noise_to_99_of_the_pad,
-        a_pad_of_0_05_mm,
-        a_pad_of_1_m,
-        pixels_of_1_um,
-        pixels_of_10_mm,
-        pixels_of_0_05_x_1_mm,
-        pixels_of_1_x_0_05_mm,
-        a_plate_with_one_hole,
-        a_plate_with_one_hole_to_99,
-        pixels_of_10_x_0_01_mm,
-        pixels_of_100_x_0_01_mm,
-        a_depth_of_0,
-        a_depth_of_1e_300_mm,
-        the_stiffest_pad,
-        the_softest_pad,
-        one_iteration,
-        noise_in_one_iteration,
-        pressed_flat_to_the_shell,
-        an_exactly_incompressible_pad,
-    }
+#[test]
+fn sound() {
+    check_cases(&CASES, |case| case.name, run);
 }
 
 /// Every grid gives a sound sample.
-mod on_grids {
-    use super::GRIDS;
-    use crate::stability::case::run_named;
-
-    tests_of_cases! {
-        |name| run_named(&GRIDS, name), GRIDS.iter().map(|case| case.name);
-        _1_x_1_px,
-        _2_x_1_px,
-        _1_x_2_px,
-        _3_x_5_px,
-        _1_x_640_px,
-        _37_x_41_px,
-        _127_x_113_px,
-        _8192_x_16_px,
-        _8193_px,
-        _0_px,
-    }
+#[test]
+fn on_grids() {
+    check_cases(&GRIDS, |case| case.name, run);
 }

@@ -2,8 +2,9 @@
 
 use std::sync::LazyLock;
 
-use super::case::{Case, Extent, Touches};
+use super::case::{Case, Extent, Touches, run};
 use super::shapes::{Format, Random, Shape};
+use crate::cases::check_cases;
 
 /// Triangles in the plane z = 0, at random within `half` mm of its middle.
 fn coincident(count: usize, half: f64) -> Shape {
@@ -139,44 +140,7 @@ fn cases() -> Vec<Case> {
 }
 
 /// Every mesh gives a sound sample, or is refused.
-mod sound {
-    use super::CASES;
-    use crate::stability::case::run_named;
-
-    tests_of_cases! {
-        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
-        vertical_walls,
-        overhangs,
-        duplicate_faces,
-        coincident_faces,
-        ten_thousand_duplicate_faces,
-        ten_thousand_coincident_faces,
-        slivers_of_1e_12_mm_2,
-        nothing_but_slivers,
-        an_object_at_1e6_mm,
-        an_object_of_1e6_mm,
-        an_object_of_1e_6_mm_on_a_pixel_s_centre,
-        an_object_of_1e_6_mm_at_1e6_mm,
-        an_object_of_1e7_mm,
-        an_object_of_1e8_mm,
-        coordinates_of_1e30,
-        coordinates_of_1e300,
-        one_triangle,
-        one_triangle_on_its_edge,
-        nothing_but_points,
-        an_open_mesh,
-        an_inverted_mesh,
-        a_self_intersecting_mesh,
-        a_non_manifold_mesh,
-        vertices_and_edges_on_pixel_centres,
-        walls_on_pixel_centres,
-        _0_0_everywhere,
-        turned_by_1e_9_rad,
-        tilted_by_90_degrees,
-        five_million_triangles,
-        a_quarter_turn,
-        half_a_turn,
-        three_quarters_of_a_turn,
-        a_full_turn,
-    }
+#[test]
+fn sound() {
+    check_cases(&CASES, |case| case.name, run);
 }

@@ -10,6 +10,7 @@ use gelsim_lab::calibrate::{Geometry, table};
 
 use super::case::{Case, Dress, run};
 use super::shapes::Shape;
+use crate::cases::check_cases;
 
 fn photograph(width: u32, height: u32, level: u8) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
@@ -103,43 +104,9 @@ fn cases() -> Vec<Case> {
 }
 
 /// Every light gives a sound sample, or is refused.
-mod sound {
-    use super::CASES;
-    use crate::stability::case::run_named;
-
-    tests_of_cases! {
-        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
-        an_led_at_the_horizon,
-        a_point_at_the_horizon,
-        an_led_in_the_pad_s_plane_on_a_pixel_s_centre,
-        an_led_0_01_mm_away,
-        an_led_1_km_away,
-        an_led_below_the_horizon,
-        an_led_at_the_zenith,
-        normals_at_89_999_degrees,
-        shininess_0,
-        shininess_0_5,
-        shininess_1,
-        shininess_1000,
-        shininess_1001,
-        literal_light,
-        leds_without_light,
-        leds_a_hundred_times_as_bright,
-        leds_too_bright,
-        a_black_rendered_background,
-        a_saturated_rendered_background,
-        a_ball_in_measured_light,
-        walls_in_measured_light,
-        a_corner_in_measured_light,
-        a_pixel_of_measured_light,
-        half_a_table,
-        a_black_photograph,
-        a_white_photograph,
-        a_photograph_of_7_x_5_px,
-        a_photograph_of_1_x_1_px,
-        a_photograph_of_900_x_700_px,
-        a_photograph_that_is_none,
-    }
+#[test]
+fn sound() {
+    check_cases(&CASES, |case| case.name, run);
 }
 
 /// Mean brightness of the untouched pad under LEDs of this intensity.

@@ -3,7 +3,8 @@
 use std::io::Cursor;
 use std::sync::LazyLock;
 
-use super::case::{Case, Touches};
+use super::case::{Case, Touches, run};
+use crate::cases::check_cases;
 
 fn textured(name: &'static str, trouble: &'static str, amplitude_mm: &str, scale_mm: &str) -> Case {
     Case::new(name, trouble).set(format!("texture = {{ amplitude_mm = {amplitude_mm}, scale_mm = {scale_mm} }}"))
@@ -62,34 +63,7 @@ fn cases() -> Vec<Case> {
 }
 
 /// Every texture gives a sound sample, or is refused.
-mod sound {
-    use super::CASES;
-    use crate::stability::case::run_named;
-
-    tests_of_cases! {
-        |name| run_named(&CASES, name), CASES.iter().map(|case| case.name);
-        a_texture_of_amplitude_0,
-        a_texture_of_1e_300_mm,
-        a_texture_deeper_than_the_pad,
-        a_texture_of_scale_1e_3_mm,
-        a_texture_of_scale_1_m,
-        a_texture_of_scale_0,
-        a_texture_of_11_mm,
-        a_texture_of_one_pixel,
-        a_texture_of_2_x_501_px,
-        four_million_dots,
-        dots_over_dots,
-        dots_without_size_or_edge,
-        no_pattern,
-        sub_pixel_noise,
-        deep_noise,
-        sub_pixel_brushed,
-        deep_brushed,
-        sub_pixel_knurled,
-        deep_knurled,
-        sub_pixel_woven,
-        deep_woven,
-        sub_pixel_dimples,
-        deep_dimples,
-    }
+#[test]
+fn sound() {
+    check_cases(&CASES, |case| case.name, run);
 }

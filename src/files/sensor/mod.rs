@@ -32,11 +32,11 @@ macro_rules! presets {
     ($($name:literal),* $(,)?) => {
         /// The presets that are inside the binary: name and text of the sensor file.
         pub const PRESETS: [(&str, &str); [$($name),*].len()] =
-            [$(($name, include_str!(concat!("../../../configs/sensors/", $name, ".toml")))),*];
+            [$(($name, include_str!(concat!("../presets/", $name, ".toml")))),*];
     };
 }
 
-// The files in `configs/sensors`, the default first.
+// The files in `configs/sensors`, the default first. `presets` is a link to that folder, so that they are in the published crate.
 presets! {
     "gelsight-2014", "gelsight-2017", "gelsight-mini", "digit", "gelsight-series2", "tactip", "geltip", "allsight",
 }

@@ -126,7 +126,7 @@ impl GripLabel {
         [("left", &self.left), ("right", &self.right)]
     }
 
-    /// One label for what counts whole samples, see [`merged`].
+    /// One label for what counts whole samples, see `merged`.
     pub fn summary(&self) -> Label {
         let [left, right] = [&self.left, &self.right].map(|finger| self.of_finger(finger));
         merged(left, right)

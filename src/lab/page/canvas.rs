@@ -22,9 +22,13 @@ pub type Point = [f64; 2];
 /// Marks of a size: all of about the same area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
+    /// A disc.
     Circle,
+    /// A square.
     Square,
+    /// A triangle on its side.
     Triangle,
+    /// A square on its corner.
     Diamond,
     /// A triangle that points down.
     Down,
@@ -49,15 +53,20 @@ impl Shape {
 pub struct Type {
     /// Height of the font, pixels.
     pub size: u32,
+    /// Heavier than usual.
     pub bold: bool,
+    /// Its colour.
     pub colour: Colour,
 }
 
 /// Which part of the text stands at its place.
 #[derive(Clone, Copy, Debug)]
 pub enum Align {
+    /// At its left end.
     Left,
+    /// At its middle.
     Middle,
+    /// At its right end.
     Right,
 }
 
