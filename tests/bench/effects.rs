@@ -124,7 +124,7 @@ fn extent() {
 fn saved() {
     println!("\n{:<12} {:>12} {:>12} {:>9}", "job", "called for", "everywhere", "saved");
     for name in ["quickstart", "elementary", "randomized"] {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../configs/{name}.toml"));
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("configs/{name}.toml"));
         let called = match Plan::load(&path, &Default::default()) {
             Ok(plan) => plan,
             Err(report) => panic!("{report}"),

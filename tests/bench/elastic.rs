@@ -1,4 +1,4 @@
-//! Time of the elastic pad, one thread: `cargo bench --bench elastic`.
+//! Time of the elastic pad, one thread: `cargo bench -p gelsim-bench --bench elastic`.
 //!
 //! `setup` computes the layer's response; `press` solves objects of all kinds on every pixel, every second and every
 //! fourth; `convolution` compares the convolution that all of it is made of with one by a library.

@@ -1,4 +1,4 @@
-//! Time of each stage at 640x480, one thread: `cargo bench --bench stages`.
+//! Time of each stage at 640x480, one thread: `cargo bench -p gelsim-bench --bench stages`.
 
 #[path = "../../src/memory.rs"]
 mod memory;

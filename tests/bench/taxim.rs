@@ -1,4 +1,4 @@
-//! Time of Taxim's colours at 640x480, one thread, where nothing is flat: `cargo bench --bench taxim`.
+//! Time of Taxim's colours at 640x480, one thread, where nothing is flat: `cargo bench -p gelsim-bench --bench taxim`.
 
 use std::hint::black_box;
 

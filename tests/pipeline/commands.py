@@ -27,7 +27,11 @@ from sets import REPOSITORY, environment
 
 CARGO = {
     "test": tomllib.loads((REPOSITORY / "Cargo.toml").read_text())["test"],
-    "bench": tomllib.loads((REPOSITORY / "tests/bench/Cargo.toml").read_text())["bench"],
+    "bench": [
+        bench
+        for manifest in ("Cargo.toml", "tests/bench/Cargo.toml")
+        for bench in tomllib.loads((REPOSITORY / manifest).read_text())["bench"]
+    ],
 }
 INDENTED = re.compile(r"^    ((?:[A-Z_]+=\S+ )*(?:gelsim|gelsim-export|cargo|pip|python3?|bash|sh|sbatch|kubectl|npm|docker|make) .*)$")
 
