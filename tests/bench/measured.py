@@ -1166,8 +1166,8 @@ OTHER_FIGURES = [
 ] + [
     Figures("architecture", CRATES, Sentence(f"| {row} | {{}} |"), crates, tolerance=0.0, fill={"FEATURE": feature})
     for feature, row in (
-        ("''", "none | the library: `Sensor`, `Simulator`, `Indenter`, `Press`, `Impression`"),
-        ("datasets", "`datasets` | jobs, datasets on disk, what is done with them"),
+        ("''", "none | the simulator, presets and PNG"),
+        ("files", "`files` | sensor files, meshes and pictures"),
         ("cli", "`cli` (default) | the command"),
         ("stores", "`stores` | the command, and datasets in object stores ([stores.md](stores.md))"),
     )
