@@ -45,9 +45,10 @@ impl SensorExt for Sensor {
     }
 }
 
-/// Why a sensor file gives no sensor: every mistake in it.
+/// Why a sensor file gives no sensor: every mistake as the command prints it, with file, line, column and what to do.
 #[cfg(feature = "files")]
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("{report}")]
 pub struct SensorFileError {
     path: PathBuf,
     report: Report,
@@ -65,17 +66,6 @@ impl SensorFileError {
         self.report.problems().iter().map(|problem| problem.message.as_str())
     }
 }
-
-/// The mistakes as the command prints them: file, line, column, what is wrong and what to do.
-#[cfg(feature = "files")]
-impl std::fmt::Display for SensorFileError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.report.fmt(f)
-    }
-}
-
-#[cfg(feature = "files")]
-impl std::error::Error for SensorFileError {}
 
 /// Meshes from files.
 #[cfg(feature = "files")]
@@ -98,7 +88,8 @@ pub trait MeshExt: Sized {
 
 /// Why a file gives no mesh.
 #[cfg(feature = "files")]
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
 pub struct MeshFileError(mesh::MeshFileError);
 
 #[cfg(feature = "files")]
@@ -113,16 +104,6 @@ impl MeshFileError {
         self.0.help()
     }
 }
-
-#[cfg(feature = "files")]
-impl std::fmt::Display for MeshFileError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-#[cfg(feature = "files")]
-impl std::error::Error for MeshFileError {}
 
 #[cfg(feature = "files")]
 impl MeshExt for Mesh {
