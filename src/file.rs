@@ -47,11 +47,19 @@ impl SensorExt for Sensor {
 
 /// Why a sensor file gives no sensor: every mistake as the command prints it, with file, line, column and what to do.
 #[cfg(feature = "files")]
-#[derive(Clone, Debug, thiserror::Error)]
+#[derive(Clone, thiserror::Error)]
 #[error("{report}")]
 pub struct SensorFileError {
     path: PathBuf,
     report: Report,
+}
+
+/// As it reads, since `main` and `expect` show errors so.
+#[cfg(feature = "files")]
+impl std::fmt::Debug for SensorFileError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
 }
 
 #[cfg(feature = "files")]
@@ -88,9 +96,17 @@ pub trait MeshExt: Sized {
 
 /// Why a file gives no mesh.
 #[cfg(feature = "files")]
-#[derive(Debug, thiserror::Error)]
-#[error(transparent)]
+#[derive(thiserror::Error)]
+#[error("{0}; {help}", help = .0.help())]
 pub struct MeshFileError(mesh::MeshFileError);
+
+/// As it reads, since `main` and `expect` show errors so.
+#[cfg(feature = "files")]
+impl std::fmt::Debug for MeshFileError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
+}
 
 #[cfg(feature = "files")]
 impl MeshFileError {

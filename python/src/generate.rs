@@ -7,11 +7,10 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;
 use std::time::Duration;
 
-use gelsim_dataset::folder::recorded_rung;
+use gelsim_dataset::folder::recorded_fidelity;
 use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate as write};
 use gelsim_dataset::verify::{Cure, Finding};
 use gelsim_files::store::{Address, mistaken_output};
-use gelsim_job::config::Overrides;
 use gelsim_job::label::key;
 use gelsim_job::plan::Plan;
 use gelsim_job::probe::foresee;
@@ -20,9 +19,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::ThreadPoolBuilder;
 
-use crate::arguments::{Given, assignments, flag, path as a_path, whole};
-use crate::errors::{fidelity_level, mistake, panicked, running, usage, warn};
-use crate::job::{Job, LARGEST_SEED, MOST_SAMPLES, settled};
+use crate::arguments::{Given, flag, path as a_path};
+use crate::errors::{mistake, panicked, running, usage, warn};
+use crate::job::{Job, overrides, settled};
 use crate::threads::{checked, threads_or_default};
 
 /// How often Python may look at signals.
@@ -56,13 +55,7 @@ pub fn generate<'py>(
         return Err(mistake(format!("out: {} is in an object store", root.display()), help));
     }
     let (threads, overwrite) = (checked(threads)?, flag("overwrite", overwrite)?);
-    let overrides = Overrides::of_flags(
-        whole("samples", samples, MOST_SAMPLES)?,
-        whole("seed", seed, LARGEST_SEED)?,
-        fidelity.map(fidelity_level).transpose()?,
-        flag("all_effects", all_effects)?,
-        &assignments("set", set)?,
-    );
+    let overrides = overrides(samples, seed, fidelity, all_effects, set)?;
     let plan = match job.cast::<Job>() {
         Ok(job) if overrides.set.is_empty() && overrides.fidelity.is_none() => job.get().plan(),
         Ok(_) => {
@@ -72,7 +65,7 @@ pub fn generate<'py>(
         Err(_) => {
             let path = a_path("job", job)?;
             let pool = crate::threads::pool(py, threads)?;
-            let recorded = if overwrite { None } else { recorded_rung(&root) };
+            let recorded = if overwrite { None } else { recorded_fidelity(&root) };
             let read = || {
                 let plan = Plan::load(&path, &overrides)?;
                 match recorded.filter(|_| plan.open_choice().is_some()) {

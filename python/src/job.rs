@@ -30,7 +30,7 @@ use crate::threads::{checked, pool};
 const BLOCK: usize = 8;
 
 /// What a job takes, to whoever gives what is no such number at all; the rest is said with all other mistakes of the job.
-pub const MOST_SAMPLES: &str = "give 1 to 1000000000";
+const MOST_SAMPLES: &str = "give 1 to 1000000000";
 
 /// JSON's readers take larger ones for floats.
 pub const LARGEST_SEED: &str = "give 0 to 9007199254740991";
@@ -211,6 +211,23 @@ pub fn settled(mut plan: Plan) -> Result<Plan, Report> {
     Ok(plan.with_fidelity(chosen.level))
 }
 
+/// What the command's flags of the same names say of a job.
+pub fn overrides(
+    samples: Given<'_, '_>,
+    seed: Given<'_, '_>,
+    fidelity: Given<'_, '_>,
+    all_effects: Given<'_, '_>,
+    set: Given<'_, '_>,
+) -> PyResult<Overrides> {
+    Ok(Overrides::of_flags(
+        whole("samples", samples, MOST_SAMPLES)?,
+        whole("seed", seed, LARGEST_SEED)?,
+        fidelity.map(fidelity_level).transpose()?,
+        flag("all_effects", all_effects)?,
+        &assignments("set", set)?,
+    ))
+}
+
 #[pymethods]
 impl Job {
     /// Whoever calls the class itself is told what makes a job.
@@ -245,13 +262,7 @@ impl Job {
         threads: Given<'_, '_>,
     ) -> PyResult<Self> {
         let path = arguments::path("path", path)?;
-        let overrides = Overrides::of_flags(
-            whole("samples", samples, MOST_SAMPLES)?,
-            whole("seed", seed, LARGEST_SEED)?,
-            fidelity.map(fidelity_level).transpose()?,
-            flag("all_effects", all_effects)?,
-            &assignments("set", set)?,
-        );
+        let overrides = overrides(samples, seed, fidelity, all_effects, set)?;
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
         let pool = pool(py, job.threads)?;
         let foreseen = py.detach(|| pool.install(|| foresee(&job.plan)));

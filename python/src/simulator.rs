@@ -19,9 +19,10 @@ use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
 use gelsim_core::gelpad::tangential::Shear;
 use gelsim_core::impression::Impression;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::{Anchor, Angles, Pose, Side};
+use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
 use gelsim_core::simulator::Simulator;
 use gelsim_dataset::encode::json;
+use gelsim_dataset::frames::sequence::{lowest_mm, motion, turn_rad};
 use gelsim_job::label::Label;
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::layout::Split;
@@ -41,11 +42,11 @@ use crate::job::LARGEST_SEED;
 use crate::mesh::ReadyMesh;
 use crate::sensor::{LARGEST_INDEX, Sensor};
 
-/// Largest turn of a step, degrees: the law of friction takes its chord for the way.
-const MOST_TURN_DEG: f64 = 5.0;
-
 /// Pixels along the longer side of the view of which a contact rolls at most one in a step.
 const ROLLING_PX: f64 = 160.0;
+
+/// Largest turn of a step, degrees: the law of friction takes its chord for the way.
+const MOST_TURN_DEG: f64 = 5.0;
 
 /// Steps of a frame: an object that goes further has gone a way that nobody knows.
 const MOST_STEPS: f64 = 400.0;
@@ -55,9 +56,6 @@ const FIRST_TOUCH: f64 = 1.0 / 16.0;
 
 /// What holds the pad to an object if nobody says it, as in a job's `[sequence]`.
 const FRICTION: Friction = Friction::Coulomb { coefficient: 0.6 };
-
-/// Share of the depth, and mm, within which pixels of a height map count to its lowest point.
-const LOWEST: (f32, f32) = (0.05, 1e-3);
 
 /// A sensor made ready at a fidelity level; `gelsim.Simulator` has one.
 #[pyclass(frozen, module = "gelsim._native")]
@@ -535,7 +533,7 @@ impl Moving {
         if self.way(plan, &object.shape, &object.pose) <= most + 1e-9 {
             return Ok(());
         }
-        let turn_deg = turn_rad(&self.last, &object.pose).to_degrees();
+        let turn_deg = turn_rad(self.last, object.pose, DVec3::Z).to_degrees();
         let message = format!("the object has turned too far since the frame before ({turn_deg:.1} degrees about z)");
         Err(mistake(
             message,
@@ -558,7 +556,7 @@ impl Moving {
             None => longest_mm,
         };
         let most_tilt_deg = (longest_mm / ROLLING_PX / radius_mm).to_degrees().clamp(0.05, MOST_TURN_DEG);
-        let turn_deg = turn_rad(&self.last, to).to_degrees().abs();
+        let turn_deg = turn_rad(self.last, *to, DVec3::Z).to_degrees().abs();
         (turn_deg / MOST_TURN_DEG).max(tilt_deg / most_tilt_deg)
     }
 
@@ -566,8 +564,13 @@ impl Moving {
     fn steps(&self, plan: &Plan, scene: &Scene, depth_mm: f64) -> Vec<ObjectStep> {
         let Pressed::Frame(Frame { shape, .. }) = &scene.pressed else { return Vec::new() };
         let (from, from_mm, to) = (self.last, self.last_depth_mm, scene.pose);
+        let plane = PadPlane::default();
         let Some(mesh) = shape.clusters() else {
-            let motion = lowest_mm(shape, plan).map_or_else(PlanarMotion::default, |now| motion(&from, &to, now));
+            let lowest = match shape {
+                Shape::HeightMap(map) => lowest_mm(map, plan.simulator.view()),
+                _ => None,
+            };
+            let motion = lowest.map_or_else(PlanarMotion::default, |now| motion(from, to, now, &plane));
             return vec![ObjectStep { pose: to, depth_mm, motion }];
         };
         let way = self.way(plan, shape, &to);
@@ -590,7 +593,7 @@ impl Moving {
                     let translation_mm = from.translation_mm.lerp(to.translation_mm, share);
                     (Pose { rotation, translation_mm, ..to }.lowered(0.0 - depth_mm, mesh), depth_mm)
                 };
-                let motion = motion(&before, &pose, lowest_of(mesh, &pose));
+                let motion = motion(before, pose, lowest_of(mesh, &pose), &plane);
                 steps.push(ObjectStep { pose, depth_mm, motion });
                 before = pose;
             }
@@ -607,40 +610,6 @@ fn lowest_of(mesh: &Clusters, pose: &Pose) -> DVec3 {
     let lowest = mesh.extreme_point(down, mesh.extreme(down), 1e-3);
     let centre = DVec3::from_array(mesh.centre_mm());
     pose.rotation * (centre + DVec3::from_array(lowest)) + pose.translation_mm
-}
-
-/// The middle of what reaches lowest of a height map, mm; none without contact.
-fn lowest_mm(shape: &Shape, plan: &Plan) -> Option<DVec3> {
-    let Shape::HeightMap(map) = shape else { return None };
-    let lowest = map.above_mm.data.iter().fold(f32::INFINITY, |lowest, mm| lowest.min(*mm));
-    if !lowest.is_finite() {
-        return None;
-    }
-    let until = lowest + LOWEST.0 * lowest.abs() + LOWEST.1;
-    let (mut sum, mut count) = ([0.0; 2], 0.0);
-    for y in 0..map.above_mm.height {
-        for (x, _) in map.above_mm.row(y).iter().enumerate().filter(|(_, mm)| **mm <= until) {
-            let at = plan.simulator.view().point_mm([x as f64 + 0.5, y as f64 + 0.5]);
-            sum = [sum[0] + at[0], sum[1] + at[1]];
-            count += 1.0;
-        }
-    }
-    Some(DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest)))
-}
-
-/// By how much an object turns about z from one pose to the next, rad.
-fn turn_rad(from: &Pose, to: &Pose) -> f64 {
-    let turn = DQuat::from_mat3(&(to.rotation * from.rotation.transpose()));
-    let turn = if turn.w < 0.0 { -turn } else { turn };
-    2.0 * turn.z.atan2(turn.w)
-}
-
-/// How the surface at the point `now` of an object came there as the object went from one pose to the next.
-fn motion(from: &Pose, to: &Pose, now: DVec3) -> PlanarMotion {
-    let turn = to.rotation * from.rotation.transpose();
-    let before = turn.transpose() * (now - to.translation_mm) + from.translation_mm;
-    let by = now - before;
-    PlanarMotion { shift_mm: [by.x, by.y], turn_rad: turn_rad(from, to), about_mm: [before.x, before.y] }
 }
 
 #[pymethods]

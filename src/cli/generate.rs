@@ -11,7 +11,7 @@ use super::long_run::long_run;
 use super::store::{address, staging};
 use super::terminal::say;
 use super::{Extent, Failure, JobOverrides, settle_fidelity};
-use gelsim_dataset::folder::recorded_rung;
+use gelsim_dataset::folder::recorded_fidelity;
 use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
 use gelsim_dataset::verify::{Cure, Finding};
 use gelsim_files::diagnostic::{Diagnostic, user_error};
@@ -65,7 +65,7 @@ impl Generate {
         let shards = self.extent.shards(plan.layout.shard_count())?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
-        let recorded = if self.overwrite { None } else { recorded_rung(&root) };
+        let recorded = if self.overwrite { None } else { recorded_fidelity(&root) };
         if store.is_some() && plan.open_choice().is_some() {
             let message = "a dataset in a store cannot leave its fidelity to be chosen";
             return Err(user_error(message, "name a level with --fidelity (gelsim tradeoff shows them)").into());

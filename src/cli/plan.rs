@@ -10,7 +10,7 @@ use gelsim_lab::numbers::{HumanBytes, HumanCount, HumanDuration};
 use super::store::address;
 use super::{Extent, Failure, JobOverrides, Log, print, settle_fidelity};
 use gelsim_core::effects::Effect;
-use gelsim_dataset::folder::recorded_rung;
+use gelsim_dataset::folder::recorded_fidelity;
 use gelsim_dataset::forecast::{Forecast, first_draw, forecast};
 use gelsim_files::diagnostic::{Diagnostic, Report};
 use gelsim_job::config::output::OnUnhealthy;
@@ -47,7 +47,7 @@ impl Plan {
         self.overrides.note(&foreseen.notes, Log::text(self.quiet))?;
         let root = self.extent.root(&plan);
         let store = address(&root)?;
-        let plan = settle_fidelity(plan, recorded_rung(&root), Log::text(self.quiet))?;
+        let plan = settle_fidelity(plan, recorded_fidelity(&root), Log::text(self.quiet))?;
         let count = plan.layout.shard_count();
         let shards = self.extent.shards(count)?.unwrap_or(0..count);
         let samples = shards.clone().map(|number| plan.layout.shard(number).samples).sum();

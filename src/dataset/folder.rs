@@ -185,7 +185,7 @@ pub fn recorded_text(root: &Path) -> Option<String> {
 }
 
 /// The fidelity level that the dataset in `root` was begun with, if there is one.
-pub fn recorded_rung(root: &Path) -> Option<Fidelity> {
+pub fn recorded_fidelity(root: &Path) -> Option<Fidelity> {
     let job: toml::Table = recorded_text(root)?.parse().ok()?;
     let name = job.get("fidelity")?.as_str()?;
     Fidelity::ALL.into_iter().find(|level| level.name() == name)

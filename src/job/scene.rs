@@ -323,7 +323,7 @@ impl Scene {
             let first = Indenter::clusters(Arc::clone(first), self.pose);
             let all: Vec<Indenter> = std::iter::once(first).chain(others).collect();
             if let Some(together) = Indenter::together(&all) {
-                return Indenter::with_depth_mm(together.shape().clone(), *together.pose(), self.deepest_mm());
+                return Indenter::of_known_depth(together.shape().clone(), *together.pose(), self.deepest_mm());
             }
         }
         let shape = match (&self.pressed, &self.clusters) {
@@ -336,7 +336,7 @@ impl Scene {
             (Shape::Mesh(clusters), At::Axis) => -self.pose.lowest_mm(clusters),
             _ => self.indentation_depth_mm,
         };
-        Indenter::with_depth_mm(shape, self.pose, depth_mm)
+        Indenter::of_known_depth(shape, self.pose, depth_mm)
     }
 
     /// The simulator of its sensor: that of the plan where all samples have the same. Another one shares with it what both

@@ -78,7 +78,7 @@ fn pressed(simulator: &Simulator, seen: SeenFrame<'_>, pose: Pose) -> (Impressio
     let depth_mm = seen.depth_mm();
     let shape = seen.pressed(&pose);
     let unseen_px = shape.unseen_px();
-    (simulator.press(&Indenter::with_depth_mm(shape, pose, depth_mm)), unseen_px)
+    (simulator.press(&Indenter::of_known_depth(shape, pose, depth_mm)), unseen_px)
 }
 
 /// Levels by which two pictures differ: how many values by more than two, and the most.

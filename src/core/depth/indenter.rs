@@ -103,7 +103,7 @@ impl Indenter {
     }
 
     /// A shape at a pose, of which the depth is known, mm: measured elsewhere than at the lowest point, or by who saw it.
-    pub fn with_depth_mm(shape: Shape, pose: Pose, depth_mm: f64) -> Self {
+    pub fn of_known_depth(shape: Shape, pose: Pose, depth_mm: f64) -> Self {
         Self { shape, pose, depth_mm }
     }
 
@@ -113,11 +113,17 @@ impl Indenter {
         match &self.shape {
             Shape::Mesh(clusters) => self.moved_to(self.pose.lowered(-depth_mm, clusters)),
             Shape::HeightMap(map) => {
-                let by = (self.depth_mm - depth_mm) as f32;
-                let above_mm = map.above_mm.data.iter().map(|above| above + by).collect();
-                let above_mm = Grid { data: above_mm, ..map.above_mm.clone() };
-                let map = HeightMap { above_mm, unseen_px: map.unseen_px };
-                Self { pose: self.pose, ..Self::heights(map) }
+                let lowest_mm = map.above_mm.data.iter().fold(f32::INFINITY, |lowest, mm| lowest.min(*mm));
+                if lowest_mm == f32::INFINITY {
+                    return self.clone(); // there is no object
+                }
+                let by = (f64::from(lowest_mm) + depth_mm) as f32;
+                let data = map.above_mm.data.iter().map(|above| above - by).collect();
+                let map = HeightMap {
+                    above_mm: Grid { data, width: map.above_mm.width, height: map.above_mm.height },
+                    unseen_px: map.unseen_px,
+                };
+                Self { shape: Shape::HeightMap(Arc::new(map)), pose: self.pose, depth_mm }
             }
             Shape::Seen(_) => Self { depth_mm, ..self.clone() },
         }
@@ -172,5 +178,22 @@ impl Indenter {
     pub fn heights(map: HeightMap) -> Self {
         let depth_mm = map.indentation_depth_mm();
         Self { shape: Shape::HeightMap(Arc::new(map)), pose: Pose::IDENTITY, depth_mm }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_height_map_is_lowered_until_its_lowest_point_is_so_deep() {
+        let hovering = Indenter::height_map([3, 1], vec![-1.0, f32::NEG_INFINITY, -2.5]).expect("a height map");
+        assert_eq!(hovering.depth_mm(), 0.0);
+        let lowered = hovering.at_depth_mm(0.5);
+        let Shape::HeightMap(map) = lowered.shape() else { panic!("a height map stays one") };
+        assert_eq!((map.above_mm.data.as_slice(), lowered.depth_mm()), (&[-0.5, f32::INFINITY, 1.0][..], 0.5));
+        let nothing = Indenter::height_map([1, 1], vec![f32::NEG_INFINITY]).expect("a height map").at_depth_mm(0.5);
+        let Shape::HeightMap(map) = nothing.shape() else { panic!("a height map stays one") };
+        assert_eq!((map.above_mm.data.as_slice(), nothing.depth_mm()), (&[f32::INFINITY][..], 0.0));
     }
 }

@@ -65,7 +65,9 @@ impl Follower {
         let FrameMetadata { id, class, pose, .. } = known;
         let depth_mm = seen.depth_mm();
         let (plane, lowest_mm) = match &seen {
-            SeenFrame::Pad(map, _) => (PadPlane::default(), Some(lowest_mm(map, plan.simulator.view()))),
+            SeenFrame::Pad(map, _) => {
+                (PadPlane::default(), Some(lowest_mm(map, plan.simulator.view()).unwrap_or_default()))
+            }
             SeenFrame::Gel(frame) => match frame.deepest() {
                 Some((site, point_mm)) => (tangent(site), Some(point_mm)),
                 None => (PadPlane::default(), None),
@@ -105,11 +107,11 @@ impl Follower {
     }
 }
 
-/// The middle of what reaches lowest, mm.
-fn lowest_mm(map: &HeightMap, view: &View) -> DVec3 {
+/// The middle of what reaches lowest of a height map, mm; `None` if there is no object.
+pub fn lowest_mm(map: &HeightMap, view: &View) -> Option<DVec3> {
     let lowest = map.above_mm.data.iter().fold(f32::INFINITY, |lowest, mm| lowest.min(*mm));
     if !lowest.is_finite() {
-        return DVec3::ZERO;
+        return None;
     }
     let until = lowest + LOWEST.0 * lowest.abs() + LOWEST.1;
     let (mut sum, mut count) = ([0.0; 2], 0.0);
@@ -120,7 +122,7 @@ fn lowest_mm(map: &HeightMap, view: &View) -> DVec3 {
             count += 1.0;
         }
     }
-    DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest))
+    Some(DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest)))
 }
 
 /// The plane that touches a gel in a place.
@@ -130,7 +132,7 @@ fn tangent(site: Site) -> PadPlane {
 }
 
 /// By how much an object turns about the pad's normal from one pose to the next, rad.
-fn turn_rad(from: Pose, to: Pose, normal: DVec3) -> f64 {
+pub fn turn_rad(from: Pose, to: Pose, normal: DVec3) -> f64 {
     let q = DQuat::from_mat3(&(to.rotation * from.rotation.transpose()));
     let half = libm::atan2(q.xyz().dot(normal), q.w);
     let whole = 2.0 * half;
@@ -147,7 +149,7 @@ pub fn mistake(from: Pose, to: Pose, normal: DVec3) -> Option<Diagnostic> {
 }
 
 /// How the surface at the point `now` of an object came there as the object went from one pose to the next, in the axes of a plane.
-fn motion(from: Pose, to: Pose, now: DVec3, plane: &PadPlane) -> PlanarMotion {
+pub fn motion(from: Pose, to: Pose, now: DVec3, plane: &PadPlane) -> PlanarMotion {
     let turn = to.rotation * from.rotation.transpose();
     let before = turn.transpose() * (now - to.translation_mm) + from.translation_mm;
     let back = plane.axes.transpose();

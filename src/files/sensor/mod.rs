@@ -255,11 +255,18 @@ pub struct HeightMap {
 }
 
 /// There is no preset of this name.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no sensor preset is called `{name}`; there are {}", PRESETS.map(|(name, _)| name).join(", "))]
 pub struct UnknownPreset {
     /// The name.
     pub name: String,
+}
+
+/// As it reads, since `main` and `expect` show errors so.
+impl std::fmt::Debug for UnknownPreset {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        std::fmt::Display::fmt(self, f)
+    }
 }
 
 /// A sensor that gelsim knows, by a name of [`PRESETS`].
